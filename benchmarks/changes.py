@@ -9,10 +9,9 @@ Clopper-Pearson 95 % intervals: how often a change is told where there is none, 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from benchmarks.blind.worlds.campaign import Robot as Built
 from benchmarks.blind.worlds.carried import rms, rows
 from benchmarks.blind.worlds.equilibrium import NoEquilibrium
 from benchmarks.blind.worlds.forms import EFFECTS
+from benchmarks.figures import write
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.inference.executor import Executor
 from lab.files.inputs import Case
@@ -177,8 +177,7 @@ def main() -> int:
     figures = summary(pairs)
     for name, figure in figures.items():
         console.print(f"{name}: {figure}", markup=False)
-    a.json.parent.mkdir(parents=True, exist_ok=True)
-    a.json.write_text(json.dumps({"figures": figures, "pairs": [asdict(p) for p in pairs]}, indent=1), encoding="utf-8")
+    write(a.json, "pairs", pairs, figures=figures)
     return 0
 
 

@@ -16,7 +16,6 @@ What is lost with the world's own laws, the data do not hold; what is lost with 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations
@@ -53,6 +52,7 @@ from benchmarks.blind.worlds.forms import EFFECTS, FORMS
 from benchmarks.blind.worlds.frames import rotation_vector, transposed
 from benchmarks.blind.worlds.outside import OUTSIDE
 from benchmarks.blind.worlds.robot import LENGTH
+from benchmarks.figures import write
 from diagnosis.criticism.stage_errors import smooth_functions
 from diagnosis.inference.posterior import hypothesis_prior
 from diagnosis.judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER
@@ -381,9 +381,7 @@ def main() -> int:
         console.print(name, markup=False)
         for figure, value in own.items():
             console.print(f"  {figure}: {value}", markup=False)
-    a.json.parent.mkdir(parents=True, exist_ok=True)
-    told = [{**asdict(c), "causes": sorted(c.causes)} for c in cases]
-    a.json.write_text(json.dumps({"figures": found, "cases": told}, indent=1), encoding="utf-8")
+    write(a.json, "cases", [{**asdict(c), "causes": sorted(c.causes)} for c in cases], figures=found)
     return 0
 
 

@@ -31,9 +31,9 @@ from .errors import TooLittle
 from .inference.budget import parts
 from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.posterior import UNKNOWN, Posterior, with_unknown
+from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .inference.prepare import Prepared, prepare
-from .inference.problem import Parameters, Problem
+from .inference.problem import FitParameters, Problem
 from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 
 ANOTHER_DAY = {
@@ -92,13 +92,13 @@ def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
-def what_is_told(found: Posterior) -> Hypothesis:
+def what_is_told(found: EffectPosterior) -> Hypothesis:
     """The most probable change, where it is hardly possible that nothing changed."""
     return found.ranking[0][0] if found.probability(NONE) < UNCHANGED else NONE
 
 
 def sentence(
-    found: Posterior,
+    found: EffectPosterior,
     told: Hypothesis,
     sizes: Mapping[str, float],
     catalogue: Mapping[str, EffectSpec],
@@ -151,7 +151,7 @@ class _JointForward:
         ]
         least = [later.least_of_each[i] for i in self._effects]
         sd = np.concatenate([reference.sd, later.sd[own], later.sd[self._effects]])
-        self.parameters = Parameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least), changes=True)
+        self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least), changes=True)
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
         """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""

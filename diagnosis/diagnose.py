@@ -15,19 +15,21 @@ import numpy as np
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.spec import EffectSpec
+from model.robot import THRUST
+from model.stated import AREA_FACTOR
 
 from .answer import assemble, sentences
-from .answer.attribute import attribute, begin
+from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, unseen_states
 from .answer.locate import locate
-from .answer.result import Diagnosis
+from .answer.result import Diagnosis, FittedRobot, Value
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import doubts
+from .answer.verdict import doubted, doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -35,9 +37,11 @@ from .edits.order import ORDER
 from .edits.search import Edited, edit_first
 from .errors import BadCase
 from .findings import Finding, finding
+from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.prepare import prepare
-from .judgement import CAUSE_PROBABILITY
+from .inference.posterior import leading_by_law
+from .inference.prepare import AREA, prepare
+from .inference.thrust import settle_thrust
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     own, findings = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
-    first = edit_first(case.robot, own, wanted.catalogue) if predicted is None else Edited(case.robot, own)
+    settled = settle_thrust(case.robot, own, wanted.catalogue) if predicted is None else None
+    robot = case.robot if settled is None else settled.robot
+    first = edit_first(robot, own, wanted.catalogue) if predicted is None else Edited(robot, own)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -116,20 +122,32 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     held_out = predicting()
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
-    shown = detail(found, held_out.errors, tested, names)
-    scale = calibration(found)
+    fitted, values = None, None
+    if found.decision.effects and predicted is None and where.of == "tip":
+        fitted = confirmed(found, first, wanted.catalogue)
+        values = {name: v.value for name, v in fitted.parameters.items()}
+        values[AREA] = values[AREA_FACTOR] / float(prepared.forward.area_factor[0]) - 1
+    shown = detail(found, fitted, held_out.errors, tested, names)
+    scale, tense = calibration(found, values), found.tense(values)
     far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
-    alone, size = alone_as_good(scale, found), sizes(prepared, found.best)
+    alone, size, carried = alone_as_good(scale, found), sizes(prepared, found.best), assemble.budget_section(found)
+    named = {e: sentences.with_id(e, names) for e in found.decision.effects}
+    weighed = found.posterior.candidates.values()
+    leading = leading_by_law(weighed, len(prepared.problem.parameters.ids))
+    # a tolerance that is named for its millimetres leads no hypothesis
+    others = [h for h in leading if not {*h} & {*named}] if any({*c.named} & {*named} for c in weighed) else []
+    as_good, by_law = ([sentences.hypothesis_name(h, names) for h in own] for own in ([(e,) for e in alone], others))
     why: tuple[Finding, ...] = ()
-    if found.decision.probability >= CAUSE_PROBABILITY:
-        named = {e: sentences.with_id(e, names) for e in found.decision.effects}
-        why = tuple(doubts(size, named, held_out.shrink, [sentences.with_id(e, names) for e in alone]))
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, bool(far or first.numbers))
+    if named:
+        why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
+        found = replace(found, decision=doubted(found.decision, why, len(alone)))
+    unsure = bool(far or first.numbers or tense)
+    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
     facts = sentences.Facts(
-        found.decision, which.conclusion, where, assemble.budget_section(found), held_out.shrink, held_out.waterfall,
+        found.decision, which.conclusion, where, carried, held_out.shrink, held_out.waterfall,
         which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
         found.misfit.outlier_trial, tuple(map(words.fill, lacking(first.states))), simulator(found), scale, first.named, names,
-        words,
+        words, fitted,
     )  # fmt: skip
     text = sentences.statement(facts)
     if first.changes:
@@ -138,13 +156,16 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if "stiffness" in shown and where.of == "tip":
         text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
     if first.with_order:
-        which = assemble.beside(which, ORDER)
+        which = assemble.beside(which, ORDER, first.robot)
+    if settled is not None and which.verdict == "none":
+        which, text = assemble.beside(which, THRUST, first.robot), f"{settled.finding}. Beyond that: {text}"
     findings = (
         *first.concerns,
         *findings,
+        *([settled.finding] if settled is not None else ()),
         *why,
         *far,
-        *sentences.beyond_tolerance(prepared.problem.parameters, found.tense, first.robot),
+        *sentences.beyond_tolerance(prepared.problem.parameters, tense, first.robot),
         *sentences.scatter(prepared.noise_components.excess_scatter),
         *sentences.against(size, found.decision.effects, found.asking, names, words),
         *([finding("residual_ignored")] if case.robot.residual is not None else ()),
@@ -165,7 +186,20 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         budget=facts.budget,
         waterfall=held_out.waterfall,
         calibration=scale,
+        fitted=fitted,
         headline=first.headline
-        or headline(which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone)),
+        or headline(
+            which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), first.robot
+        ),
     )
     return Examined(answer, rivals, first)
+
+
+def confirmed(f: Attribution, first: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
+    """The robot with what is named alone, fitted by the code of `lab fit --with` from where the diagnosis found it and from its
+    own starts."""
+    p, theta = f.prepared, f.prepared.common(f.best.fit.theta)
+    start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
+    made = fit_described(first.robot, first.states, f.decision.effects, catalogue, start=start)
+    values = {n: Value(s.value, s.sd, s.unit, n not in made.undetermined) for n, s in made.parameters.items()}
+    return FittedRobot(made.effects, values, made.fitted_mm, made.calibrated_mm)

@@ -113,13 +113,22 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "in addition to the cause, a free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence"
         ),
         "cause_impossible": "the cause is not certain: {effect} would have an impossible size",
-        "cause_within_error": "the cause is not certain: the size of {effect} is zero within its error",
+        "cause_undetermined": "the cause is not certain: within its error, {effect} carries less than the noise floor",
+        "cause_by_law": "the cause is not certain: with laws more or less wrong, {effect} would be named",
+        "fit_not_reached": (
+            "the cause is not certain: the robot with {effect} alone leaves {mm:.2g} mm, with tolerances of other effects "
+            "{promised_mm:.2g} mm"
+        ),
         "cause_or_calibration": "the cause is not certain: {effect} alone would do the same without calibration",
         "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
         "earlier_version": "{text}",
     },
     "note": {
         "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",
+        "thrust_settled": (
+            "robot.yaml does not say what takes the thrust of the {actuators}: with the side walls {walls_mm:.2f} mm rms remain "
+            "calibrated, with the tip's cap {cap_mm:.2f} mm, so the walls take it here; state `thrust: walls`"
+        ),
         "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){rather}",
         "refitted_to_limit": (
             "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}), the limit of the fit: another number is "

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,15 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
-from model.robot import Robot, robot_from_dict
+from model.robot import THRUST, Robot, robot_from_dict
 from model.stated import AREA_FACTOR, Stated
 
 from .answer.attribute import calibrated
 from .answer.sentences import beyond_tolerance
 from .answer.shrink import rms
+from .arrays import Array
 from .criticism.gaussian import Gaussian
+from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .edits.order import ORDER, contradicted
 from .edits.search import edit_first
@@ -39,9 +42,10 @@ from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
 from .inference.linear import Linear
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.problem import Parameters
+from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
+from .inference.thrust import settle_thrust
 from .judgement import UNDETERMINED_SHARE
 
 ALWAYS_CONSIDERED = "pressure_offset"
@@ -109,12 +113,14 @@ def fit_effects(
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     progress: Progress = no_progress,
     residual: bool = False,
+    start: Mapping[str, float] = MappingProxyType({}),
 ) -> Fitted:
     """Fit area factor, effects (none: the calibrated baseline) and tolerances to the states of a case.
 
-    Effects that its robot.yaml has and that are not named stay as they are. Raises `BadEffect` for an effect that is not in
-    the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used, or is too short
-    for a residual.
+    Effects that its robot.yaml has and that are not named stay as they are. `start`: parameter -> value, as `Fitted.parameters`
+    has them, of a robot from which the search begins too, such as that of a diagnosis. Raises `BadEffect` for an effect that is
+    not in the catalogue, `BadRobot` for one that robot.yaml states wrongly, `BadCase` when the table cannot be used, or is too
+    short for a residual.
     """
     for effect in effects:
         if effect not in catalogue:
@@ -124,14 +130,37 @@ def fit_effects(
     if own.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
-    robot = case.robot.model_copy(update={"effects": kept, "tolerances": {}, "posterior": None, "residual": None})
-    first = edit_first(robot, own, named)  # leaves a robot with effects as it is
+    nothing: dict[str, Any] = {
+        "tolerances": {},
+        "posterior": None,
+        "residual": None,
+        **({"thrust": None} if THRUST in named else {}),
+    }
+    robot = case.robot.model_copy(update={"effects": kept, **nothing})
+    settled = settle_thrust(robot, own, catalogue)
+    # leaves a robot with effects as it is
+    first = edit_first(robot if settled is None else settled.robot, own, named)
     robot, own = first.robot, first.states
-    # an order that was found is part of the robot now
+    # an order that was found is part of the robot now, as is thrust on the walls
     found_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in found_before)
     if ORDER in named and not contradicted(robot, own):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
+    findings = (*first.concerns, *findings, *([settled.finding] if settled is not None else ()))
+    found = fit_described(robot, own, named, catalogue, progress, residual, start)
+    return replace(found, effects=(*found_before, *named), findings=(*findings, *found.findings))
+
+
+def fit_described(
+    robot: Robot,
+    own: Campaign,
+    named: tuple[str, ...],
+    catalogue: Mapping[str, EffectSpec],
+    progress: Progress = no_progress,
+    residual: bool = False,
+    start: Mapping[str, float] = MappingProxyType({}),
+) -> Fitted:
+    """Fit effects to the states of a robot whose conventions are settled and which was calibrated first; see `fit_effects`."""
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
     progress("step 1 of 4: starting points", 0.0)
@@ -139,7 +168,7 @@ def fit_effects(
     progress("step 2 of 4: calibration", 0.0)
     baseline = calibrated(p)
     progress("step 3 of 4: effects", 0.0)
-    found = search.fitted(named)
+    found = search.fitted(named, [_point(p, start)] if start else [])
     progress("step 4 of 4: tolerances", 0.0)
     main = own.main
     written, ours = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
@@ -155,11 +184,22 @@ def fit_effects(
         learnt, left_out = learn_residual(made, own.trial[main], pressure, length, missed)
         made = made.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
-    findings = (*first.concerns, *findings, *beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
+    findings = tuple(beyond_tolerance(parameters, parameters.tense(found.fit.theta), robot))
     return Fitted(
-        made, (*found_before, *named), stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
+        made, named, stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
         p.area_factor(baseline.theta), 1e3 * after, findings, unseen, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
+
+
+def _point(p: Prepared, start: Mapping[str, float]) -> Array:
+    """(k,) parameters at what is written of a robot; all others at their mean."""
+    theta = p.problem.parameters.mean.copy()
+    for i, name in enumerate(p.problem.parameters.names):
+        if name == AREA:
+            theta[i] = start.get(AREA_FACTOR, float(p.forward.area_factor[0])) / p.forward.area_factor[0] - 1
+        elif name in start:
+            theta[i] = start[name]
+    return theta
 
 
 def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
@@ -222,7 +262,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     }
 
 
-def _model_errors(c: Candidate, linear: Linear, parameters: Parameters) -> tuple[float, float]:
+def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
     grid = replace(
         KNOWN.part(c.with_tolerances),

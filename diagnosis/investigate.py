@@ -57,7 +57,7 @@ class Foretold:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Tested:
     """How the prediction of one hypothesis came out."""
 
     effects: tuple[str, ...]
@@ -81,7 +81,7 @@ class Round:
     minutes: float
     """Spent on experiments so far."""
     foretold: Foretold | None = None
-    judged: tuple[Judged, ...] = ()
+    judged: tuple[Tested, ...] = ()
     bits: float = 0.0
     """Gained by the experiment, from this diagnosis to the next."""
     refused: Mapping[str, str] = field(default_factory=dict)
@@ -193,7 +193,7 @@ def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
     return Foretold(proposal, tuple(made))
 
 
-def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...]:
+def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Tested, ...]:
     """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
     rivals, p = before.rivals, before.rivals.prepared
     try:
@@ -209,7 +209,7 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Judged, ...
     density = [float(q.log_density(np.nan_to_num(observed[None, :]))[0]) for q in predictions]
     contrasts = p.noise_components.contrasts
     return tuple(
-        Judged(c.named, 1e3 * rms(own.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
+        Tested(c.named, 1e3 * rms(own.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
         for c, q, its in zip(rivals.candidates, predictions, density, strict=True)
     )
 

@@ -89,6 +89,9 @@ EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3
 """Edits fitted to convergence, and those that others are tried beside."""
+WALLS_GAIN, ON_WALLS = 0.3, 0.9
+"""Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of
+it: less is no convention but an effect."""
 
 # ------------------------------------------------------------------ search: what is followed
 FIT_TOLERATED_SIZE, FIT_DISCREPANCY_SIZE = 0.1, 0.25
@@ -168,11 +171,16 @@ STAGE_SHARE = 0.8
 # ------------------------------------------------------------------ verdict and sentences
 CAUSE_PROBABILITY = 0.9
 """Probability above which the answer says "Cause"; below, the robot "behaves most like" one."""
+DOUBTED_PROBABILITY = 0.8
+"""Largest probability stated of a cause that something speaks against: of sure answers on robots whose laws were not developed
+on, before doubts counted, four of five were right."""
 LEFT_FLOORS, LEFT_SHARE = 2.0, 0.1
 """Noise floors, and share of the calibrated gap, that a certain cause may leave at most on unseen states, the larger of both."""
 NAMED_PROBABILITY = 0.75
 """Probability below which a cause is not named where it is more probable that nothing carries `OUTSTANDING_FLOORS`: a name that
 is wrong costs about three times what a small cause costs that is not named, as it sends a person to a part that is sound."""
+LIKELY = 0.5
+"""Probability below which the headline gives no size of a cause: another is as likely."""
 TIE_STATED = 0.1
 """Difference of probability within which the headline names the first two hypotheses, not the first alone."""
 OUTSIDE_STATED = 0.01
@@ -181,6 +189,8 @@ EXPLAINS = 0.5
 """Share of the reducible gap above which a hypothesis explains it."""
 MORE_THAN_GAP = 1.3
 """Ratio of what an effect moves to the calibrated gap above which the statement explains how it can move more."""
+ALIKE_SHARE = 0.5
+"""Share of what one actuator differs by from the others below which these are alike, and it is the one that differs."""
 CALIBRATION_STATED = 0.01
 """Relative change of the area factor above which the statement says what calibration changed."""
 SAME_FACTOR = 0.05

@@ -18,10 +18,9 @@ import lab
 from diagnosis.findings import TEMPLATES
 from drivers import interfaces
 from drivers.registry import ROLES
-from lab.files.all_drivers import drivers
 from lab.files.all_protocols import found_protocols
 from lab.files.campaign_file import CampaignFile
-from lab.files.rig_file import RigFile
+from lab.files.rig_file import RigFile, drivers
 from lab.imports.map_file import Map
 from lab.pages.report import TERMS
 from model.effects import CATALOGUE

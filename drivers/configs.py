@@ -1,4 +1,4 @@
-"""What a rig asks of every instrument's table in rig.yaml, whatever its driver; each driver adds how it is reached."""
+"""The keys of every instrument's table in rig.yaml that all drivers share; each driver adds how it is reached."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .interfaces import Vector3
 
 PORTS, HOSTS = ("port", "ports"), ("host", "server", "local")
 """Keys of an instrument's table that hold the path of a serial line, and the address of a computer: every table has one of them,
-and tells by it whether the instrument is on this computer alone."""
+which shows whether the instrument is on this computer alone."""
 
 SERVED = re.compile(r"(?:socket|rfc2217)://(?:[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")
 """Ports of terminal servers, without the options of a URL: some of them write files."""

@@ -33,7 +33,7 @@ Quaternion = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Identity:
-    """Who answered at `open()`; empty strings where the instrument does not tell."""
+    """Who answered at `open()`; empty strings for what the instrument does not report."""
 
     maker: str
     model: str

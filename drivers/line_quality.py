@@ -83,19 +83,19 @@ class LineQuality:
 
     def notices(self) -> list[str]:
         """Return what is worth a warning and was not yet given."""
-        found = {}
+        notices = {}
         if sum(self._repeated) > MOST_REPEATED:
-            found["retries"] = (
+            notices["retries"] = (
                 f"{sum(self._repeated)} of the last {len(self._repeated)} requests on {self._path} had to be repeated, "
                 f"{self.repeats} in all; check cable, baud rate and adapter"
             )
         if self.echoes:
-            found["echo"] = f"the adapter on {self._path} echoes what is sent; switch its local echo off"
+            notices["echo"] = f"the adapter on {self._path} echoes what is sent; switch its local echo off"
         # three of four, so that neither a busy moment of the computer counts nor a timer that happens to run out early
         if len(self._delays) == TIMED and (delay := sorted(self._delays)[TIMED // 4]) > LATE:
-            found["late"] = self._late(delay)
-        new = [text for what, text in found.items() if what not in self._given]
-        self._given |= found.keys()
+            notices["late"] = self._late(delay)
+        new = [text for what, text in notices.items() if what not in self._given]
+        self._given |= notices.keys()
         return new
 
     def _late(self, delay: float) -> str:

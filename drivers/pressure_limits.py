@@ -1,18 +1,32 @@
-"""What a pressure regulator may be told: a range, and how fast a set-point may move."""
+"""The limits of a regulator's set-points: their range, and their rate."""
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import timing
 from timing import Clock
 
-from .errors import LimitExceeded
+from .errors import InstrumentError, LimitExceeded
 
 VENTED = 5e3
 """Pa; a chamber below this counts as vented."""
+VENT_WAIT = 0.5
+"""s of host time that a driver's `close` waits for all channels to fall below `VENTED`."""
 LONGEST_CREDIT = 1.0
 """Rig seconds of pause that count for the rate limit: after a longer pause a set-point moves by one second's worth."""
+
+
+def let_off(vent: Callable[[], None], measured: Callable[[], Sequence[float]]) -> None:
+    """Vent, and wait shortly for the measured pressures (Pa) to fall; an error of either ends it."""
+    with contextlib.suppress(InstrumentError):
+        vent()
+    with contextlib.suppress(InstrumentError):
+        deadline = timing.now() + VENT_WAIT
+        while timing.now() < deadline and max(measured()) > VENTED:
+            timing.sleep(0.02)
 
 
 class PressureLimits:

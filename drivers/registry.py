@@ -38,8 +38,8 @@ class Driver:
     """One kind of instrument.
 
     `make(name, config, clock)` gives an actuator or a gauge; of a stream, `make(name, config, clock, sink, notice)`, where
-    `sink` takes each sample and `notice` a sentence worth a warning. Both not yet opened. An arm has `make_state`
-    beside it, its stream of `ArmSample`.
+    `sink` takes each sample and `notice` a sentence worth a warning. Both not yet opened. An arm also has
+    `make_state`, its stream of `ArmSample`.
     """
 
     role: str

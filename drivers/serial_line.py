@@ -29,8 +29,8 @@ PADDING = b"\0\xff \t\r\n"
 LONGEST_ANSWER = 4096
 """Bytes after which an answer without its terminator is given up: nothing here answers at such length."""
 WRITE_WITHIN = 1.0
-"""s, least time to write a request. The kernel takes those few bytes at once, and what does not answer is told by reading;
-but pyserial looks at the clock after the last byte, and a busy computer may come back late from a write that was done."""
+"""s, least time to write a request. The kernel takes those few bytes at once, but pyserial checks the clock after the last byte,
+and a busy computer may return late from a write that was done."""
 T = TypeVar("T")
 
 
@@ -57,7 +57,7 @@ def meeting(name: str, close: Callable[[], None], stranger: str) -> Iterator[Non
 class SerialPort:
     """A serial port, 8 data bits and no parity, of this process alone, and at low latency where its driver allows that.
 
-    A port that fails is closed at once, since its handle is dead for good, whatever returns under the same path; every use
+    A port that fails is closed at once, since its handle stays dead even if the device returns under the same path; every use
     raises that failure again until it is opened anew.
     """
 
@@ -266,8 +266,7 @@ class SerialLine(SerialPort):
         return taken
 
     def _wait_for_more(self, port: serial.Serial, deadline: float, wanted: str) -> None:
-        """Read once more, past the deadline what has come by now; when that is nothing, or the answer has no end, drop what came
-        and raise."""
+        """Read once more; past the deadline, or with an endless answer, drop what came and raise."""
         self.lock.give_way()
         late = timing.now() >= deadline
         come = port.read(port.in_waiting if late else max(1, port.in_waiting))

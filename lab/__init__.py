@@ -22,7 +22,7 @@ Start:
     known = lab.fit_with(case, *answer.attribute.effects).robot
     lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures
 
-`case.table.to_pandas()` is a DataFrame. `help(lab.diagnose)` and so on say more; `lab.api` has longer examples.
+`case.table.to_pandas()` is a DataFrame. `help(lab.diagnose)` and so on say more, with examples.
 """
 
 from __future__ import annotations
@@ -34,20 +34,9 @@ if TYPE_CHECKING:
     from .api import Case, case, compare, diagnose, fit, fit_with, inverse, load_robot, open_rig, predict, predictor, read, run
 
 __all__ = [
-    "Case",
-    "case",
-    "compare",
-    "diagnose",
-    "fit",
-    "fit_with",
-    "inverse",
-    "load_robot",
-    "open_rig",
-    "predict",
-    "predictor",
-    "read",
-    "run",
-]
+    "Case", "case", "compare", "diagnose", "fit", "fit_with", "inverse", "load_robot", "open_rig", "predict",
+    "predictor", "read", "run",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -1,28 +1,12 @@
 """The names behind `import lab`: what a person uses from Python, in a notebook or a script of their own.
 
-    import lab
-
-    robot = lab.load_robot("robot.yaml")
-    tips = lab.predict(robot, [[60e3, 0, 0], [80e3, 0, 0]])        # (2, 3) m
-    case = lab.case("runs/bending-20261121-101500.mcap")           # recordings, or a folder with robot.yaml and trials.csv
-    case.table["x"], case.table.columns                            # numpy columns by name
-    fitted = lab.fit(case)                                         # moduli and area factors with their intervals
-    gap = lab.compare(lab.Case(fitted.robot, case.table))          # tips measured and predicted
-    answer = lab.diagnose(case)                                    # answer.statement, answer.attribute.ranking, ...
-    known = lab.fit_with(case, *answer.attribute.effects).robot    # the robot with its cause, for robot.yaml
-    lab.predictor(known)(pressures, spine_length, intervals=True)  # (n, chambers) Pa, (n,) m
-    lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures            # for a wanted tip, m
-
-    with lab.open_rig("rig.yaml") as rig:                          # instruments, or fakes: lab fakes --rig rig.yaml
-        lab.run(rig, "bending", pressures=[60e3, 80e3], out="runs")
-
-Everything is in SI units. Errors are those of the command: `ConfigError`, `RecordingError`, `InstrumentError` and so on, each
-with what to do.
+The package `lab` says how to begin. Everything is in SI units. Errors are those of the command: `ConfigError`,
+`RecordingError`, `InstrumentError` and so on, each with what to do.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,8 +29,8 @@ from recordings.file.reader import Recording
 
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, comparison
-from .files.config import ConfigError, load
-from .files.inputs import Case, read_case
+from .files.config import ConfigError, check, load, read_yaml
+from .files.inputs import Case, case_of, read_case
 from .files.own_effects import catalogue, stated_by
 from .files.rig_file import load_rig
 from .rig.assembly import Rig
@@ -64,7 +48,7 @@ def load_robot(path: Place) -> Robot:
     return load(Path(path), Robot)
 
 
-def case(*inputs: Place, robot: Place | None = None) -> Case:
+def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str, Any] | None = None, **keys: Any) -> Case:
     """Recordings (.mcap) and case folders as one: `case.robot`, and `case.table` with a row a state.
 
     `robot`: a robot.yaml instead of the one in the input. Raises ConfigError, RecordingError.
@@ -72,8 +56,38 @@ def case(*inputs: Place, robot: Place | None = None) -> Case:
     >>> measured = case("campaign")
     >>> len(measured.table), measured.table["x"].shape
     (18, (18,))
+
+    Or a pandas DataFrame and its robot: `case(frame, robot)`. `columns`: column of trials.csv -> heading, `"P_left [bar]"` for a
+    column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
+    `case.table.warnings` says what was left out.
     """
+    if inputs and not isinstance(inputs[0], str | Path):
+        return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
+    if not inputs:
+        raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
+    if columns or keys or isinstance(robot, Robot):
+        raise ConfigError(
+            "case: columns, further keys and a Robot go with a DataFrame; give the path of robot.yaml, or lab import"
+        )
     return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
+
+
+def _case_of_frame(
+    frame: Any, *others: Any, robot: Place | Robot | None, columns: Mapping[str, Any] | None, keys: Mapping[str, Any]
+) -> Case:
+    """The case of a DataFrame; raises ConfigError."""
+    from .imports.frame import trials_of  # with pandas
+
+    if not hasattr(frame, "iloc") or not hasattr(frame, "columns"):
+        raise ConfigError(f"case: {type(frame).__name__} is neither the path of a recording or a case folder nor a DataFrame")
+    robots = [*others, *([] if robot is None else [robot])]
+    if len(robots) != 1:
+        raise ConfigError(f"case: a DataFrame needs one robot, {len(robots)} are given; write lab.case(frame, 'robot.yaml')")
+    name, text = "robot", ""
+    if not isinstance(robots[0], Robot):
+        source = read_yaml(Path(robots[0]))
+        robots, name, text = [check(source, Robot)], source.name, source.text.decode()
+    return case_of(robots[0], [("DataFrame", trials_of(frame, robots[0], columns, **keys))], name, text)
 
 
 def read(path: Place, truncated: bool = False) -> Recording:
@@ -108,8 +122,8 @@ def predict(
     n = len(p)
     mass = robot.tip_mass if tip_mass is None else tip_mass
     lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
-    found = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
-    return np.where(found.converged[:, None], found.tip, np.nan)
+    solved = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
+    return np.where(solved.converged[:, None], solved.tip, np.nan)
 
 
 def predictor(robot: Robot) -> Predictor:

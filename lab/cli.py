@@ -161,7 +161,7 @@ def perform(call: Callable[[argparse.Namespace], Result], a: argparse.Namespace)
     if as_json or result.show is None:
         answer(result.data, one_line=result.then is not None)
     else:
-        result.show()
+        result.tell()
     if result.then is not None:
         result.then()
     if result.error is not None:

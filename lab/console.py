@@ -47,8 +47,7 @@ class PlainConsole(Console):
             self.on_broken_pipe()
 
     def on_broken_pipe(self) -> None:
-        """Nobody reads any more (`lab run | head`, a closed terminal, a full disk): go on in silence, because a run must come
-        to its end."""
+        """Nobody reads any more (`lab run | head`, a full disk): go on in silence, because a run must come to its end."""
         self.quiet = True
         nowhere = os.open(os.devnull, os.O_WRONLY)
         with contextlib.suppress(OSError, ValueError):

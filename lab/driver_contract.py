@@ -28,7 +28,7 @@ from sim_fakes.registry import of_role
 from sim_fakes.ur.process import free_host
 from timing import RigClock
 
-from .files.all_drivers import drivers
+from .files.rig_file import drivers
 from .verbs.fakes import PATIENT, found_fakes
 
 SPEED = 20.0

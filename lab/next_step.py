@@ -16,9 +16,7 @@ SETTLED = "Nothing: robot and model agree, and no experiment on this rig is expe
 
 
 def worth_doing(d: Diagnosis) -> Diagnosis:
-    """Return the answer; where there is no gap, without experiments that are expected to tell nothing."""
-    if d.attribute.verdict != "none":
-        return d
+    """Return the answer without experiments that are expected to tell nothing."""
     return replace(d, next_experiment=tuple(p for p in d.next_experiment if p.expected_bits >= LEAST_BITS))
 
 

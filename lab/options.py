@@ -61,6 +61,21 @@ class Result:
     """Raised once the result is printed."""
     then: Callable[[], object] | None = None
     """What goes on from then on until a person ends it."""
+    safe: bool = True
+    """The safe state of the rig was confirmed."""
+    again: str | None = None
+    """What to type to go on."""
+
+    def tell(self) -> None:
+        """Print it for a person."""
+        from .console import err, out  # so that a verb's options are known without what prints
+
+        if self.show is not None:
+            self.show()
+        if not self.safe:
+            err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
+        if self.again is not None:
+            out.print(f"go on with: {self.again}", soft_wrap=True)
 
 
 @dataclass(frozen=True)

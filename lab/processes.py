@@ -215,8 +215,7 @@ class Cluster:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Cluster]:
-    """The workers of `scheduler` (tcp://host:port). Raises ConfigError when dask.distributed is missing or nobody answers at the
-    address."""
+    """Workers of `scheduler` (tcp://host:port). Raises ConfigError without dask.distributed, or when nobody answers."""
     try:
         import distributed
     except ImportError as e:

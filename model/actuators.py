@@ -32,6 +32,7 @@ class Words:
     pressures: str
     inflate: str
     inflated: str
+    pushes: str
     area_factor: str
     an_area_factor: str
     actuator_area: str
@@ -74,8 +75,8 @@ class Chambers(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
-        "chambers", "kPa", 1e3, 0, True, "chamber", "chambers", "pressure", "pressures", "inflate", "inflated", "area factor",
-        "an area factor", "chambers' area", "areas of the chambers", "regulators",
+        "chambers", "kPa", 1e3, 0, True, "chamber", "chambers", "pressure", "pressures", "inflate", "inflated", "pushes",
+        "area factor", "an area factor", "chambers' area", "areas of the chambers", "regulators",
     )  # fmt: skip
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
@@ -98,8 +99,8 @@ class Tendons(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
-        "tendons", "N", 1 / PULL_AREA, 1, False, "tendon", "tendons", "tension", "tensions", "pull", "pulled", "tension factor",
-        "a tension factor", "tendons' pull", "tensions of the tendons", "motors",
+        "tendons", "N", 1 / PULL_AREA, 1, False, "tendon", "tendons", "tension", "tensions", "pull", "pulled", "pulls",
+        "tension factor", "a tension factor", "tendons' pull", "tensions of the tendons", "motors",
     )  # fmt: skip
 
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})

@@ -115,8 +115,8 @@ def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
     """The fields of `Body` over the shares (m,) of a section: mean compliances, and means of all that is not stiffness."""
 
     def along(name: str, otherwise: float | Array) -> Array:
-        own = part.at(name, share)
-        return np.broadcast_to(otherwise, share.shape) if own is None else own
+        stated = part.at(name, share)
+        return np.broadcast_to(otherwise, share.shape) if stated is None else stated
 
     def known(name: str, otherwise: Array) -> Array:
         """A stiffness or mass that the section or the robot gives, over what makes it one of geometry; else that."""
@@ -135,8 +135,8 @@ def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
     torsion = known("torsional_stiffness", 2 * bending)
     dense = along("density", robot.density) / robot.density if robot.density > 0 else np.ones(share.shape)
     line = known("mass_per_length", dense * area) if robot.density > 0 else area
-    own = part.at("chamber_radius", share)
-    chamber = np.full(share.shape, robot.actuators.area) if own is None else math.pi * own**2
+    stated = part.at("chamber_radius", share)
+    chamber = np.full(share.shape, robot.actuators.area) if stated is None else math.pi * stated**2
     path = along("path_radius", robot.actuators.path_radius)
     stretch, bend, twist = (1 / float(WEIGHTS @ (1 / x)) for x in (axial, bending, torsion))
     # What chambers do to a section goes with its compliance, so theirs are means weighted by it.

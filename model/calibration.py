@@ -129,8 +129,8 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
     start = float(np.mean(robot.area_factor_at(condition.spine_length)))
-    found = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
-    value = float(found.x[0])
+    solution = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
+    value = float(solution.x[0])
     # The search keeps inside its bounds, so a value that wants out ends just short of them.
     if not 1.01 * LEAST_FACTOR < value < 0.99 * MOST_FACTOR:
         raise NotIdentified(
@@ -139,7 +139,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         )
     predicted = solve(rods_of(robot.with_area_factor(value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
-    factor = estimate(value, found.jac[:, 0], (measured - predicted).ravel(), 1, labels)
+    factor = estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels)
     return AreaFit(factor)
 
 
@@ -185,11 +185,11 @@ def fit_spine_modulus(
     n = np.size(deflection)
     columns = readings(n, spine_length=spine_length, deflection=deflection, force=force)
     lengths = np.round(columns["spine_length"], 4)
-    found = {}
+    moduli = {}
     for length in np.unique(lengths):
-        own = lengths == length
-        sd = None if force_sd is None else np.asarray(force_sd)[own]
-        trials = None if trial is None else np.asarray(trial)[own]
-        slope = fit_stiffness(columns["deflection"][own], columns["force"][own], sd, trials)
-        found[float(length)] = youngs_modulus(slope, float(length), annulus_second_moment(radius))
-    return found
+        of_length = lengths == length
+        sd = None if force_sd is None else np.asarray(force_sd)[of_length]
+        trials = None if trial is None else np.asarray(trial)[of_length]
+        slope = fit_stiffness(columns["deflection"][of_length], columns["force"][of_length], sd, trials)
+        moduli[float(length)] = youngs_modulus(slope, float(length), annulus_second_moment(radius))
+    return moduli

@@ -81,8 +81,8 @@ def error_table(condition: States, measured: ArrayLike, predicted: ArrayLike, le
     residual = tips["measured"] - tips["predicted"]
     distance = np.linalg.norm(residual, axis=1)
     rows = []
-    for spine_length, own in condition.by_spine_length():
-        x, y, z = (float(value) for value in np.abs(residual[own]).mean(axis=0))
-        rmse, worst = float(np.sqrt(np.mean(distance[own] ** 2))), float(distance[own].max())
-        rows.append(ErrorRow(spine_length, int(own.sum()), x, y, z, rmse, worst))
+    for spine_length, of_length in condition.by_spine_length():
+        x, y, z = (float(value) for value in np.abs(residual[of_length]).mean(axis=0))
+        rmse, worst = float(np.sqrt(np.mean(distance[of_length] ** 2))), float(distance[of_length].max())
+        rows.append(ErrorRow(spine_length, int(of_length.sum()), x, y, z, rmse, worst))
     return ErrorTable(tuple(rows), length, float(np.sqrt(np.mean(distance**2))), residual)

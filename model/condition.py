@@ -167,14 +167,14 @@ def conditions(
     limits = f"must be within {LOWEST_PRESSURE:g} and {HIGHEST_PRESSURE:g} Pa gauge: check the unit"
     _refuse("pressure", "Pa", full["pressure"], wrong, limits)
     number, no, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
-    made = States(
+    states = States(
         trial=number, trial_id=number, stiffness=no, body=no, unload=no, repeat=np.ones(n, np.int64), t=np.full(n, np.nan),
         rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64), progress=np.full(n, 0.5),
         vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED * (robot.max_pressure or 0.0),
         deflection=zero, channels=TIP, **full,
     )  # fmt: skip
-    made.check(robot)
-    return made
+    states.check(robot)
+    return states
 
 
 def highest_of_trial(trial: NDArray[np.int64], pressure: Array) -> Array:

@@ -112,8 +112,8 @@ def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
     text = node.value
     kind = node.tag.rpartition(":")[2]
     if kind == "str":
-        if found := _UNSAYABLE.search(text):
-            raise BadYaml(f"a text contains the character {found[0]!r}, which is not allowed", _line(node))
+        if forbidden := _UNSAYABLE.search(text):
+            raise BadYaml(f"a text contains the character {forbidden[0]!r}, which is not allowed", _line(node))
         return text
     if kind == "null":
         return None

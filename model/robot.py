@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,6 +71,8 @@ def _form(value: object) -> str:
     return "table" if isinstance(value, dict) else "number"
 
 
+THRUST = "chamber_thrust"
+"""The effect that describes thrust on the side walls."""
 NumberOrTable = Annotated[
     Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], Discriminator(_form)
 ]
@@ -165,6 +167,9 @@ class Robot(BaseModel):
     """In place of chambers."""
     area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
     """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
+    thrust: Literal["cap", "walls"] | None = None
+    """What takes the chambers' thrust: the tip's cap, so that it follows the tip, or the side walls, all along the arc. Where it
+    is not stated a diagnosis settles it first."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers along the body."""
@@ -201,23 +206,25 @@ class Robot(BaseModel):
 
     def _body_problems(self) -> list[str]:
         kind = "chambers" if self.tendons is None else "tendons"
-        own, count = self.actuators, len(self.actuators.azimuths_deg)
+        actuators, count = self.actuators, len(self.actuators.azimuths_deg)
         radii = {
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
-            "chamber_radius": own.radius, "path_radius": own.path_radius,
+            "chamber_radius": actuators.radius, "path_radius": actuators.path_radius,
         }  # fmt: skip
-        found = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        problems = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        if self.tendons is not None and self.thrust is not None:
+            problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.density == 0 and (self.mass_per_length or any(part.mass_per_length for part in self.sections)):
-            found.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
+            problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
-            found.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
-        if own.ends and len(own.ends) != count:
-            found.append(f"{kind}.ends: {len(own.ends)} arc lengths, must be one for each of {count} azimuths_deg")
-        most = max(map(abs, own.azimuths_deg))
+            problems.append("sections: chamber_radius says nothing of a robot with tendons: leave it out")
+        if actuators.ends and len(actuators.ends) != count:
+            problems.append(f"{kind}.ends: {len(actuators.ends)} arc lengths, must be one for each of {count} azimuths_deg")
+        most = max(map(abs, actuators.azimuths_deg))
         if most <= 2 * math.pi and most != round(most):
-            found.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
-        beyond = [s for s in own.ends if s > self.length * (1 + 1e-9)]
-        return [*found, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
+            problems.append(f"{kind}.azimuths_deg: {most:g} at most, must be in degrees: they look like rad, multiply by 57.2958")
+        beyond = [s for s in actuators.ends if s > self.length * (1 + 1e-9)]
+        return [*problems, *(f"{kind}.ends: {s:g} m is beyond length {self.length:g} m" for s in beyond)]
 
     def _length_problems(self) -> list[str]:
         found = [f"markers: arc length {s:g} m is beyond length {self.length:g} m" for s in self.markers if s > self.length]
@@ -272,7 +279,14 @@ class Robot(BaseModel):
     @property
     def stated(self) -> dict[str, Stated]:
         """EFFECT.PARAMETER -> value, sd and unit, of effects and tolerances."""
-        return named(self.effects, self.tolerances)
+        return named(self.causes, self.tolerances)
+
+    @property
+    def causes(self) -> Table:
+        """`effects`, and what `thrust` means where they do not describe it."""
+        if self.thrust != "walls" or THRUST in self.effects:
+            return self.effects
+        return {THRUST: {"share": Stated(value=1.0, unit="1")}, **self.effects}
 
     @property
     def plain(self) -> Robot:

@@ -54,17 +54,17 @@ def section_problems(
     sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None
 ) -> Iterator[str]:
     """What does not fit together: `radii` (m) are the robot's, by the fields of `Section`; `spine` the spine's radius (m)."""
-    own = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine))
-    yield from own
-    if own or not sections:
+    uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine))
+    yield from uniform
+    if uniform or not sections:
         return
     whole = sum(part.length for part in sections)
     if abs(whole - length) > 1e-6 * length:
         yield f"sections: lengths add up to {whole:g} m, must be length {length:g} m"
     for i, part in enumerate(sections):
         along = {name: part.at(name, np.array([0.0, 1.0])) for name in radii}
-        there = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
-        yield from _crossing(f"sections[{i}]: ", there, spine)
+        of_section = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
+        yield from _crossing(f"sections[{i}]: ", of_section, spine)
 
 
 def _crossing(place: str, radii: Mapping[str, Array], spine: float | None) -> Iterator[str]:

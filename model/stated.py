@@ -146,27 +146,27 @@ class Residual(BaseModel):
 
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:
     """What contradicts itself between the three."""
-    found = [f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))]
-    found += [
+    issues = [f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))]
+    issues += [
         f"{key}.{id}: states no parameter, leave it out"
         for key, table in (("effects", effects), ("tolerances", tolerances))
-        for id, own in table.items()
-        if not own
+        for id, values in table.items()
+        if not values
     ]
     if posterior is None:
-        return found
-    known = named(effects, tolerances)
+        return issues
+    stated = named(effects, tolerances)
     for name in posterior.parameters:
         if name == AREA_FACTOR:
             if not area_is_number:
-                found.append("posterior.parameters: area_factor must be a number, not a table, to have a posterior")
+                issues.append("posterior.parameters: area_factor must be a number, not a table, to have a posterior")
             elif not posterior.area_factor_sd > 0:
-                found.append("posterior.area_factor_sd = 0: must be above 0 where area_factor is among the parameters")
-        elif name not in known:
-            found.append(f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out")
-        elif not known[name].sd > 0:
-            found.append(f"{name}: sd = 0 {known[name].unit}, must be above 0 for a parameter of the posterior")
-    return found
+                issues.append("posterior.area_factor_sd = 0: must be above 0 where area_factor is among the parameters")
+        elif name not in stated:
+            issues.append(f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out")
+        elif not stated[name].sd > 0:
+            issues.append(f"{name}: sd = 0 {stated[name].unit}, must be above 0 for a parameter of the posterior")
+    return issues
 
 
 def named(*tables: Table) -> dict[str, Stated]:

@@ -40,7 +40,7 @@ class Jammed:
     vacuum: VacuumBand
     """What it must keep."""
     soft: bool = False
-    """It showed that it is soft, whatever the gauge shows."""
+    """Its shape or its resistance showed that it is soft, even if the gauge shows its vacuum."""
 
 
 Mount = Literal["robot", "body", "spine"]
@@ -133,7 +133,6 @@ class Bench:
     """The rig's limits clipped the last ramp."""
     jammed: Jammed | None = None
     """None while no vacuum is judged."""
-
     bodies: Bodies | None = None
     """Where tip and markers can be; None without cameras or where robot.yaml says too little."""
 

@@ -127,17 +127,17 @@ PARAMETERS = Bending
 
 
 @dataclass(frozen=True)
-class Level:
+class SweepLevel:
     """One state of a sweep: pressure of the group (Pa) and how it is reached."""
 
     pressure: float
     branch: Branch
 
 
-def levels(p: Bending) -> list[Level]:
+def levels(p: Bending) -> list[SweepLevel]:
     """The states of one sweep in the order they are visited."""
-    up = [Level(x, "load") for x in ([0.0] if p.zero_state else []) + p.pressures]
-    down = [Level(x, "unload") for x in p.pressures[-2::-1] + ([0.0] if p.zero_state else [])]
+    up = [SweepLevel(x, "load") for x in ([0.0] if p.zero_state else []) + p.pressures]
+    down = [SweepLevel(x, "unload") for x in p.pressures[-2::-1] + ([0.0] if p.zero_state else [])]
     return up + (down if p.unload else [])
 
 
@@ -188,7 +188,7 @@ def plan(p: Bending, name: str = "bending") -> Plan:
 NEEDS = ("pressure", "spine", "valve", "gauge", "mocap")
 
 
-def _holds(p: Bending, level: Level) -> list[float]:
+def _holds(p: Bending, level: SweepLevel) -> list[float]:
     """Planned s from the ramp's end to each reading of a level."""
     if p.reading == "hold":
         return p.hold_times
@@ -201,7 +201,7 @@ def _setup(p: Bending, vacuum: float) -> Setup:
 
 
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
-    """Do the sweep. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do the sweep. Raises ProtocolError; the caller always lands the rig safe."""
     # A pattern that the wiring cannot make fails before anything moves.
     setpoints(bench, _chambers(p, max(p.pressures)))
     vent(bench)
@@ -238,14 +238,14 @@ def _rules(p: Bending) -> list[Settled | Window]:
     return [settled(p.settle)]
 
 
-def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[Level], branch: Branch) -> None:
+def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel], branch: Branch) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
     walk.bench.check_stop()
     back = partial(walk.come_back, branch, _chambers(p, max(p.pressures)))
     through_pauses(walk.bench, partial(_pass, p, shapes, walk, left), back)
 
 
-def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
+def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel]) -> None:
     """One ramp to the last level; takes those that were read off the list."""
     rising = left[0].branch == "load"
     end = left[-1].pressure
@@ -255,15 +255,16 @@ def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[Level]) -> None:
         level = left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
         short = p.settle.band if level.pressure == end else 0.0
-        at = level.pressure - short if rising else level.pressure + short
-        rule = Crossing(at, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, arrived - begin + p.settle.within)
+        pressure = level.pressure - short if rising else level.pressure + short
+        within = arrived - begin + p.settle.within
+        rule = Crossing(pressure, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, within)
         rate = p.rate if rising else -p.rate
         _judge(shapes, walk, level, walk.read(rule, _chambers(p, level.pressure), level.branch, begin, arrived, rate))
         left.pop(0)
         walk.trials.step_done()
 
 
-def _judge(shapes: Shapes, walk: Walk, level: Level, row: TrialRow) -> None:
+def _judge(shapes: Shapes, walk: Walk, level: SweepLevel, row: TrialRow) -> None:
     """Raises Suspended where a state's shape shows that the jammed spine has gone soft, once a trial."""
     if walk.bench.jammed is not None and shapes.take(level.branch, level.pressure, row) and not shapes.asked:
         shapes.asked = True

@@ -88,7 +88,7 @@ def _setup(p: Cycles) -> Setup:
 
 
 def run(bench: Bench, p: Cycles, trials: Trials) -> None:
-    """Do the cycles. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do the cycles. Raises ProtocolError; the caller always lands the rig safe."""
     if not trials.remaining([1], len(plan(p).steps)):
         return
     vent(bench)

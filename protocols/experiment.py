@@ -261,7 +261,7 @@ class Trials:
         """One reading of a state, recorded."""
         judged = ", ".join(map(_instrument, state.topics))
         misplaced = False
-        for left in reversed(range(READINGS)):
+        for tries_left in reversed(range(READINGS)):
             repeats, _ = self._latest.get(state.step, (0, None))
             number = self.bench.recorder.state(self.bench.clock.now(), state, repeats)
             try:
@@ -273,7 +273,7 @@ class Trials:
                 self._demand_rest(state, row)
                 return number, row
             except Misplaced as e:
-                if misplaced or not left or not isinstance(state.rule, Settled):
+                if misplaced or not tries_left or not isinstance(state.rule, Settled):
                     text = str(e)
                     self.mark(state.trial, "bodies", text)
                     raise Suspended(DeviceFault("mocap", text)) from e
@@ -284,25 +284,22 @@ class Trials:
             except NoResistance as e:
                 raise NotPushing(str(e)) from e
             except NotSettled as e:
-                if not (left and repeatable and isinstance(e, TooFewSamples)):
+                if not (tries_left and repeatable and isinstance(e, TooFewSamples)):
                     raise NotReached(f"{e}; judged from {judged}") from e
                 self.bench.say(f"{e}; the state is read again")
                 state = replace(state, t_start=self.bench.clock.now())
         raise AssertionError("the last reading returns or raises")
 
     def _demand_rest(self, state: State, row: TrialRow) -> None:
-        """Check a state at rest against the first one of the same set-up; raises Misplaced where a body is elsewhere.
-
-        The first state at rest gives the arc lengths of markers that robot.yaml does not state: their distances from the base.
-        """
+        """Check a state at rest against the first of its set-up, which gives markers their arc lengths; raises Misplaced."""
         if state.bodies is None or state.branch != "load" or any(state.targets) or not isinstance(state.rule, Settled):
             return
         hangs = (state.spine_length, state.vacuum is None, state.tip_mass, state.roll_deg, state.specimen)
         before = self._rest.get(hangs)
-        if before is not None and before.trial != row.trial and (said := elsewhere(before, row)):
+        if before is not None and before.trial != row.trial and (difference := elsewhere(before, row)):
             raise Misplaced(
-                f"trial {row.trial} step {row.step}: {said} of trial {before.trial}; the cameras may have taken one body for "
-                "another, or the robot or a camera was moved"
+                f"trial {row.trial} step {row.step}: {difference} of trial {before.trial}; the cameras may have taken one body "
+                "for another, or the robot or a camera was moved"
             )
         self._rest.setdefault(hangs, row)
         places = [math.hypot(*place) for place in row.markers]

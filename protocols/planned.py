@@ -29,7 +29,7 @@ def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict
     """
     asked = parameters.model_dump()
     load = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
-    told = any(step.reads for step in plan.steps)
+    states_stated = any(step.reads for step in plan.steps)
     rows: list[dict[str, Any]] = []
     trial, state, time = 0, 0, 0.0
     spine, vacuum, pressure = 0.0, 0.0, np.zeros(chambers)
@@ -43,14 +43,14 @@ def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict
         before = pressure
         if ask.pressures:
             pressure = _padded(plan, ask, chambers)
-        reads = step.reads if told else _read(step, before, pressure, rows, trial)
-        left = step.seconds - (reads[-1].hold if reads else 0.0)
+        reads = step.reads if states_stated else _read(step, before, pressure, rows, trial)
+        before_first = step.seconds - (reads[-1].hold if reads else 0.0)
         for reading in reads:
             state += 1
             rows.append(
                 {
                     "trial": max(trial, 1), "step": state, "protocol": plan.protocol, "repeat": reading.repeat,
-                    "branch": reading.branch, "t": time + left + reading.hold, "rate": reading.rate, "hold": reading.hold,
+                    "branch": reading.branch, "t": time + before_first + reading.hold, "rate": reading.rate, "hold": reading.hold,
                     "spine_length": spine, "vacuum": vacuum, **load, **{f"p{c + 1}": float(x) for c, x in enumerate(pressure)},
                     **({} if ask.push is None else {"specimen": ask.push.specimen, "deflection": ask.push.deflection}),
                 }

@@ -180,8 +180,8 @@ class ProbeMotion:
                 self._give_up(depth)
             depth += p.approach_step
             self.go(along, depth, p.push_speed)
-        at, offset = self._sensed(p.min_samples)
-        return Contact(depth, held, offset, at, zero)
+        touched_at, offset = self._sensed(p.min_samples)
+        return Contact(depth, held, offset, touched_at, zero)
 
     def _give_up(self, depth: float) -> None:
         """Nothing was touched up to this depth: away from what may become stiff while a person puts it right, and say so."""

@@ -1,7 +1,7 @@
 """What people ask of a run while it goes on: one door for keys at the terminal, for buttons on a page, and for programs.
 
-Who asks and who carries it out are different threads. `ask` takes a request from any thread, records it and returns what
-becomes of it; the experiment looks between its steps at what is asked, and records that it was carried out.
+Requests come from other threads than the experiment's. `ask` takes one from any thread, records it and returns its fate; the
+experiment checks for requests between its steps and records that they were carried out.
 
     note      a line of text, written down at once
     pause     before the next step: vented and stopped, the spine stays jammed
@@ -59,7 +59,7 @@ class Steering:
 
     # -- who asks
     def ask(self, kind: str, by: str, text: str = "") -> str:
-        """Take a request; returns, and tells the person at the run, what becomes of it. Raises `BadRequest`.
+        """Take a request; return its fate, and report it to the person at the run. Raises `BadRequest`.
 
         `by`: where it is asked; `text`: of a note, at most `LONGEST` characters.
         """
@@ -110,7 +110,7 @@ class Steering:
     @contextlib.contextmanager
     def of_run(self, keep: Keep, finish: Callable[[], None], say: Callable[[str], object]) -> Iterator[None]:
         """Requests belong to this run while the block lasts. `keep` records them, `finish` ends it after the present step,
-        `say` tells the person at the run."""
+        `say` reports to the person at the run."""
         with self._lock:
             self._open.clear()
             self._keep, self._finish, self._say, self._place = keep, finish, say, (0, 0)
@@ -118,11 +118,11 @@ class Steering:
             yield
         finally:
             with self._lock:
-                left = [kind for kind in self._open if kind != "finish"]
+                undone = [kind for kind in self._open if kind != "finish"]
                 self._open.clear()
                 self._keep, self._finish, self._say = None, lambda: None, str
                 self._resting = self._may_skip = False
-            for kind in left:
+            for kind in undone:
                 say(f"{kind}: {UNDONE}")
 
     def at(self, trial: int, step: int) -> None:

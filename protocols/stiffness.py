@@ -121,7 +121,7 @@ def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
 
 
 def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
-    """Do all trials. Raises ProtocolError; the caller lands the rig safe whatever happens."""
+    """Do all trials. Raises ProtocolError; the caller always lands the rig safe."""
     stand = bench.need(bench.stand, "stand")
     bench.operator.prepare(_setup(p))
     if bench.pressure is not None:
@@ -141,7 +141,7 @@ def run(bench: Bench, p: Stiffness, trials: Trials) -> None:
                 work = Pushing(probe, p.cantilever(spine), grow)
                 through_jams(trials, trial, partial(_push, bench, p, trial, trials, work))
             except ProtocolError:
-                with contextlib.suppress(Exception):  # what ended the trial is told, not what came of the retreat
+                with contextlib.suppress(Exception):  # report what ended the trial, not how the retreat failed
                     probe.retreat()
                 raise
 
@@ -236,10 +236,7 @@ def _expected_rise(row: TrialRow | None, way: float) -> float:
 
 
 def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: float, why: NotPushing) -> None:
-    """Find out whether a jammed specimen is soft, or the sensor has drifted: what the probe feels going back tells.
-
-    Raises Suspended when the specimen pushes back with less than `least` (N).
-    """
+    """Find out by the way back whether a specimen is soft or the sensor drifts; raises Suspended below `least` N."""
     held = work.probe.held(work.length, depth)
     if held >= least:
         work.probe.bench.say(f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again")

@@ -138,17 +138,17 @@ class Walk:
     ) -> None:
         """Ramp there and read a state by each of the rules, passing each row to `judge`. After a pause a state of the unload
         branch is reached by way of `highest`."""
-        left = list(rules)
+        rules_left = list(rules)
 
         def work() -> None:
             before = self.bench.need(self.bench.pressure, "pressure").read().setpoint
             arrived = self.ramp(pressures)
             rate = signed(self.sweep.rate, change_of(before, setpoints(self.bench, pressures)))
-            while left:
-                row = self.read(left[0], pressures, branch, arrived, arrived, rate)
+            while rules_left:
+                row = self.read(rules_left[0], pressures, branch, arrived, arrived, rate)
                 if judge is not None:
                     judge(row)
-                left.pop(0)
+                rules_left.pop(0)
 
         self.bench.check_stop()
         through_pauses(self.bench, work, partial(self.come_back, branch, highest))

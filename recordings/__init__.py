@@ -19,7 +19,7 @@ Reading:
     recording.stream("/tip")["position"]                numpy structured arrays, fields as in messages.py
     campaign.replay.table_of(recording) -> Table        rows as they were concluded live
     campaign.replay.replay(path) -> Table               rows concluded again from the samples
-    campaign.replay.compare(recording) -> Comparison    equal to the last bit, or where not
+    campaign.replay.compare(recording) -> ReplayComparison    equal to the last bit, or where not
     table_file.read_csv(path), write_csv(table, path)   trials.csv
     campaign.info.info(path), campaign.export.export_streams, campaign.export.export_case
     file.player.play(recording, sink, speed)            its messages in the order of time, at any pace

@@ -308,7 +308,7 @@ def is_stream(topic: str) -> bool:
 
 
 def stream_message(topic: str, schema: bytes, units: Mapping[str, str]) -> MessageType:
-    """The message of a stream of a file: known beforehand, or, of a sensor of the lab's own, as the file's schema tells.
+    """The message of a stream of a file: known beforehand, or, of a sensor of the lab's own, as the file's schema states.
 
     `units`: quantity -> unit. Raises `BadMessage` for a schema that is not of such a sensor.
     """

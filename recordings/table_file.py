@@ -9,8 +9,10 @@ import math
 import os
 import re
 from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +24,12 @@ from .errors import BadTable
 from .numbers import number as number_in
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
-from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Table, column_of, column_order, highest, incomplete
+from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Table, column_order, highest, incomplete, present
 
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
-MOST_ROWS = 50_000
+MOST_ROWS, LARGEST = 50_000, 50_000_000
+"""Of a table of trials, and bytes of a table; a row has some 300."""
 LIMITS = (
     (r"p[0-9]+", -100e3, 2e6,
      "{value:g} Pa is outside {low:g} .. {high:g} Pa gauge; pressures are gauge, in Pa: check the unit"),
@@ -69,31 +72,46 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
     naming file, line, column, value, unit and limit when a required column or value is missing or cannot be right.
     """
     path = Path(path)
-    # bytes; a row has some 300, and a campaign some thousands of rows
-    data = read_bounded(path, 20_000_000, BadTable)
-    states: list[dict[str, Cell]] = []
+    header, columns, place = read_columns(path, lambda names: _trials_columns(path, names), MOST_ROWS)
+    return checked(columns, place, tuple(name for name in header if name not in columns))
+
+
+def read_columns(
+    path: Path, choose: Callable[[list[str]], Collection[str]], most_rows: int
+) -> tuple[list[str], dict[str, NDArray[Any]], Callable[[int], str]]:
+    """The first line of a CSV file, the columns (n,) that `choose` picks of it, and what names a row, from 0, in messages.
+
+    Columns hold text, or numbers with NaN where a cell is empty. Raises `BadTable` naming file, line, column and value.
+    """
+    data = read_bounded(path, LARGEST, BadTable)
     try:
         lines = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""))
         first = next(lines, [])
         header = [name.strip() for name in first]
-        _check_separator(path, first)
-        ignored, bodies = _check_header(path, header), highest(header)
-        for number, line in enumerate(lines, 2):
-            if any(cell.strip() for cell in line):
-                states.append(_state(f"{path} line {number}", header, line, bodies))
-            if len(states) > MOST_ROWS:
-                raise BadTable(f"{path}: has more than {MOST_ROWS} rows, the limit for a table of trials")
+        _check_header(path, first, header)
+        chosen = choose(header)
+        rows = [(number, line) for number, line in enumerate(lines, 2) if any(map(str.strip, line))]
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadTable(f"{path}: is not a text table: {error}") from error
-    if not states:
+    if not rows:
         raise BadTable(f"{path}: has a header but no rows")
-    columns = {name: column_of(name, [cells.get(name) for cells in states]) for name in header if name not in ignored}
-    table = Table(columns, ignored)
-    return replace(table, warnings=tuple(_doubts(table)))
+    if len(rows) > most_rows:
+        raise BadTable(f"{path}: has {len(rows)} rows, must be at most {most_rows}: split the table")
+    for number, line in rows:
+        if len(line) != len(header):
+            split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
+            raise BadTable(f"{path} line {number}: {len(line)} cells under {len(header)} columns{split}")
+
+    def place(row: int) -> str:
+        return f"{path} line {rows[row][0]}"
+
+    cells = zip(header, zip(*(line for _, line in rows), strict=True), strict=True)
+    return header, {n: _parsed(n, [cell.strip() for cell in column], place) for n, column in cells if n in chosen}, place
 
 
-def _check_separator(path: Path, first: list[str]) -> None:
-    """Spreadsheets of many countries write semicolons, and commas in numbers; others tabs."""
+def _check_header(path: Path, first: list[str], header: list[str]) -> None:
+    """Raise `BadTable` where a first line names no columns, or some twice; spreadsheets of many countries write semicolons, and
+    commas in numbers, others tabs."""
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         names = [part.strip(' "') for cell in first for part in cell.split(mark)]
         if len(names) > len(first) and any(column_order(part) for part in names):
@@ -101,9 +119,6 @@ def _check_separator(path: Path, first: list[str]) -> None:
                 f"{path} line 1: columns are separated by {name} ({','.join(first)[:60]!r} ..); write commas between columns and "
                 "points in numbers (0.40, not 0,40)"
             )
-
-
-def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     if not header:
         raise BadTable(f"{path}: is empty; the first line must name the columns ({', '.join(REQUIRED)}, ..)")
     if len(header) > MOST_COLUMNS:
@@ -111,63 +126,87 @@ def _check_header(path: Path, header: list[str]) -> tuple[str, ...]:
     twice = sorted(name for name, count in Counter(header).items() if count > 1)
     if twice:
         raise BadTable(f"{path}: column {', '.join(twice)[:200]} appears twice")
-    ignored = tuple(name for name in header if column_order(name) is None)
+
+
+def _trials_columns(path: Path, header: list[str]) -> list[str]:
+    """The columns of a table of trials; raises `BadTable` where one that is required is missing."""
+    known = [name for name in header if column_order(name) is not None]
     for name in REQUIRED:
-        if name not in header:
-            near = difflib.get_close_matches(name, ignored, 1, 0.5)
+        if name not in known:
+            near = difflib.get_close_matches(name, [n for n in header if n not in known], 1, 0.5)
             hint = f" (is it the column {near[0]!r}?)" if near else ""
             raise BadTable(f"{path}: no column {name}{hint}; required are {', '.join(REQUIRED)}")
-    return ignored
+    return known
 
 
-def _state(where: str, header: list[str], line: list[str], bodies: tuple[int, int]) -> dict[str, Cell]:
-    """The values of a line; raises `BadTable` where one cannot be right or is missing. `bodies`: its chambers and markers."""
-    if len(line) != len(header):
-        split = "; a decimal comma splits one number into two cells: write points (0.40)" if len(line) > len(header) else ""
-        raise BadTable(f"{where}: {len(line)} cells under {len(header)} columns{split}")
-    cells: dict[str, Cell] = {}
-    for name, text in zip(header, map(str.strip, line), strict=True):
-        if text and column_order(name) is not None:
-            try:
-                cells[name] = _value(name, text)
-            except ValueError as error:
-                raise BadTable(f"{where}, {name}: {error}") from None
-    lacking = incomplete(frozenset(cells), *bodies)
-    if not lacking and cells["protocol"] != "stiffness" and "x" not in cells:
-        lacking = f"a {cells['protocol']} row needs the tip's x, y, z"
-    if not lacking and cells["protocol"] == "stiffness" and not {"specimen", "force", "deflection"} <= cells.keys():
-        lacking = "a stiffness row needs specimen, force and deflection"
-    if lacking:
-        raise BadTable(f"{where}: {lacking}")
-    return cells
-
-
-def _value(name: str, text: str) -> Cell:
-    """The value of a cell; raises ValueError for one that cannot stand in this column."""
-    if name == "protocol" and not PROTOCOL.fullmatch(text):
-        raise ValueError(f"{text[:80]!r} {PROTOCOL_IS}")
+def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str]) -> NDArray[Any]:
+    """A column as text or numbers, NaN where a cell is empty; raises `BadTable`."""
     if name in TEXTS:
-        if name in _CHOICES and text not in _CHOICES[name]:
-            raise ValueError(f"{text[:80]!r} is not one of {', '.join(_CHOICES[name])}")
-        return text
-    try:
-        number = number_in(text)
-    except ValueError:
-        comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
-        raise ValueError(f"{text[:80]!r} is not a number{comma}") from None
-    if not math.isfinite(number):
-        raise ValueError(f"is {text[:80]}; leave the cell empty where nothing was measured")
-    if name in INTEGERS and abs(number) > LARGEST_INTEGER:
-        raise ValueError(f"{text} exceeds {LARGEST_INTEGER}")
-    if name in INTEGERS and not number.is_integer():
-        raise ValueError(f"{text} is not a whole number")
-    if name == "clipped" and number not in (0, 1):
-        raise ValueError(f"{text} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty")
-    low, high, wrong = _limits(name)
-    if not low <= number <= high:
-        looks = "looks like gauge pressure: change the sign; " if -110e3 <= number < 0 else ""
-        raise ValueError(wrong.format(value=number, low=low, high=high, looks=looks))
-    return int(number) if name in INTEGERS else number
+        return np.array(cells, np.str_)
+    values = np.full(len(cells), math.nan)
+    for row, text in enumerate(cells):
+        try:
+            values[row] = number_in(text) if text else math.nan
+        except ValueError:
+            comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
+            raise BadTable(f"{place(row)}, {name}: {text[:80]!r} is not a number{comma}") from None
+        if text and not math.isfinite(values[row]):
+            raise BadTable(f"{place(row)}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
+    return values
+
+
+def checked(
+    columns: Mapping[str, NDArray[Any]], place: Callable[[int], str], ignored: tuple[str, ...] = (), limits: bool = True
+) -> Table:
+    """The table of columns (n,) of text or of numbers in SI, NaN where there is none: what every table from outside passes.
+
+    Doubts go to `Table.warnings`. Raises `BadTable` with the place of the first row, from 0, whose value cannot stand in its
+    column, or that lacks one. `limits`: whether values are held against `LIMITS`, which know no robot.
+    """
+    for name, column in columns.items():
+        for row in np.flatnonzero(present(column)).tolist():
+            if wrong := _wrong(name, column[row].item(), limits):
+                raise BadTable(f"{place(row)}, {name}: {wrong}")
+    for row, lacking in enumerate(lacks(columns)):
+        if lacking:
+            raise BadTable(f"{place(row)}: {lacking}")
+    table = Table({name: column.astype(np.int64) if name in INTEGERS else column for name, column in columns.items()}, ignored)
+    return replace(table, warnings=tuple(_doubts(table)))
+
+
+def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
+    """What each row of columns (n,) of a table lacks; empty for a row that has all."""
+    bodies, protocols = highest(columns), columns.get("protocol")
+    pushed = protocols == "stiffness" if protocols is not None else np.zeros(len(next(iter(columns.values()))), bool)
+    patterns, of_row = np.unique(np.column_stack([pushed, *map(present, columns.values())]), axis=0, return_inverse=True)
+    found = []
+    for of_stiffness, *there in patterns.tolist():
+        given = frozenset(compress(columns, there))
+        lacking = incomplete(given, *bodies)
+        if not lacking and not of_stiffness and "x" not in given:
+            lacking = "a row of another protocol than stiffness needs the tip's x, y, z"
+        if not lacking and of_stiffness and not {"specimen", "force", "deflection"} <= given:
+            lacking = "a stiffness row needs specimen, force and deflection"
+        found.append(lacking)
+    return [found[k] for k in of_row.ravel().tolist()]
+
+
+def _wrong(name: str, value: Cell, limits: bool) -> str:
+    """Why a value cannot stand in a column; empty where it can."""
+    if name == "protocol":
+        return "" if PROTOCOL.fullmatch(str(value)) else f"{str(value)[:80]!r} {PROTOCOL_IS}"
+    if isinstance(value, str):
+        choices = _CHOICES.get(name, (value,))
+        return "" if value in choices else f"{value[:80]!r} is not one of {', '.join(choices)}"
+    if name in INTEGERS and abs(value) > LARGEST_INTEGER:
+        return f"{value:g} exceeds {LARGEST_INTEGER}"
+    if name in INTEGERS and value != int(value):
+        return f"{value:g} is not a whole number"
+    if name == "clipped" and value not in (0, 1):
+        return f"{value:g} is neither 0 nor 1; 1 where set-points were clipped, else 0 or empty"
+    low, high, text = _limits(name) if limits else LIMITS[-1][1:]
+    looks = "looks like gauge pressure: change the sign; " if -110e3 <= value < 0 else ""
+    return "" if low <= value <= high else text.format(value=value, low=low, high=high, looks=looks)
 
 
 @cache

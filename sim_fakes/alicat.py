@@ -10,13 +10,13 @@ Faults of its own, in `faults.extra` (letters of units: "B" or "BC"):
     dead      these units do not answer
     miss      {"B": n}: this unit does not answer its next n requests
     stuck     these units repeat the pressure that they showed when the fault began
-    ignore    these units keep their set-point whatever is sent
+    ignore    these units ignore set-points
     refuse    these units answer everything with `?`
     no_lock   what units without a panel lock answer to `L`: {"B": "?"}, "" for nothing
     reading   pressure (Pa) that all units show instead of the measured one
     status    {"A": "OVR"}: status codes shown by a unit
     swap      these units answer under the next letter
-    keep      these units keep their settings whatever is sent (a person may still change them)
+    keep      these units ignore settings that are sent (a person may still change them)
     tail      bytes that a breakout box puts behind every line, such as "\\0"
 The back door `device["A"]` is a unit's state (`AlicatDevice`): its set-point, range, model, firmware and settings;
 `panel("A", "unit", "psi")` is a person at a front panel. A unit in streaming mode (`A@ @`) sends a frame without its letter
@@ -214,7 +214,7 @@ class AlicatFake(PtyFake):
         firmware: str = "10v20.0-R24",
         unit: str = "kPa",
     ) -> None:
-        """`full_scale` in Pa; `unit` of measure on display and wire, which firmware before 6v00 tells nobody."""
+        """`full_scale` in Pa; `unit` of measure on display and wire, which firmware before 6v00 does not report."""
         super().__init__("alicat", clock, baud, seed)
         code = next(code for code, name in UNIT_NAMES.items() if name.lower() == unit.lower())
         self.device = {
@@ -363,7 +363,7 @@ class AlicatFake(PtyFake):
         return "?"
 
     def _about(self, unit: AlicatDevice, words: str) -> str:
-        """What a unit tells of itself."""
+        """The manufacturer's table of a unit."""
         if words == "VE":
             return f"  {unit.firmware} Jan  9 2025,15:04:07"
         if words == "??M*":

@@ -53,7 +53,7 @@ KEPT_BY_RESET: dict[bytes, tuple[int, ...]] = {b"\xff": (), b"\x01": (7,), b"\x0
 """Content of FACTORY_RESET: the registers that it leaves as they are."""
 BROADCAST, LAST_ID = 254, 252
 ANSWER_READS, ANSWER_ALL = 1, 2
-"""Status return levels from which on reads and everything else are answered; a ping always is."""
+"""Status return levels starting at which reads, and everything else, are answered; a ping always is."""
 TABLE_END = 662
 """First address beyond the control table; what is undefined inside reads as 0."""
 
@@ -221,7 +221,7 @@ class DrumMotor(Drum):
         self.forget_turns()
 
     def process(self, dt: float) -> None:
-        """Advance by dt seconds of rig time; the bus watchdog looks at host time."""
+        """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
         super().process(dt)
@@ -335,12 +335,12 @@ class DynamixelFake(DrumFake):
         packet, self.buffer = packet[:end], packet[end:]
         self.requests.append(packet)
         table = self.motor.table
-        receiver, own = packet[4], packet[4] == table[7]
+        receiver, to_own_id = packet[4], packet[4] == table[7]
         secondary = receiver == table[12] and receiver <= LAST_ID
-        if table[13] != 2 or not (own or secondary or receiver == BROADCAST):
+        if table[13] != 2 or not (to_own_id or secondary or receiver == BROADCAST):
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
-            if own:
+            if to_own_id:
                 self._status(Refusal.CRC)
             return True
         self.motor.silence.heard()
@@ -348,7 +348,7 @@ class DynamixelFake(DrumFake):
         if receiver == BROADCAST:
             self._answer_broadcast(body[0], body[1:])
         else:
-            self._answer(body[0], body[1:], own)
+            self._answer(body[0], body[1:], to_own_id)
         return True
 
     def _number(self, fault: str) -> int:

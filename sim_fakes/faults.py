@@ -1,4 +1,5 @@
-"""Fifteen faults for every instrument of a fake rig, by name: what a test, or a person through the back door, switches on.
+"""Fifteen faults for every instrument of a fake rig, and accidents of the robot itself, by name: what a test, or a person through
+the back door, switches on.
 
     silence delay half split garbage bad_crc wrong_id nak stuck over_range disconnect freeze reset skew replay
 
@@ -9,18 +10,79 @@ never half. `reset` is an event; the others last until `end`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import timing
 
-from .accidents import Accidents
 from .instrument import FakePart
 from .motive import MotiveFake
 from .plant import Plant
 from .pty_fake import Faults, PtyFake
-from .ur.fake import UrFake
-from .ur.process import UrProcess
+from .ur.process import UrFake, UrProcess
+
+if TYPE_CHECKING:
+    from .virtual_robot import VirtualRobot
+
+ACCIDENTS = ("leak", "burst", "supply_low", "valve_stuck", "jam_slip", "contact_lost", "marker_lost")
+LEFT, LOW_SUPPLY, SLIP = 0.7, 60e3, 8e-3
+"""Share of the set-point that a leak leaves; Pa; m."""
+
+
+class Accidents:
+    """What may happen to the robot itself: put between the actuators and the virtual robot, begun and ended while it runs.
+
+    leak          the regulator of a chamber holds 30 % less than its set-point
+    burst         a chamber, and all on the same channel, hold nothing
+    supply_low    no regulator gets beyond 60 kPa
+    valve_stuck   the jamming valve does not follow its relay
+    jam_slip      the jammed spine slips back by 8 mm, once
+    contact_lost  the specimen breaks off: nothing pushes on the probe any more
+    marker_lost   the tip's marker has come off
+    """
+
+    def __init__(self, wiring: Sequence[Sequence[int]]) -> None:
+        self._wiring = wiring
+        self._now: set[str] = set()
+        self._valve: bool | None = None
+
+    def begin(self, accident: str) -> None:
+        """Let it happen. Raises ValueError for an unknown name."""
+        if accident not in ACCIDENTS:
+            raise ValueError(f"{accident}: one of {', '.join(ACCIDENTS)}")
+        self._now.add(accident)
+
+    def end(self) -> None:
+        """Everything repaired."""
+        self._now.clear()
+        self._valve = None
+
+    def advance(self, robot: VirtualRobot, plant: Plant, dt: float) -> None:
+        """One step of the robot with what has happened to it; call with the plant's lock held."""
+        if not self._now:
+            robot.advance(plant, dt)
+            return
+        regulator, valve = plant.regulator.copy(), plant.valve_on
+        hurt = [c - 1 for c in self._wiring[0]]
+        if "supply_low" in self._now:
+            plant.regulator = np.minimum(plant.regulator, LOW_SUPPLY)
+        if {"leak", "burst"} & self._now:
+            plant.regulator[hurt] *= 0.0 if "burst" in self._now else LEFT
+        if "valve_stuck" in self._now:
+            self._valve = valve if self._valve is None else self._valve
+            plant.valve_on = self._valve
+        if "jam_slip" in self._now:
+            self._now.discard("jam_slip")
+            robot.spine.length = max(0.0, robot.spine.length - SLIP)
+        robot.advance(plant, dt)
+        plant.regulator, plant.valve_on = regulator, valve
+        if "contact_lost" in self._now:
+            plant.probe_force = np.zeros(3)
+        if "marker_lost" in self._now:
+            plant.tip_visible = False
+
 
 FAULTS = (
     "silence", "delay", "half", "split", "garbage", "bad_crc", "wrong_id", "nak", "stuck", "over_range", "disconnect",
@@ -109,15 +171,15 @@ class FaultSwitch:
             setattr(line.faults, name, value)
 
     def _mocap(self, fake: MotiveFake, fault: str) -> None:
-        faults, own = fake.faults, MotiveFake.own_faults
+        faults, own_faults = fake.faults, MotiveFake.own_faults
         if fault == "reset":
             faults.extra["restart"] = True
         elif fault in ("disconnect", "freeze"):
             faults.silent = True
         elif fault == "stuck":
             faults.freeze = True
-        elif fault in own:
-            name, value = own[fault]
+        elif fault in own_faults:
+            name, value = own_faults[fault]
             faults.extra[name] = value
             if fault == "wrong_id":
                 faults.extra["no_body"] = True

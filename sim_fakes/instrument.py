@@ -25,7 +25,7 @@ class FakePart(Protocol):
 
 @dataclass(frozen=True)
 class FakeRegulators:
-    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml tells all of it but the last."""
+    """Which pressure regulators a rig has, and what may be odd about them; rig.yaml states all but the last."""
 
     driver: str = "alicat"
     """A registered fake of the role pressure."""
@@ -62,7 +62,7 @@ class Site:
     host: str = ""
     """A loopback address that this rig has to itself, for what is reached over the network."""
     markers: int = 0
-    """Of motion capture: tracked bodies along the robot, beside its tip."""
+    """Of motion capture: tracked bodies along the robot, in addition to its tip."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Fake:
     plug: Callable[[Site], Sequence[FakePart]]
     """Makes its parts, mostly one, or one serial line a channel; not yet started."""
     table: Callable[[Site, Sequence[Any]], Mapping[str, Any]]
-    """What its table in rig.yaml says beside `driver`, and of regulators beside chambers and full_scale."""
+    """Its table in rig.yaml without `driver`, and for regulators without chambers and full_scale."""
     full_scale: float = 500e3
     """Of regulators: Pa, unless asked for otherwise."""
 

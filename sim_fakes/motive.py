@@ -209,7 +209,7 @@ class MotiveFake(timing.Thread):
         self._unturned = quaternion_xyzw(self._rotation.T)
         """Of a body that stands as the base does, x, y, z, w."""
         self._tip_turn = np.eye(3), self._unturned
-        """The tip's rotation in the base frame when it was last looked at, and its quaternion."""
+        """The tip's rotation in the base frame at the last reading, and its quaternion."""
         self._data_port = data_port
         self._command = self._socket(command_port)
         self._data = self._socket(data_port)
@@ -219,7 +219,7 @@ class MotiveFake(timing.Thread):
         self.other_definitions: list[tuple[int, bytes]] = []
         """Model definitions (kind, content) that are sent before those of the rigid bodies."""
         self.clients: dict[tuple[str, int], float] = {}
-        """Who is remembered, and when each was last heard, s of host time."""
+        """The known clients, and when each was last heard, s of host time."""
         names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
         self._bodies = [StreamedBody(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}
@@ -359,7 +359,7 @@ class MotiveFake(timing.Thread):
         return b"Motive".ljust(256, b"\0") + versions + (tail if self.version >= (3, 0) else b"")
 
     def _definitions(self, version: Version) -> bytes:
-        found = list(self.other_definitions)
+        definitions = list(self.other_definitions)
         for body in self._bodies:
             name = f"Other{body.id}" if self.faults.extra.get("foreign") else body.name
             d = name.encode() + b"\0" + struct.pack("<ii3f", body.number, -1, 0, 0, 0)
@@ -369,10 +369,10 @@ class MotiveFake(timing.Thread):
                 d += struct.pack("<i3fi", 1, 0.01, 0.0, 0.0, 0)
             if version >= (4, 0):
                 d += b"Marker1\0"
-            found.append((1, d))
+            definitions.append((1, d))
         sized = version >= (4, 1)
-        parts = (struct.pack("<i", kind) + (struct.pack("<i", len(d)) if sized else b"") + d for kind, d in found)
-        return struct.pack("<i", len(found)) + b"".join(parts)
+        parts = (struct.pack("<i", kind) + (struct.pack("<i", len(d)) if sized else b"") + d for kind, d in definitions)
+        return struct.pack("<i", len(definitions)) + b"".join(parts)
 
     # -- frames
     def _stream(self, now: float) -> None:
@@ -411,8 +411,8 @@ class MotiveFake(timing.Thread):
                 self._see(body, NOWHERE, self._unturned, True)
             else:
                 index = body.id - FIRST_MARKER
-                known = index < len(markers)
-                self._see(body, markers[index] if known else NOWHERE, self._unturned, known)
+                has_place = index < len(markers)
+                self._see(body, markers[index] if has_place else NOWHERE, self._unturned, has_place)
 
     def _see(self, body: StreamedBody, position: Array, turn: Array, visible: bool) -> None:
         """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""
@@ -425,10 +425,10 @@ class MotiveFake(timing.Thread):
 
     def _frame_payload(self, version: Version, changed: bool = False) -> bytes:
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
-        told = [self._body(body) for body in shown]
+        encoded = [self._body(body) for body in shown]
         if version < (3, 0):
-            told = [one[:POSE] + OWN_MARKER + one[POSE:] for one in told]
-        bodies = b"".join(told)
+            encoded = [one[:POSE] + OWN_MARKER + one[POSE:] for one in encoded]
+        bodies = b"".join(encoded)
         sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
         # marker sets, unlabelled markers, rigid bodies, skeletons; then assets, labelled markers, plates, devices
         sections += [(0, b"") for since in ((4, 1), (2, 3), (2, 9), (2, 11)) if version >= since]

@@ -4,10 +4,10 @@ CR, or in CR alone as newer modules have it, whose version is no number either.
 Stricter than the device: lower case and single blanks only; anything else gets the prompt and does nothing.
 
 Faults by name in `faults.extra`:
-- "stuck" (bool): the coil does not follow commands; its read-back tells.
+- "stuck" (bool): the coil does not follow commands, which its read-back shows.
 - "foreign" (str): this is answered to everything.
 - "garbled" (str): this is read back instead of on or off.
-- "welded" (bool): the contact stays as it is although the coil follows; only the vacuum tells.
+- "welded" (bool): the contact stays as it is although the coil follows, which only the vacuum shows.
 """
 
 from __future__ import annotations

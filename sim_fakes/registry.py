@@ -20,7 +20,7 @@ from .pfeiffer import PfeifferFake
 from .pty_fake import PtyFake
 from .smc_itv import SmcItvFake
 from .tmcl import TmclFake
-from .ur.fake import UrFake
+from .ur.process import UrFake
 
 GROUP = "softlab.fakes"
 METRES_PER_TURN = 0.1

@@ -243,7 +243,7 @@ class StepperDrum(Drum):
             self.run()
 
     def process(self, dt: float) -> None:
-        """Advance by dt seconds of rig time; the heartbeat looks at host time."""
+        """Advance by dt seconds of rig time; the heartbeat counts host time."""
         silent = self.silence.now()
         if self.heartbeat and silent > self.heartbeat:
             self.halt()
@@ -390,8 +390,8 @@ class TmclFake(DrumFake):
             drum.halt()
             drum.searching = kind == 0
         else:
-            known = command in (TmclCommand.MVP, TmclCommand.RFS, TmclCommand.VERSION)
-            return TmclStatus.TYPE if known else TmclStatus.COMMAND, value
+            known_command = command in (TmclCommand.MVP, TmclCommand.RFS, TmclCommand.VERSION)
+            return TmclStatus.TYPE if known_command else TmclStatus.COMMAND, value
         return TmclStatus.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:

@@ -26,6 +26,7 @@ MODULES = {
     "model.condition": 1,
     "model.effects.spec": 1,
     "model.robot": 2,
+    "model.rods.solver": 1,
     "recordings.campaign.export": 2,
     "recordings.campaign.info": 1,
     "recordings.campaign.replay": 2,
@@ -55,19 +56,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for step, p in enumerate(PRESSURES, 1):
                 pressures = (p,) * 3 + (0.0,) * (len(robot.chambers.azimuths_deg) - 3)
                 tip = solve(rods_of(robot, conditions(robot, length, pressures)), FINE).tip[0] + 0.2e-3 * rng.normal(size=3)
-                rows.append(
-                    TrialRow(
-                        trial=trial,
-                        step=step,
-                        repeat=repeat,
-                        protocol="bending",
-                        branch="load",
-                        t=60.0 * trial + step,
-                        spine_length=length,
-                        pressures=pressures,
-                        tip=tuple(tip.tolist()),
-                    )  # fmt: skip
-                )
+                at = 60.0 * trial + step
+                rows.append(TrialRow(trial, step, "bending", repeat, "load", at, length, pressures, tip=tuple(tip.tolist())))
     write_csv(Table.of(rows), made / "campaign/trials.csv")
     return made
 

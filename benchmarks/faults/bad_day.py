@@ -45,7 +45,7 @@ INFLATED = 40e3
 ANOTHER = """
 import os, sys
 from lab import cli
-from lab.files.all_drivers import found_drivers
+from lab.files.rig_file import found_drivers
 import encodings.idna, shlex
 import lab.console, lab.failures, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
 import concurrent.futures.thread, getpass, multiprocessing.connection, rich.text, serial

@@ -26,8 +26,7 @@ from lab.verbs.run import execute, job
 from lab.verbs.safe import safe
 from recordings.errors import RecordingError
 from recordings.file.reader import Recording
-from sim_fakes.accidents import ACCIDENTS
-from sim_fakes.faults import FAULTS
+from sim_fakes.faults import ACCIDENTS, FAULTS
 from sim_fakes.rig import FakeRig
 
 TRIALS = 2

@@ -8,6 +8,7 @@ from typing import get_args
 
 import numpy as np
 
+from model.robot import Robot
 from recordings.trials import Table
 
 from ..findings import Finding
@@ -17,8 +18,8 @@ from ..inference.prepare import Prepared
 from ..judgement import PRESENT_FLOORS
 from .attribute import Attribution
 from .distinguishability import visible
-from .result import Attribute, Carries, Data, Ranked, Role
-from .size import sizes, values
+from .result import Attribute, Carries, Data, FittedRobot, Ranked, Role, Value
+from .size import as_fitted, sizes, values
 from .verdict import conclude, rivals
 
 LISTED = 12
@@ -43,34 +44,38 @@ def attribute_section(
     significant: bool,
     heldout: Mapping[Hypothesis, float],
     why: Sequence[Finding],
+    fitted: FittedRobot | None,
     doubtful: bool = False,
 ) -> Attribute:
     """Verdict and ranking; `why` it is not certain, `heldout` is the mm rms of hypotheses on unseen states, `significant`
-    whether the gap is above the noise floor anywhere, `doubtful` whether robot.yaml is so far from the data that no cause is
-    certain."""
+    whether the gap is above the noise floor anywhere, `fitted` the robot with what is named, whose sizes are stated, `doubtful`
+    whether robot.yaml is so far from the data that no cause is certain."""
+    d = f.decision
     listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
     for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
-        size = values(sizes(f.prepared, candidate))
+        size = values(as_fitted(sizes(f.prepared, candidate), fitted if named == d.effects else None))
+        if d.verdict == "effect":
+            probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else probability
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
-    d = f.decision
     return Attribute(
         d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, doubtful or bool(f.tense or why)), rivals(d, f.posterior), d.relatives, d.second,
+        conclude(d, significant, f.asking, doubtful or bool(why)), rivals(d, f.posterior), d.relatives, d.second,
         tuple(map(str, why)),
     )  # fmt: skip
 
 
-def beside(a: Attribute, certain: str) -> Attribute:
-    """The section where an effect is part of every hypothesis, because none without it comes near the data; what is unknown is
-    so beside it."""
+def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
+    """The section where an effect that the robot has is part of every hypothesis, because none without it comes near the data;
+    what is unknown is so beside it."""
+    size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.effects[certain].items()}
     return replace(
         a,
         verdict="effect",
         effects=(certain, *a.effects),
         conclusion="cause" if a.conclusion in ("none", "noise") else a.conclusion,
-        ranking=tuple(replace(r, effects=(certain, *r.effects)) for r in a.ranking),
+        ranking=tuple(replace(r, effects=(certain, *r.effects), parameters={**size, **r.parameters}) for r in a.ranking),
         credible_set=tuple((certain, *named) for named in a.credible_set),
     )
 
@@ -81,10 +86,12 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
     linear = c.linear(f.prepared.problem)
     reduced = linear.reduced(c.grid_point.size, c.grid_point.form_error)
     seen = visible(reduced, p, c.grid_point.spike, linear.effect_size)
+    # the model itself is no better than the unit of its discrepancy
+    least = PRESENT_FLOORS * max(f.prepared.noise_floor, float(np.sqrt(3)) * f.prepared.unit)
     out = []
     for effect in p.ids:
         low, middle, high = (1e3 * x for x in f.budget.interval(effect, 0.025, 0.5, 0.975))
         role: Role = "named" if effect in f.decision.effects else "present" if effect in seen else "unseen"
-        if role != "present" or middle > PRESENT_FLOORS * 1e3 * f.prepared.noise_floor:
+        if role != "present" or middle > 1e3 * least:
             out.append(Carries(effect, role, middle, low, high))
     return tuple(sorted(out, key=lambda x: (get_args(Role).index(x.role), -x.mm)))

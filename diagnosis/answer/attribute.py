@@ -16,19 +16,20 @@ from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, Part, budget, by_what_is_carried, parts
+from ..inference.budget import Budget, BudgetPart, budget, by_what_is_carried, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import Posterior, posterior, with_unknown
+from ..inference.posterior import EffectPosterior, posterior, with_unknown
 from ..inference.prepare import Prepared
 from ..inference.problem import Problem
 from ..inference.search import Search
 from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
-from .verdict import Decision, decide
+from .size import sizes
+from .verdict import Decision, decide, without_nothing
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Attribution:
     """What was found: probabilities of all hypotheses, the fits that stand for them, and how far to trust them."""
 
     prepared: Prepared
-    posterior: Posterior
+    posterior: EffectPosterior
     none: Candidate
     best: Candidate
     """Stands for what is named: the hypothesis of just that, or the most probable that holds it."""
@@ -55,12 +56,15 @@ class Attribution:
         """Stages that ask for an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
-    @property
-    def tense(self) -> Mapping[int, float]:
-        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`); those of the calibrated
-        model too where that leaves nothing above the noise floor."""
+    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[int, float]:
+        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`), as in the robot `fitted`
+        with what is named, which must ask for them too; those of the calibrated model as well where that leaves nothing above the
+        noise floor."""
         p = self.prepared.problem.parameters
         own = p.tense(self.best.fit.theta)
+        if fitted is not None:
+            alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
+            own = {i: value for i, value in alone.items() if i in own}
         return {**p.tense(self.calibrated.theta), **own} if self._calibration_suffices else own
 
     @property
@@ -78,13 +82,13 @@ class Attribution:
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeighedCauses:
     """Hypotheses of the catalogue, ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see
     `inference.budget`), which is the answer once something outside the catalogue is weighed too."""
 
     search: Search
-    whole: Posterior
-    known: Posterior
+    whole: EffectPosterior
+    known: EffectPosterior
     budget: Budget
     leading: Candidate
     """The first of `whole`, with all derivatives."""
@@ -92,21 +96,21 @@ class Weighed:
     """The first of `known`, with all derivatives."""
 
 
-def weighed(problem: Problem, where: Sequence[Part], executor: Executor) -> Weighed:
+def weighed(problem: Problem, where: Sequence[BudgetPart], executor: Executor) -> WeighedCauses:
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
     search = Search(problem, executor=executor)
     whole = posterior(search.run(), len(problem.parameters.ids))
     carried = budget(problem, where, search.tried)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
-    return Weighed(search, whole, known, carried, leading, best)
+    return WeighedCauses(search, whole, known, carried, leading, best)
 
 
 @dataclass(frozen=True)
 class Begun:
     """What leads in one campaign, while relatives of it are fitted beside this process."""
 
-    weighed: Weighed
+    weighed: WeighedCauses
     calibrated: Fit
     """The baseline: area factor and tolerances fitted, no effect."""
     relatives: Callable[[], list[tuple[Related, ...]]]
@@ -136,6 +140,8 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
     odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
     ranked = with_unknown(w.known, found[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
+    lowest = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
+    decision = without_nothing(decision, sizes(p, best), lowest, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -177,7 +183,7 @@ def calibrated(p: Prepared) -> Fit:
 
 
 def _distinguishability(
-    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: Posterior, best: Candidate
+    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: EffectPosterior, best: Candidate
 ) -> Distinguishability:
     """Separations of all single effects: at the fitted size where an effect is probable, else at its plausible scale."""
     parameters = p.problem.parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,13 @@ from scipy.special import ndtr
 
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
+from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 
 from ..arrays import Array
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
-from ..inference.prepare import AREA, MODULUS, table_columns
+from ..inference.prepare import AREA, MODULUS, possible, table_columns
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, Simulator
@@ -29,8 +31,9 @@ ALIKE_RATIO, ALIKE_ROUNDS, ALIKE_LOST = 1.1, 8, 0.05
 equilibrium."""
 
 
-def calibration(f: Attribution) -> Calibration | None:
-    """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's."""
+def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Calibration | None:
+    """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's, or of the robot `fitted`
+    with what is named: EFFECT.PARAMETER -> value."""
     p = f.prepared
     if p.pushes_only or AREA not in p.problem.parameters.names:
         return None
@@ -39,11 +42,11 @@ def calibration(f: Attribution) -> Calibration | None:
     robot, states = p.described or (p.robot, p.states)
     own = ~p.states.pushed
     given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
-    theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True))
+    theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True)) if fitted is None else fitted
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
     area = p.problem.parameters.infos[p.problem.parameters.names.index(AREA)]
     at_bound = min(abs(theta[AREA] - area.low), abs(theta[AREA] - area.high)) < AT_BOUND
-    found = Calibration(p.area_factor(f.calibrated.theta), given, modulus, at_bound=at_bound)
+    found = Calibration(float(p.forward.area_factor[0]) * (1 + theta[AREA]), given, modulus, at_bound=at_bound)
     # stiffness trials measure the modulus
     known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     of = origins(robot, found.stiffness if known else found.stiffness / modulus, known)
@@ -59,7 +62,8 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     table = table_columns(states)
     design = design_from_columns(robot, table, ("x", "y", "z"))
     forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
-    infos, names = forward.parameters, [i.name for i in forward.parameters]
+    infos = possible(forward, robot)
+    names = [i.name for i in infos]
     observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
     most = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     found = []
@@ -67,7 +71,7 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
         if f"{id}.{name}" not in names:
             continue
         k = names.index(f"{id}.{name}")
-        theta, left = _alone(forward, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
+        theta, left = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
         if left <= most and infos[k].low < theta[k] < infos[k].high:
             found.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * left))
     return tuple(sorted(found, key=lambda a: a.left_mm))
@@ -80,9 +84,11 @@ def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
     return tuple(effect for effect in near if effect not in f.decision.effects)
 
 
-def _alone(forward: ForwardModel, observed: Array, free: list[int], noise: float) -> tuple[Array, float]:
+def _alone(
+    forward: ForwardModel, infos: Sequence[ParameterInfo], observed: Array, free: list[int], noise: float
+) -> tuple[Array, float]:
     """Least-squares parameters (k,) by those in `free`, the first without a prior, and the rms tip distance (m) left."""
-    infos, sd = forward.parameters, np.array([forward.parameters[k].sd for k in free])
+    sd = np.array([infos[k].sd for k in free])
     low, high = ([getattr(infos[k], side) for k in free] for side in ("low", "high"))
     theta, sd[0] = np.zeros(len(infos)), np.inf
     for _ in range(ALIKE_ROUNDS):

@@ -15,21 +15,25 @@ import numpy as np
 from ..arrays import Array
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .calibration import simulator
 from .holdout import Holdout
+from .result import FittedRobot
 from .shrink import HeldOutErrors, rms
-from .size import sizes
+from .size import as_fitted, by_actuator, sizes, values
 
 
-def detail(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]) -> dict[str, Any]:
-    """The section; `unseen` errors of states that the fits did not see, `names` effect -> plain name."""
+def detail(
+    f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
+) -> dict[str, Any]:
+    """The section; `fitted` the robot with what is named, `unseen` errors of states that the fits did not see, `names` effect ->
+    plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
-    found = sizes(p, f.best)
+    found = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
     made: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),
@@ -44,6 +48,8 @@ def detail(f: Attribution, unseen: HeldOutErrors | None, holdout: Holdout | None
     }
     if (own := simulator(f)) is not None:
         made["baseline"] = asdict(own)
+    each = [by_actuator(p.robot, p.forward.catalogue[e], values(found)) for e in f.decision.effects if e in p.forward.catalogue]
+    made["by_actuator"] = [asdict(e) for e in each if e is not None]
     if p.pushes is not None:
         made["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
     if holdout is not None:
@@ -151,7 +157,7 @@ def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
     return {"one": _absorbed(parameters, slope, area), "per_length": _absorbed(parameters, slope, per_length)}
 
 
-def _absorbed(parameters: Parameters, slope: Array, calibration: Array) -> dict[str, float]:
+def _absorbed(parameters: FitParameters, slope: Array, calibration: Array) -> dict[str, float]:
     """Share 1 - |e - P e|^2 / |e|^2 of each effect; 1 for an effect that moves no tip.
 
     e is the effect's displacement of the tips at its plausible scale, P the projection onto the columns of `calibration` (n, c);

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Array, Mask
 from ..inference.linear import Reduced
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from ..judgement import TIED
 
 
@@ -37,12 +37,12 @@ class Distinguishability:
 
 
 def distinguishability(
-    reduced: Reduced, p: Parameters, size: Array, spike: float, effect_size: Array | None
+    reduced: Reduced, p: FitParameters, size: Array, spike: float, effect_size: Array | None
 ) -> Distinguishability:
     """Separations of all effects, each with its parameters at `size` (k,) in units of the scale.
 
     `reduced` has the discrepancy integrated out; the other effects are free within `spike` of their scale, their shape
-    parameters as `effect_size` (k,) allows (see `Parameters.prior`).
+    parameters as `effect_size` (k,) allows (see `FitParameters.prior`).
     """
     out = np.diag([_separation(reduced, p, one, None, size, spike, effect_size)[0] for one in p.ids])
     for i, one in enumerate(p.ids):
@@ -51,14 +51,14 @@ def distinguishability(
     return Distinguishability(p.ids, out)
 
 
-def visible(reduced: Reduced, p: Parameters, spike: float, effect_size: Array | None) -> tuple[str, ...]:
+def visible(reduced: Reduced, p: FitParameters, spike: float, effect_size: Array | None) -> tuple[str, ...]:
     """The effects that would be seen at their plausible size."""
     size = np.where(p.sizes, 1.0, 0.0)
     return tuple(e for e in p.ids if _separation(reduced, p, e, None, size, spike, effect_size)[0] >= TIED)
 
 
 def _separation(
-    reduced: Reduced, p: Parameters, one: str, other: str | None, size: Array, spike: float, effect_size: Array | None
+    reduced: Reduced, p: FitParameters, one: str, other: str | None, size: Array, spike: float, effect_size: Array | None
 ) -> tuple[float, float]:
     """T of one effect against the other (None: against no effect), and of the other against the one."""
     mask = p.mask((one,) if other is None else (one, other))

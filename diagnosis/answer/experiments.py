@@ -24,11 +24,11 @@ from model.robot import Robot
 from ..arrays import Array
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.posterior import Posterior
+from ..inference.posterior import EffectPosterior
 from ..inference.prepare import Prepared
 from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
-from .rivals import Prediction, Rivals
+from .rivals import RivalForecast, Rivals
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -40,7 +40,7 @@ TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True)
-class Experiment:
+class CandidateExperiment:
     """One thing to do."""
 
     id: str
@@ -60,7 +60,7 @@ class Experiment:
 
 
 # ------------------------------------------------------------------ the menu
-def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
+def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment]:
     """Experiments that the campaign does not hold yet."""
     bent = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
@@ -72,10 +72,10 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Experiment]:
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
-    offered: list[Experiment] = []
+    offered: list[CandidateExperiment] = []
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
-        offered.append(Experiment(id, do, {**base, **changed}, hands, channels))
+        offered.append(CandidateExperiment(id, do, {**base, **changed}, hands, channels))
 
     low, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
     offer("unload", "read the unload branch too", unload=True)
@@ -144,7 +144,7 @@ def _inflated(s: Campaign) -> list[int]:
 
 
 # ------------------------------------------------------------------ its states
-class _State(NamedTuple):
+class _PlannedState(NamedTuple):
     repeat: int
     vacuum: float
     spine_length: float
@@ -158,7 +158,7 @@ def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
     return itertools.product(range(1, p["repeats"] + 1), p["vacuums"], p["spine_lengths"])
 
 
-def _states(p: Mapping[str, Any]) -> Iterator[_State]:
+def _states(p: Mapping[str, Any]) -> Iterator[_PlannedState]:
     """The states in the order in which the protocol visits them."""
     up = [(x, "load") for x in [0.0, *p["pressures"]]]
     down = [(x, "unload") for x in [*p["pressures"][-2::-1], 0.0]] if p["unload"] else []
@@ -169,7 +169,7 @@ def _states(p: Mapping[str, Any]) -> Iterator[_State]:
         for pressure, branch in up + down:
             climb, before, waited = abs(pressure - before) / p["rate"], pressure, 0.0
             for hold in holds:
-                yield _State(*sweep, pressure, branch, hold, climb + max(hold - waited, 0.0) + 1.0)
+                yield _PlannedState(*sweep, pressure, branch, hold, climb + max(hold - waited, 0.0) + 1.0)
                 climb, waited = 0.0, hold
 
 
@@ -177,7 +177,7 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
     states = list(_states(p))
     n = len(states)
-    of = {name: np.array([getattr(s, name) for s in states]) for name in _State._fields}
+    of = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
     out: Columns = {
         "trial": np.array([trial[s[:3]] for s in states]),
@@ -215,7 +215,7 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
 
 
 # ------------------------------------------------------------------ which of them
-def propose(p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
+def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign; none after stiffness trials alone.
 
     Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time;
@@ -234,7 +234,7 @@ def propose(p: Prepared, rivals: Rivals, weighed: Posterior, executor: Executor 
     return tuple(sorted(filter(None, found), key=lambda x: (not x.separates, -worth(x))))
 
 
-def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], e: Experiment) -> Proposal | None:
+def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], e: CandidateExperiment) -> Proposal | None:
     """What an experiment would tell; None where a rival has no equilibrium there."""
     predictions = rivals.predict(planned(p, e.parameters, e.channels))
     if predictions is None:
@@ -253,7 +253,7 @@ def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()
 
 
 def _information(
-    predictions: tuple[Prediction, ...], weight: Array, draws: int = 60, seed: int = 4711
+    predictions: tuple[RivalForecast, ...], weight: Array, draws: int = 60, seed: int = 4711
 ) -> tuple[float, list[tuple[int, int]]]:
     """Mutual information between candidate and outcome in bits, and the pairs (i, j) of candidates that would be told apart.
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
+from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
-from ..judgement import CAUSE_PROBABILITY, TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, LIKELY, TIE_STATED
 from .result import Attribute, Value
+from .size import by_actuator
 from .verdict import stage
 
 MOST_WORDS = 20
+ROOM = MOST_WORDS - 5
+"""Words for what is wrong, besides "most likely" and (p = ..)."""
 UNITS = {
     "rad": (180 / math.pi, "deg"), "rad/m": (180 / math.pi, "deg/m"), "rad/(N m)": (180 / math.pi, "deg/(N m)"),
     "m": (1e3, "mm"), "m/N": (1e3, "mm/N"), "kg": (1e3, "g"), "1": (1.0, ""),
@@ -83,14 +88,16 @@ def headline(
     calibrated: str = "",
     beyond: bool = False,
     alone: bool = False,
+    robot: Robot | None = None,
 ) -> str:
     """The conclusion in at most 20 words, those of the robot's actuators.
 
     `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
     most of it, `calibrated` what it changed, `beyond` whether it reached its limit and `alone` whether one effect in its place
-    leaves no more than what is named does, `closed` the share that what is named
-    closes on unseen states; None where that is unknown.
+    leaves no more than what is named does, `closed` the share that what is named closes on unseen states; None where that is
+    unknown. `robot`: its actuators are named by number.
     """
+    speech = Speech(catalogue, words, robot)
     sure = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
@@ -104,11 +111,13 @@ def headline(
             return _short_enough(f"{by} {sure}.", short)
         if by and a.conclusion == "one of several" and closed is not None and closed <= 0:
             return f"{by}; no effect closes the rest."
-        text = f"{_says_all(a.effects, _sizes(a, a.effects), catalogue, words)} {sure}."
+        text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {sure}."
         if a.conclusion == "one of several" and closed is not None and closed <= 0:
-            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, catalogue, words)} {sure}."
+            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, speech)} {sure}."
+        elif a.conclusion == "one of several" and a.probability < LIKELY:
+            text = _tied(a, speech) or f"possibly {_name_all(a.effects, speech)} {sure}."
         elif a.conclusion == "one of several":
-            text = _tied(a, catalogue, words) or f"most likely {text}"
+            text = _tied(a, speech) or f"most likely {text}"
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         found = stage(a.stage_errors)
@@ -127,25 +136,36 @@ def _short_enough(*texts: str) -> str:
     return next((text for text in texts if len(text.split()) <= MOST_WORDS), texts[-1])
 
 
-def _tied(a: Attribute, catalogue: Mapping[str, EffectSpec], words: Words) -> str:
-    """What is named and the next hypothesis, where that is nearly as probable and both find room; else empty."""
+@dataclass(frozen=True)
+class Speech:
+    """What a sentence takes its words from."""
+
+    catalogue: Mapping[str, EffectSpec]
+    words: Words = Chambers.words
+    robot: Robot | None = None
+
+
+def _tied(a: Attribute, speech: Speech) -> str:
+    """What is named and the next hypothesis, where that is nearly as probable and both find room; else empty. Of what is not
+    likely no size is said."""
     second = max((r for r in a.ranking if r.effects != a.effects), key=lambda r: r.probability, default=None)
     if second is None or second.probability < a.probability - TIE_STATED:
         return ""
     both = (a.effects, second.effects)
-    in_full = (_says_all(effects, _sizes(a, effects), catalogue, words, spread=False) for effects in both)
-    by_name = (_name_all(effects, catalogue, words) for effects in both)
-    for first, other in (in_full, by_name):
+    in_full = (_says_all(effects, _sizes(a, effects), speech, spread=False) for effects in both)
+    by_name = (_name_all(effects, speech) for effects in both)
+    for first, other in (in_full, by_name) if a.probability >= LIKELY else (by_name,):
         text = f"{first} or {other} (p = {a.probability:.2f}, {second.probability:.2f})."
         if len(text.split()) <= MOST_WORDS:
             return text
     return ""
 
 
-def _name_all(effects: Sequence[str], catalogue: Mapping[str, EffectSpec], words: Words) -> str:
+def _name_all(effects: Sequence[str], speech: Speech) -> str:
     if tuple(effects) == UNKNOWN:
         return "a cause outside the catalogue"
-    names = [catalogue[e].name(words) if e in catalogue else e.replace("_", " ") for e in effects]
+    known = speech.catalogue
+    names = [known[e].name(speech.words) if e in known else e.replace("_", " ") for e in effects]
     return " and ".join(names) or "no effect"
 
 
@@ -154,29 +174,27 @@ def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
     return next((r.parameters for r in a.ranking if r.effects == tuple(effects)), {})
 
 
-def _says_all(
-    effects: Sequence[str],
-    sizes: Mapping[str, Value],
-    catalogue: Mapping[str, EffectSpec],
-    words: Words,
-    spread: bool = True,
-) -> str:
-    """What is wrong; with `spread`, sizes have their standard deviation where there is room for it."""
+def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech, spread: bool = True) -> str:
+    """What is wrong, by names alone where sizes find no room; with `spread`, sizes have their standard deviation if that does."""
     if tuple(effects) == UNKNOWN:
         return "the cause is outside the catalogue"
     if not effects:
         return "there is no cause"
     for each in (spread, False):
-        said = [_says(e, catalogue, sizes, words, each) for e in effects]
-        if len(" and ".join(said).split()) <= MOST_WORDS - 5:  # most likely, (p = ..)
-            return " and ".join(said)
-    return f"{said[0]}, and {len(said) - 1} more"
+        said = " and ".join(_says(e, sizes, speech, each) for e in effects)
+        if len(said.split()) <= ROOM:
+            return said
+    names = [_name_all((e,), speech) for e in effects]
+    return next(text for k in (3, 2, 1) if len((text := ", ".join(names[:k])).split()) <= ROOM)
 
 
-def _says(effect: str, catalogue: Mapping[str, EffectSpec], sizes: Mapping[str, Value], words: Words, spread: bool) -> str:
-    spec = catalogue.get(effect)
+def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
+    spec, words = speech.catalogue.get(effect), speech.words
     if spec is None or not spec.says:
         return f"{effect.replace('_', ' ') if spec is None else spec.name(words)} is at work"
+    each = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
+    if each is not None:
+        return each.says(words, spread)
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
     if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
         return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount")

@@ -153,6 +153,19 @@ class Value:
 
 
 @dataclass(frozen=True)
+class FittedRobot:
+    """The robot with what is named and nothing else, as `lab fit --with` writes it: fitted to all states, tolerances included."""
+
+    effects: tuple[str, ...]
+    parameters: Mapping[str, Value]
+    """area_factor, EFFECT.PARAMETER, the tolerances."""
+    left_mm: float
+    """rms of the tip, in-sample."""
+    calibrated_mm: float
+    """The same of the calibrated robot without what is named."""
+
+
+@dataclass(frozen=True)
 class Ranked:
     """One hypothesis."""
 
@@ -332,6 +345,8 @@ class Diagnosis:
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
     """What calibration changed; None in answers of earlier versions."""
+    fitted: FittedRobot | None = None
+    """The robot with what is named; None where nothing is, or another simulator takes the rod's place."""
     headline: str = ""
     """The conclusion in at most 20 plain words; empty in answers of earlier versions."""
 

@@ -31,7 +31,7 @@ from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import bases, settings
 from ..inference.evidence import Hypothesis
-from ..inference.posterior import UNKNOWN, Posterior
+from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
 from ..inference.reading_noise import OFFSET, noise_to_come
 from ..judgement import COMPARED_DISCREPANCY, RIVAL_LEAST_WEIGHT, TOLERATED_SIZES
@@ -45,7 +45,7 @@ MOUNTED = ("tilt", "frame_shift")
 
 
 @dataclass(frozen=True)
-class Prediction:
+class RivalForecast:
     """Values (n,) that one hypothesis predicts, and how surely."""
 
     mean: Array
@@ -91,7 +91,7 @@ class Rivals:
     """(k,) sums to one."""
 
     @classmethod
-    def of(cls, p: Prepared, weighed: Posterior, separation: Distinguishability) -> Rivals:
+    def of(cls, p: Prepared, weighed: EffectPosterior, separation: Distinguishability) -> Rivals:
         """The leading hypotheses, and the rivals of the first that these data cannot tell from it."""
         ranked: list[Hypothesis] = [h for h, _ in weighed.ranking if h != UNKNOWN][:MOST]
         if len(ranked[0]) == 1:
@@ -105,7 +105,7 @@ class Rivals:
         """In words."""
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
-    def predict(self, table: Mapping[str, Any]) -> tuple[Prediction, ...] | None:
+    def predict(self, table: Mapping[str, Any]) -> tuple[RivalForecast, ...] | None:
         """What each predicts for the states of a table's columns (as those of trials.csv); None where one of them has no
         equilibrium, or this robot cannot do what the table says."""
         p = self.prepared
@@ -145,7 +145,7 @@ class Rivals:
                     wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
                     covariance += wrong @ wrong.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            made.append(Prediction(mean, factor, observed.row, observed.channel.astype(np.str_)))
+            made.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
         return tuple(made)
 
     @cached_property

@@ -18,9 +18,9 @@ from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, stated
-from .result import Alike, Calibration, Carries, Conclusion, Locate, Ranked, Shrink, Simulator, Waterfall
+from .result import Alike, Calibration, Carries, Conclusion, FittedRobot, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .size import Size
 from .verdict import Decision, stage
@@ -53,6 +53,8 @@ class Facts:
     names: Mapping[str, str] = field(default_factory=dict)
     """Effect -> plain name."""
     words: Words = Chambers.words
+    fitted: FittedRobot | None = None
+    """The robot with what is named."""
 
 
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
@@ -89,7 +91,7 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
 def statement(f: Facts) -> str:
     """The answer in a few sentences, the verdict first."""
     present = also_present(f.budget, lambda effect: with_id(effect, f.names), _what(f)[1])
-    parts = (_verdict(f), _gap(f), _alike(f), _simulator(f), _moved(f), _closing(f), _absorbed(f), present, _odd(f))
+    parts = (_verdict(f), _gap(f), _alike(f), _simulator(f), _moved(f), _closing(f), _robot(f), _absorbed(f), present, _odd(f))
     return " ".join(filter(None, parts))
 
 
@@ -165,17 +167,18 @@ def _gap(f: Facts) -> str:
     what, digits = _what(f)
     model = "the model" if f.simulator is None else f.simulator.name
     floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
+    # beside a cause, the numbers are those of the robot with it
+    by = "" if f.fitted is not None else _factor(f)
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        by = _factor(f) if f.simulator is None else " and towards the rod"
+        by = " and towards the rod" if f.simulator is not None else by
         return f"Calibrated with one {f.words.area_factor}{by} {model} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
     wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
     vain = f", no less: no {f.words.area_factor} makes up for what is wrong" if wrong else ""
     return (
         f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
-        f"{f.words.area_factor}"
-        f"{_factor(f)} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
+        f"{f.words.area_factor}{by} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
     )
 
 
@@ -279,8 +282,8 @@ def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
     )
 
 
-def beyond_tolerance(p: Parameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
-    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`Parameters.tense`)."""
+def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
+    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     by_stiffness = robot.bending_stiffness is not None
     each = []
     for i, value in moved.items():
@@ -405,6 +408,17 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
         return None
     alone = share_closed(s.before_mm, left[-1], s.floor_mm)
     return None if alone is None or alone >= judgement.EXPLAINS * s.share_closed else max(alone, 0.0)
+
+
+def _robot(f: Facts) -> str:
+    """What the robot with the cause alone leaves, which is the one that other commands use."""
+    if f.fitted is None:
+        return ""
+    command = f"lab fit --with {','.join(f.fitted.effects)}"
+    return (
+        f"The robot with it and nothing else{_factor(f)}, as `{command}` writes it, misses the tip by {f.fitted.left_mm:.2f} mm "
+        f"(in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
+    )
 
 
 def _absorbed(f: Facts) -> str:

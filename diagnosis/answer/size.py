@@ -7,17 +7,21 @@ integrated out without bounds.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
+from model.actuators import Words
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+
+from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
-from ..judgement import BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
-from .result import Value
-
-PAYLOAD = "tip_payload.mass"
+from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
+from .result import FittedRobot, Value
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,11 @@ class Size:
     """size or shape."""
 
     @property
+    def effect(self) -> str:
+        """The effect it is a parameter of."""
+        return self.name.partition(".")[0]
+
+    @property
     def certain(self) -> bool:
         """Whether it differs from zero by more than its error."""
         return self.determined and abs(self.mean) > SIZE_CERTAIN_SD * self.sd
@@ -64,16 +73,69 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     return tuple(_size(p, i, *own) for i, *own in found if parameters.effects[i] in c.named)
 
 
+def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size, ...]:
+    """The same sizes with the values of the robot that was fitted with the effects, and the larger standard deviation."""
+    return found if robot is None else tuple(_at(s, robot.parameters[s.name]) for s in found)
+
+
+def _at(s: Size, v: Value) -> Size:
+    sd = max(s.sd, v.sd)
+    low90, high90 = (float(np.clip(cut_quantile(v.value, sd, s.low, s.high, q), s.low, s.high)) for q in (0.05, 0.95))
+    return replace(s, median=v.value, mean=v.value, sd=sd, low90=low90, high90=high90, determined=s.determined and v.determined)
+
+
 def values(found: tuple[Size, ...]) -> dict[str, Value]:
     """The same as parameter name -> median with its standard deviation."""
     return {s.name: Value(s.median, s.sd, s.unit, s.determined) for s in found}
 
 
+@dataclass(frozen=True)
+class ByActuator:
+    """What an effect makes of each actuator."""
+
+    effect: str
+    factor: tuple[float, ...]
+    """On what each does."""
+    spread: float
+    """Relative standard deviation of their differences."""
+
+    def says(self, words: Words, spread: bool = True) -> str:
+        """Which one differs from the others, or the two that differ most, by number and in percent."""
+        factor = np.array(self.factor)
+        others = (factor.sum() - factor) / (len(factor) - 1)
+        away = factor / others - 1
+        odd = int(np.argmax(np.abs(away)))
+        alike = np.ptp(np.delete(factor, odd)) < ALIKE_SHARE * abs(factor[odd] - others[odd])
+        odd, of, by = (odd, "the others", away[odd]) if alike else _extremes(factor, words)
+        sd = 100 * abs(by) * self.spread
+        amount = f"{100 * abs(by):.0f}{f' ± {sd:.0f}' if spread and sd >= 0.5 else ''} %"
+        return f"{words.actuator} {odd + 1} {words.pushes} {amount} {'more' if by > 0 else 'less'} than {of}"
+
+
+def _extremes(factor: Array, words: Words) -> tuple[int, str, float]:
+    """The weakest actuator, the strongest, and by what share the first differs from that."""
+    weak, strong = int(factor.argmin()), int(factor.argmax())
+    return weak, f"{words.actuator} {strong + 1}", float(factor[weak] / factor[strong] - 1)
+
+
+def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value]) -> ByActuator | None:
+    """What an effect of these sizes (EFFECT.PARAMETER -> value) makes of each actuator; None where it is more than a factor on
+    each."""
+    known = {p.name: v for p in spec.parameters if (v := sizes.get(f"{spec.id}.{p.name}")) is not None}
+    if spec.each is None or not known or len(robot.actuators.azimuths_deg) < 2:
+        return None
+    values = {p.name: np.array(known[p.name].value if p.name in known else 0.0) for p in spec.parameters}
+    own = [known[p.name] for p in spec.parameters if p.role == "size" and p.name in known]
+    size = float(np.hypot.reduce([s.value for s in own]))
+    if not size:
+        return None
+    spread = float(np.hypot.reduce([s.value * s.sd for s in own])) / size**2
+    return ByActuator(spec.id, tuple(spec.each(robot, values).ravel().tolist()), spread)
+
+
 def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
     parameters = p.problem.parameters
     low, high = float(parameters.lower[i]), float(parameters.upper[i])
-    if parameters.names[i] == PAYLOAD:  # no more is taken off the tip than hangs there
-        low = max(low, -float(p.forward.design.tip_mass[p.states.main].min()))
     low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
     return Size(
         parameters.names[i], parameters.infos[i].unit, median, mean, sd, low, high, low90, high90, seen, parameters.infos[i].role

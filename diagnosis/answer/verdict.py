@@ -11,8 +11,9 @@ too little data   the table lacks what it takes to name a cause
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from .. import judgement
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.evidence import NONE
-from ..inference.posterior import UNKNOWN, Posterior
-from .result import Conclusion, Shrink, Verdict
+from ..inference.posterior import UNKNOWN, EffectPosterior
+from .result import Carries, Conclusion, FittedRobot, Shrink, Verdict
+from .shrink import share_closed
 from .size import Size
 
 
@@ -50,7 +52,7 @@ class Decision:
         return self.probability / (1 - self.outside)
 
 
-def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
+def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
     """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
 
     `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
@@ -67,7 +69,18 @@ def decide(posterior: Posterior, enough: bool, nothing_stands_out: float = 0.0) 
     return Decision("effect", named, probability, outside)
 
 
-def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
+def without_nothing(d: Decision, known: Sequence[Size], lowest: Mapping[str, float], none: float) -> Decision:
+    """The decision without effects whose size is zero within its error and which may carry less than a noise floor; none, of
+    probability `none` so far, where no other is named. `lowest`: noise floors that each carries at least, with 97.5 %."""
+    certain = {s.effect for s in known if s.role == "size" and s.certain} | ({*d.effects} - {s.effect for s in known})
+    named = tuple(e for e in d.effects if e in certain or lowest[e] > judgement.LEAST_NAMED_FLOORS)
+    if named == d.effects:
+        return d
+    nothing = min(d.probability + none, 1 - d.outside)
+    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
+
+
+def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
     if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
         return ()
@@ -76,20 +89,42 @@ def rivals(d: Decision, posterior: Posterior) -> tuple[str, ...]:
 
 
 def doubts(
-    sizes: Sequence[Size], effects: Mapping[str, str], unseen: Shrink | None, alone: Sequence[str] = ()
+    effects: Mapping[str, str],
+    sizes: Sequence[Size],
+    budget: Sequence[Carries],
+    unseen: Shrink | None,
+    fitted: FittedRobot | None,
+    floor_mm: float,
+    alone: Sequence[str] = (),
+    by_law: Sequence[str] = (),
 ) -> Iterator[Finding]:
-    """Why effects (id -> name) of these sizes are no certain cause, with what they leave of the gap on unseen states; `alone`:
-    names of effects that do as well without any calibration."""
+    """Why effects (id -> name) are no certain cause: their sizes, what they carry, what they leave on unseen states, and what the
+    robot with them alone does. `alone`: names of effects that do as well without any calibration; `by_law`: of those that would
+    be named in their place if laws were more or less wrong."""
+    low = {c.effect: c.low95_mm for c in budget}
     for effect, name in effects.items():
-        own = [s for s in sizes if s.name.partition(".")[0] == effect and s.role == "size"]
-        if any(s.impossible for s in own):
+        if any(s.impossible for s in sizes if s.effect == effect and s.role == "size"):
             yield finding("cause_impossible", effect=name)
-        elif own and not any(s.certain for s in own):
-            yield finding("cause_within_error", effect=name)
+        elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
+            yield finding("cause_undetermined", effect=name)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
-    floors, share = judgement.LEFT_FLOORS, judgement.LEFT_SHARE
-    if unseen is not None and unseen.after_mm > max(floors * unseen.floor_mm, share * unseen.before_mm):
+    yield from (finding("cause_by_law", effect=name) for name in by_law[:1])
+    if unseen is None:
+        return
+    if unseen.after_mm > max(judgement.LEFT_FLOORS * unseen.floor_mm, judgement.LEFT_SHARE * unseen.before_mm):
         yield finding("gap_remains", mm=unseen.after_mm)
+    by_itself = None if fitted is None else share_closed(fitted.calibrated_mm, fitted.left_mm, floor_mm)
+    promised = unseen.share_closed or 0.0
+    if fitted is not None and by_itself is not None and by_itself < judgement.EXPLAINS * promised:
+        yield finding("fit_not_reached", effect=" and ".join(effects.values()), mm=fitted.left_mm, promised_mm=unseen.after_mm)
+
+
+def doubted(d: Decision, why: Sequence[Finding], as_good: int) -> Decision:
+    """The decision with a probability that leaves room for its doubts: it is shared with the effects that do `as_good`, and never
+    more than `DOUBTED_PROBABILITY`. What is taken off goes to causes outside the catalogue and mistakes in the description."""
+    most = judgement.DOUBTED_PROBABILITY if why else 1.0
+    probability = min(d.probability / (1 + as_good), most)
+    return replace(d, probability=probability, outside=d.outside + d.probability - probability)
 
 
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:

@@ -16,7 +16,7 @@ from scipy.special import chdtrc, logsumexp
 from ..arrays import Ints
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN
-from ..inference.problem import Parameters, Problem
+from ..inference.problem import FitParameters, Problem
 from ..judgement import PREDICTIVE_DISCREPANCY, TENSE_SD
 from .gaussian import Gaussian
 
@@ -86,7 +86,7 @@ def _law_error_gain(c: Candidate) -> float:
     return float(by_share[-1] - by_share[0])
 
 
-def _prior_tension(g: Gaussian, p: Parameters, named: tuple[str, ...]) -> tuple[float, str, float]:
+def _prior_tension(g: Gaussian, p: FitParameters, named: tuple[str, ...]) -> tuple[float, str, float]:
     """Prior tension of all but the calibration and the trials' own parameters, the furthest parameter, the outlying spine."""
     order = np.argsort(~p.of_effect, kind="stable")  # of the columns: effects first
     effects, tested = p.of_effect[order], ~(p.calibration | p.recurs)[order]

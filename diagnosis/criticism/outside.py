@@ -33,8 +33,8 @@ from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.linear import Linear
 from ..inference.posterior import log_weight
-from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters
-from ..inference.problem import MaskedForward, Parameters, linearise
+from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
+from ..inference.problem import FitParameters, MaskedForward, linearise
 from .relatives import RELATIVES
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
@@ -112,10 +112,10 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
     known = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
-    infos = parameters(forward.parameters).infos
+    infos = parameters(possible(forward, p.robot)).infos
     at = {name: i for i, name in enumerate(known.names)}
     old = np.array([at.get(i.name, -1) for i in infos])
-    own = Parameters(
+    own = FitParameters(
         infos,
         np.where(old < 0, [i.sd for i in infos], known.sd[old]),
         tuple(judgement.LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in old.tolist()),
@@ -137,7 +137,7 @@ class _Relatives:
 
     infos: tuple[ParameterInfo, ...]
     least: tuple[float, ...]
-    """As `Parameters.least`."""
+    """As `FitParameters.least`."""
     white: Array
     """(n, r) whitened, by one prior standard deviation of each."""
 
@@ -145,7 +145,7 @@ class _Relatives:
     def ids(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(i.source for i, column in zip(self.infos, self.white.T, strict=True) if column.any()))
 
-    def beside(self, linear: Linear, p: Parameters) -> tuple[Linear, Parameters]:
+    def beside(self, linear: Linear, p: FitParameters) -> tuple[Linear, FitParameters]:
         """A linear problem and its parameters with the relatives as further effects."""
         sd = np.array([i.sd for i in self.infos])
         size = None if linear.effect_size is None else np.append(linear.effect_size, np.zeros(len(sd)))

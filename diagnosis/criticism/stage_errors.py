@@ -31,7 +31,7 @@ from model.effects.spec import Stage
 
 from ..arrays import Array
 from ..inference.discrepancy import eigenfunctions, settings
-from ..inference.problem import Parameters
+from ..inference.problem import FitParameters
 from ..judgement import CORRELATION_TIME, STAGE_ERROR_SIZES
 from .gaussian import Gaussian
 
@@ -64,7 +64,7 @@ WANDER = ("measurement", "time")
 
 
 def stage_errors(
-    g: Gaussian, parameters: Parameters, stages: Mapping[str, Stage], functions: Mapping[Dependence, Array]
+    g: Gaussian, parameters: FitParameters, stages: Mapping[str, Stage], functions: Mapping[Dependence, Array]
 ) -> tuple[StageError, ...]:
     """All stages with all dependences, largest gain first.
 

@@ -78,14 +78,19 @@ class NoiseComponents:
 
 def reading_rms(data: Repeated, channels: Mask) -> float:
     """Root mean square distance of a single reading from the average of its condition, over the channels marked (c,), summed in
-    squares: the noise floor of the tip when these are x, y, z. NaN when nothing was repeated."""
+    squares: the noise floor of the tip when these are x, y, z. What drifts is no part of it, unless there are too few differences
+    to tell. NaN when nothing was repeated."""
     contrast = contrasts(data.condition)
     if not len(contrast):
         return float("nan")
     apart = contrast @ data.residual[:, channels]
     drift = np.einsum("kn,ncd->kcd", contrast, data.drift[:, channels]).reshape(apart.size, -1)
-    regular = drift @ np.linalg.lstsq(drift, apart.ravel(), rcond=None)[0]
-    return float(np.sqrt(((apart - regular.reshape(apart.shape)) ** 2).sum(axis=1).mean()))
+    drift /= np.maximum(np.linalg.norm(drift, axis=0), 1e-300)
+    regular, _, rank, _ = np.linalg.lstsq(drift, apart.ravel(), rcond=1e-9)
+    if rank > apart.size / 2:
+        regular, rank = 0.0 * regular, 0
+    left = apart.ravel() - drift @ regular
+    return float(np.sqrt(apart.shape[1] * (left @ left) / (apart.size - rank)))
 
 
 def contrasts(condition: Ints) -> Array:

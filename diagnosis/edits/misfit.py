@@ -64,7 +64,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Sample:
-    """The states that are compared, and the robot as described, with one area factor."""
+    """The states that are compared, and the robot as described, with one area factor if that is nearer."""
 
     robot: Robot
     table: Table
@@ -80,9 +80,12 @@ class Sample:
         each = MOST // len(used)
         rows = [own[spread_over(len(own), each)] for c in used for own in [np.flatnonzero(condition == c)]]
         kept = np.sort(np.concatenate(rows))
+        sample = cls(robot, states.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
+        if not isinstance(robot.area_factor, dict):
+            return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        seen = np.unique(condition[kept], return_inverse=True)[1]
-        return cls(robot.with_area_factor(area), states.trials.take(kept), seen)
+        one = replace(sample, robot=robot.with_area_factor(area))
+        return min((sample, one), key=lambda s: s.rms(s.fitted((), [np.zeros(len(CALIBRATION))], 2).missed))
 
     def edited(self, edits: Sequence[Edit], theta: Array, own: Sequence[Array]) -> Edited:
         """Robot and table with calibration and edits."""

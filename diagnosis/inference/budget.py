@@ -28,7 +28,7 @@ from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .fit import Fit
-from .posterior import Posterior, shares
+from .posterior import EffectPosterior, shares
 from .prepare import Prepared
 from .problem import Problem
 
@@ -90,7 +90,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Part:
+class BudgetPart:
     """Values in which it is looked for what effects carry: tips, or the forces of stiffness trials."""
 
     rows: Ints
@@ -101,20 +101,20 @@ class Part:
     states: int
 
 
-def parts(prepared: Prepared) -> tuple[Part, ...]:
+def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
     """The tips of a campaign, and the forces of its stiffness trials."""
     labels, found = prepared.labels, []
     tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
     if tips.size:
-        found.append(Part(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
+        found.append(BudgetPart(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
     if pushes.size and prepared.pushes is not None:
         stiffness = prepared.pushes.stiffness[labels.state[pushes]]
         count = len(np.unique(labels.state[pushes]))
-        found.append(Part(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
+        found.append(BudgetPart(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
     return tuple(found)
 
 
-def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, columns: Array) -> list[Array]:
+def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Array, columns: Array) -> list[Array]:
     """d - N (N^T N)^-1 N^T d (r, c) in m, for tips and for forces: d columns (n, c), N those of calibration in `slope` (n, k)."""
     return [
         problem.parameters.beyond_calibration(columns[part.rows] * unit, slope[part.rows] * unit)
@@ -123,7 +123,7 @@ def after_calibration(problem: Problem, where: Sequence[Part], slope: Array, col
     ]
 
 
-def budget(problem: Problem, where: Sequence[Part], candidates: Sequence[Candidate]) -> Budget:
+def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate]) -> Budget:
     """Draw from candidates of the catalogue, without and with tolerances each by itself."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
@@ -159,7 +159,7 @@ def _drawn(weighed: Weighed, standard: Array) -> Array:
     return np.asarray(weighed.mean + standard @ factor.T * sd)
 
 
-def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
+def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
     """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
     total: dict[Hypothesis, float] = {}
@@ -173,7 +173,7 @@ def by_what_is_carried(b: Budget, known: Posterior) -> Posterior:
         if h not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
             fitting = [k for k, _ in known.ranking if set(h) <= set(k)] or [known.ranking[0][0]]
             candidates[h] = known.candidates[fitting[0]]
-    return Posterior(tuple(sorted(total.items(), key=lambda entry: -entry[1])), candidates)
+    return EffectPosterior(tuple(sorted(total.items(), key=lambda entry: -entry[1])), candidates)
 
 
 def _answer(b: Budget) -> Hypothesis:
@@ -213,7 +213,7 @@ def _names(floors: Array, size: Array, own: Mask) -> Mask:
 class _Carrying:
     """c_e of all effects of one problem, with d_e linear in the effect's parameters about a fit."""
 
-    def __init__(self, problem: Problem, where: Sequence[Part]) -> None:
+    def __init__(self, problem: Problem, where: Sequence[BudgetPart]) -> None:
         self._problem, self._parts = problem, where
         self._of_fit: dict[int, tuple[Fit, list[dict[str, Array]]]] = {}
 

@@ -12,7 +12,7 @@ from .executor import FirstLook
 from .fit import Fit
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
-from .problem import Parameters, Problem
+from .problem import FitParameters, Problem
 
 AMONG_AT_ONCE, AMONG_AT_STARTS = 35, 42
 """Of `PRACTISED` practice robots, how many had their cause among them: in the linear problem of the calibrated robot, and in
@@ -37,7 +37,7 @@ class Candidate:
     made: Linear | None = None
     """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 
-    def prior(self, p: Parameters) -> SizePrior:
+    def prior(self, p: FitParameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
 

@@ -22,7 +22,7 @@ from ..judgement import (
     TOLERATED_SIZES,
 )
 from .linear import Linear, SizePrior
-from .problem import Parameters
+from .problem import FitParameters
 
 Hypothesis = tuple[str, ...]
 """Ids of the effects that are named; empty for none."""
@@ -99,7 +99,7 @@ class Weighed:
         return GridPoint(float(grid.spikes[i]), float(grid.sizes[j]), float(grid.form_errors[k]))
 
 
-def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hypothesis]) -> list[Weighed]:
+def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence[Hypothesis]) -> list[Weighed]:
     """Log evidence of hypotheses in one linear problem.
 
     A named parameter's prior is a normal cut at its bounds, and a named effect has at least one size of `least_named`; sizes
@@ -135,7 +135,7 @@ def weigh(linear: Linear, grid: Grid, parameters: Parameters, named: Sequence[Hy
     return [Weighed(*own) for own in each]
 
 
-def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: Parameters) -> Array:
+def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: FitParameters) -> Array:
     """log of the share (h,) of a normal (h, p) that lies within the bounds and off the small sizes of what is named, and
     within the bounds and the small sizes of what is tolerated."""
     sd = np.sqrt(np.maximum(variance, 1e-300))

@@ -163,7 +163,7 @@ class _Descent:
         self, problem: Problem, prior: SizePrior, size: float, frozen: Jacobian | None, fresh: Ints,
         least_promise: float, dampings: Sequence[float],
     ) -> None:  # fmt: skip
-        self._p, self._forward, self._misfit = problem.parameters, problem.forward, _Misfit(problem, size)
+        self._p, self._forward, self._misfit = problem.parameters, problem.forward, _FitMisfit(problem, size)
         self._scale, self._mean = problem.parameters.scaled(prior)
         self._frozen, self._fresh, self._least, self._dampings = frozen, fresh, least_promise, dampings
         self._problem = problem
@@ -249,7 +249,7 @@ class _Descent:
         return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
 
-class _Misfit:
+class _FitMisfit:
     """Squared misfits with the discrepancy of one size integrated out."""
 
     def __init__(self, problem: Problem, size: float) -> None:
@@ -291,7 +291,7 @@ class _Local:
     """The linear problem around parameters (k,), in which optima are quick to find."""
 
     def __init__(
-        self, misfit: _Misfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
+        self, misfit: _FitMisfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
     ) -> None:
         self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
         self._misfit, problem = misfit, misfit.problem

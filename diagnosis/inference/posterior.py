@@ -8,14 +8,15 @@ of these: `budget.by_what_is_carried`, then `with_unknown`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import comb, log
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ..arrays import Array
-from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER, TEMPERATURE
+from ..judgement import CREDIBLE_SHARE, LAW_ERRORS, PRIOR_OF_NUMBER, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -24,7 +25,7 @@ UNKNOWN: Hypothesis = ("unknown",)
 
 
 @dataclass(frozen=True)
-class Posterior:
+class EffectPosterior:
     """Probabilities of all hypotheses weighed, most probable first."""
 
     ranking: tuple[tuple[Hypothesis, float], ...]
@@ -76,22 +77,31 @@ def shares(candidates: Sequence[Candidate], effects: int) -> Array:
     return np.asarray(share / share.sum())
 
 
-def posterior(candidates: Sequence[Candidate], effects: int) -> Posterior:
+def leading_by_law(candidates: Iterable[Candidate], effects: int) -> list[Hypothesis]:
+    """The most probable hypothesis that names an effect if laws are wrong by each of the shares `LAW_ERRORS`."""
+    named = {c.named: c for c in candidates if c.named}
+    by_law = {h: logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease for h, c in named.items()}
+    # without an error of laws there is one term for all of them
+    shares = {h: np.broadcast_to(z - log(len(LAW_ERRORS) / len(z)), LAW_ERRORS.shape).tolist() for h, z in by_law.items()}
+    return [max(shares, key=lambda h: log_weight(h, shares[h][k], effects)) for k in range(len(LAW_ERRORS)) if shares]
+
+
+def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:
     """Probabilities within a catalogue of `effects` effects."""
     share = shares(candidates, effects)
     order = np.argsort(-share, kind="stable")
-    return Posterior(
+    return EffectPosterior(
         ranking=tuple((candidates[i].named, float(share[i])) for i in order),
         candidates={c.named: c for c in candidates},
     )
 
 
-def with_unknown(known: Posterior, unknown: Candidate, odds: float) -> Posterior:
+def with_unknown(known: EffectPosterior, unknown: Candidate, odds: float) -> EffectPosterior:
     """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
     probability = odds / (1 + odds)
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))
-    return Posterior(
+    return EffectPosterior(
         ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])),
         candidates={**known.candidates, UNKNOWN: unknown},
     )

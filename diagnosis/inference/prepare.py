@@ -30,12 +30,13 @@ from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_
 from .discrepancy import bases, settings
 from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
-from .problem import Forward, MaskedForward, Parameters, Problem
+from .problem import FitForward, FitParameters, MaskedForward, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
 from .stiffness_trials import StiffnessTrials, stiffness_trials
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of what the modulus may be off."""
+PAYLOAD = "tip_payload.mass"
 TINY = 1e-12
 """m."""
 
@@ -144,7 +145,7 @@ def prepare(
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
     forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects, sized=sized)
-    whole: Forward = on_simulator or forward
+    whole: FitForward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
         whole = forward = ForwardModel(robot, design, area, _effective(forward, slope), sized=sized)
@@ -154,9 +155,9 @@ def prepare(
     if not kept.any():
         raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
     labels = _labels(forward, states, kept)
-    made = parameters(forward.parameters)
+    made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
-    floor, beside_model, repeated = floor_of(
+    floor, beside_model, beside_readings = floor_of(
         states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
@@ -164,7 +165,7 @@ def prepare(
     if pushes is not None and states.pushed.all():
         known = beside_model = pushes.noise_floor
     else:
-        known = max(min(repeated, beside_model), LEAST_NOISE_FLOOR)
+        known = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
@@ -196,10 +197,17 @@ def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
     return table | {"spine_length": states.spine_length} | pressures
 
 
-def parameters(infos: tuple[ParameterInfo, ...]) -> Parameters:
+def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
+    """The forward model's parameters without sizes that cannot be: no more is taken off the tip than hangs there."""
+    stated, tips = robot.stated.get(PAYLOAD), ~forward.design.stiffness
+    hanging = float(forward.design.tip_mass[tips].min(initial=np.inf)) + (stated.value if stated is not None else 0.0)
+    return tuple(replace(i, low=max(i.low, -hanging)) if i.name == PAYLOAD else i for i in forward.parameters)
+
+
+def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     """The forward model's table as the diagnosis sees it."""
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in infos)
-    return Parameters(own, np.array([p.sd for p in own]))
+    return FitParameters(own, np.array([p.sd for p in own]))
 
 
 def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
@@ -211,7 +219,7 @@ def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
 
 
-def least_sizes(made: Parameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
+def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
     """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
     beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
     tips = labels.kind == 0

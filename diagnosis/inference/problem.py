@@ -26,7 +26,7 @@ ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
 
 
-class Forward(Protocol):
+class FitForward(Protocol):
     """What is asked of a model of the measured values."""
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
@@ -36,18 +36,18 @@ class Forward(Protocol):
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
 
-    def near(self, theta: Array) -> Forward:
+    def near(self, theta: Array) -> FitForward:
         """The same model, made quicker close to parameters (k,)."""
 
 
 class MaskedForward:
     """A forward model of those values alone that a mask (n,) keeps."""
 
-    def __init__(self, forward: Forward, kept: Mask) -> None:
+    def __init__(self, forward: FitForward, kept: Mask) -> None:
         self._forward, self._kept = forward, kept
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
-        """Predicted values that are kept, NaN where the rod has no equilibrium; `trial` and `whole` as in `Forward.predict`."""
+        """The predicted values kept, NaN where the rod has no equilibrium; `trial` and `whole` as in `FitForward.predict`."""
         try:
             return self._forward.predict(theta, trial, whole)[self._kept]
         except np.linalg.LinAlgError:
@@ -64,14 +64,14 @@ class MaskedForward:
         return MaskedForward(self._forward.near(theta), self._kept)
 
 
-def linearise(forward: Forward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+def linearise(forward: FitForward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
     """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
     predicted, slope = forward.linearise(theta, columns)
     return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
 
 
 @dataclass(frozen=True)
-class Parameters:
+class FitParameters:
     """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
 
     infos: tuple[ParameterInfo, ...]
@@ -240,8 +240,8 @@ class FormError:
 class Problem:
     """Forward model, data and noise: all that the evidence of a hypothesis needs."""
 
-    forward: Forward
-    parameters: Parameters
+    forward: FitForward
+    parameters: FitParameters
     observed: Array
     """(n,) measured values, in the unit of each channel."""
     noise: Noise

@@ -19,7 +19,7 @@ from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from .labels import Labels
-from .problem import Parameters
+from .problem import FitParameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
 
 TIP = ("x", "y", "z")
@@ -32,6 +32,8 @@ VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
 """States of a trial whose errors are taken to go together at most."""
+USUAL = NoiseComponents(DEFAULT_NOISE, DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
+"""Of cameras and regulators as usual."""
 OFFSET = "pressure_offset.offset"
 """The parameter by which readings change as they do with an error of the pressure."""
 PRESSURE_STEP = 500.0
@@ -104,9 +106,10 @@ def floor_of(
     known: NoiseComponents | None = None,
 ) -> tuple[NoiseComponents, float, float]:
     """Components of the noise of the robot's states, estimated unless `known`, and the rms of a single tip reading (m): beside
-    what the model makes of the states that were read, and as it is; of cameras as usual where nothing was repeated."""
+    what the model makes of the states that were read, and beside any proportion of that and of what was read, so that the
+    model's sizes do not matter; of cameras as usual where nothing was repeated."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
-    default = NoiseComponents(dict(DEFAULT_NOISE), DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
+    default = USUAL
     if not names:
         return default, _usual(default), _usual(default)
     of_robot = labels.kind < 3
@@ -142,10 +145,27 @@ def floor_of(
     trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
     found = known or estimate_noise(data, replace(default, trial=trial))
     tips = np.array([name in TIP for name in names])
-    as_read = replace(data, residual=grid(observed)[complete])
+    explained = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
+    regular = each_channel(np.concatenate(explained, axis=2)[complete])
+    as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
     if not found.contrasts:
         return found, _usual(found), _usual(found)
     return found, reading_rms(data, tips), reading_rms(as_read, tips)
+
+
+def by_readings(states: Campaign) -> Array:
+    """(n, 2 r) what tips of one condition differ by to second order: the pressure of each of r regulators and its square, as
+    shares of the highest."""
+    pressure = with_vented_at_zero(states)
+    read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
+    read = read / max(float(read.max()), 1.0)
+    return np.hstack([read, read**2])
+
+
+def each_channel(columns: Array) -> Array:
+    """(n, c, c m) columns (n, c, m) with a coefficient of their own in each channel."""
+    n, c, m = columns.shape
+    return np.asarray(np.einsum("ncm,cd->ncdm", columns, np.eye(c)).reshape(n, c, c * m))
 
 
 def _usual(floor: NoiseComponents) -> float:
@@ -158,7 +178,7 @@ def resting(states: Campaign) -> Mask:
     return ~(states.trials.get("hold") <= 0)
 
 
-def pressure_response(forward: ForwardModel, states: Campaign, made: Parameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: Campaign, made: FitParameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
     whose values are left out anyway.
 

@@ -290,14 +290,17 @@ class Search:
             return []
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
-    def fitted(self, named: Hypothesis) -> Candidate:
-        """One hypothesis by itself, all other effects absent, searched from each of its starting points to the end."""
-        begun = self._none[False]
+    def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
+        """One hypothesis by itself, all other effects absent, searched to the end from each of its starting points, from `more`
+        (k,) parameters, and from its sizes on either side of zero."""
+        begun, starts = self._none[False], [*more]
         if named:
             (here,) = self._around(begun.fit, [named], False)
+            starts += self._starts.either_side(named, begun.fit)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        last = self._fit(named, False, begun.grid_point.size, begun.fit, LAST_ROUNDS)
-        return max(begun, self._weigh(named, last, False), key=_evidence)
+        points: list[Array | Fit] = [begun.fit, *starts]
+        fits = [self._fit(named, False, begun.grid_point.size, point, LAST_ROUNDS) for point in points]
+        return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""

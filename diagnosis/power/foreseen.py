@@ -15,7 +15,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..answer.experiments import Experiment, candidate_experiments, columns
+from ..answer.experiments import CandidateExperiment, candidate_experiments, columns
 from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare
@@ -30,7 +30,7 @@ Columns = Mapping[str, NDArray[np.generic]]
 class Addition:
     """An experiment more, and what it would bring."""
 
-    experiment: Experiment
+    experiment: CandidateExperiment
     right: float
     """Share of the same causes told right with it."""
     gained: float
@@ -90,7 +90,7 @@ def additions(
     return tuple(sorted(found, key=lambda a: -a.per_hour))
 
 
-def _with(case: Case, e: Experiment, seed: int) -> Case:
+def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
     more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
-from ..inference.budget import Part, after_calibration, parts
+from ..inference.budget import BudgetPart, after_calibration, parts
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from ..inference.linear import Linear
@@ -46,7 +46,7 @@ class Planned:
 
     problem: Problem
     none: Candidate
-    where: tuple[Part, ...]
+    where: tuple[BudgetPart, ...]
     effects: tuple[str, ...]
     """That can be drawn."""
 

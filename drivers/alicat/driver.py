@@ -18,7 +18,7 @@ from ..chambers import PAPER_WIRING, ChamberMap
 from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, StaleReading, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import VENTED, PressureLimits
+from ..pressure_limits import PressureLimits, let_off
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from .settings import WRITTEN, Measure, check_loop, check_source, put_right
@@ -55,7 +55,7 @@ class Config(RegulatorsConfig):
 
 
 UNASKED = 0.2
-"""Host seconds in which a unit in streaming mode sends by itself; it does so every 50 ms unless told otherwise."""
+"""Host seconds in which a unit in streaming mode sends by itself; by default every 50 ms."""
 
 
 def find_units(name: str, line: SerialLine, units: Sequence[AlicatUnit], twice: Callable[[Callable[[], str]], str]) -> list[str]:
@@ -118,8 +118,6 @@ JUMP_ABOVE = 3e3
 BRISK = 0.05
 """Host seconds that a unit has for its answer in the first round of a vent: a sound one takes a few ms, and a silent one
 must not keep the others inflated."""
-VENT_WAIT = 0.5
-"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 class Alicat:
@@ -202,12 +200,12 @@ class Alicat:
         """
         with self._line.lock:
             self._need_open()
-            known = self._wrong()
+            wrong_before = self._wrong()
             frames, arrived = [], []
             for channel in range(self.channels):
                 frames.append(self._polled(channel))
                 arrived.append(timing.now())
-            if max(self._confirmed) > 0 and self._wrong() != known:
+            if max(self._confirmed) > 0 and self._wrong() != wrong_before:
                 self._refuse_wrong()
             if (age := arrived[-1] - arrived[0]) > self.config.max_age:
                 raise StaleReading(
@@ -220,7 +218,7 @@ class Alicat:
             return PressureSample(self._clock.now(), tuple(f.setpoint for f in frames), tuple(f.measured for f in frames))
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited, held valves released; whatever else is on the line gives way.
+        """Set all set-points to zero without rate limit and release held valves; all other exchanges give way.
 
         A brisk round first, so that no silent unit keeps the others waiting; who did not confirm is asked twice again.
         Needs no more than `connect`. Raises `InstrumentError` naming the units that did not confirm zero.
@@ -249,12 +247,7 @@ class Alicat:
         with self._line.lock:
             if not self._line.is_open:
                 return
-            with contextlib.suppress(InstrumentError):
-                self.vent()
-            with contextlib.suppress(InstrumentError):
-                deadline = timing.now() + VENT_WAIT
-                while timing.now() < deadline and any(unit.poll().measured > VENTED for unit in self._units):
-                    timing.sleep(0.02)
+            let_off(self.vent, lambda: [unit.poll().measured for unit in self._units])
             for channel in self._locked:
                 with contextlib.suppress(InstrumentError):
                     self._units[channel].unlock(min(BRISK, self.config.timeout))
@@ -324,8 +317,7 @@ class Alicat:
             raise WrongDevice(self.name, wrong)
 
     def _polled(self, channel: int) -> Readout:
-        """One reading in Pa. The unit of measure is asked first where it may have changed: after a vent, when the set-point is
-        not the confirmed one, when the pressure jumps, when somebody has unlocked the panel."""
+        """One reading in Pa; the unit of measure is asked first where it may have changed."""
         unit = self._units[channel]
         frame = self._twice(unit.poll)
         unlocked = channel in self._locked and LOCKED not in frame.codes

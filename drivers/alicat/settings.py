@@ -14,7 +14,7 @@ from ..errors import WrongDevice
 from .wire import COUNTS, PA, UNITS, AlicatUnit, Variable
 
 KNOWS_FULL_SCALE = (6, 0)
-"""First firmware that answers FPF, and so tells its unit of measure."""
+"""First firmware that answers FPF, and so reports its unit of measure."""
 UNKNOWN = 1e6
 """Pa taken for a unit of measure that is not known: the largest, so that no pressure passes for vented."""
 TRIAL_SHARE = 0.25
@@ -22,7 +22,7 @@ TRIAL_SHARE = 0.25
 
 
 class Measure:
-    """Keeps `unit.pa` true, so that readings are Pa whatever the display shows."""
+    """Keep `unit.pa` true: readings are Pa in any unit of the display."""
 
     def __init__(self, name: str, unit: AlicatUnit, stated: str | None, full_scale: float) -> None:
         """`stated`: the unit of measure in rig.yaml; `full_scale` there, Pa."""
@@ -63,7 +63,7 @@ class Measure:
             )
 
     def check_range(self) -> None:
-        """Compare the range that it told last with rig.yaml. Raises WrongDevice."""
+        """Compare the range reported last with rig.yaml. Raises WrongDevice."""
         if not math.isclose(self._range, self._full_scale, rel_tol=1e-3):
             raise WrongDevice(
                 self._name,
@@ -152,7 +152,7 @@ def put_right(name: str, unit: AlicatUnit, version: tuple[int, int], settings: t
         if (now := setting.value(unit.setting(setting.query))) != setting.needed:
             raise WrongDevice(
                 name,
-                f"unit {unit.letter}: {setting.name} (register {setting.query}) was {found}, is {now or 'not told'} and must "
+                f"unit {unit.letter}: {setting.name} (register {setting.query}) was {found}, is {now or 'not reported'} and must "
                 f"be {setting.needed}, because {setting.why}; set it at its panel",
             )
 
@@ -187,7 +187,7 @@ def check_source(name: str, unit: AlicatUnit, version: tuple[int, int]) -> str:
         source = SOURCE.value(unit.setting(SOURCE.query))
     if source != UNSAVED:
         return (
-            f"unit {unit.letter}: set-point source (register {SOURCE.query}) is {source or 'not told'} and cannot be set to "
+            f"unit {unit.letter}: set-point source (register {SOURCE.query}) is {source or 'not reported'} and cannot be set to "
             f"{UNSAVED}: {SOURCE.why}; choose the unsaved serial source at its panel"
         )
     return ""

@@ -35,7 +35,7 @@ class Variable(IntEnum):
 
 
 COUNTS = 64000
-"""A set-point can be sent as this many parts of the full scale, too; then it is the same pressure whatever the unit."""
+"""A set-point can also be sent as this many parts of the full scale, which is independent of the unit of measure."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
 """Firmware before 8v00 gives the set-point without its sign."""
 LOCKED = "LCK"
@@ -51,7 +51,7 @@ FAULT_CODES = {
     "TOV": "temperature over range; let it cool down",
     "VOV": "volume flow over range; look for a leak or a burst chamber",
 }
-"""Status codes with which the pressure is not what it was told to be. The others (display locked, ...) do no harm."""
+"""Status codes with which the pressure is not controlled. The others (display locked, ...) do no harm."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class AlicatUnit:
         return self._ask("VE").split()[0]
 
     def model_and_serial(self) -> tuple[str, str]:
-        """From the manufacturer's table, lines such as `A M04 Model Number PC-60PSIG-D`; empty when not told."""
+        """From the manufacturer's table, lines such as `A M04 Model Number PC-60PSIG-D`; empty when not reported."""
         with self._line.lock:
             lines = [self._ask("??M*")]
             # M00 to M09

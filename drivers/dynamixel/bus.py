@@ -88,7 +88,7 @@ class _Port(PortHandler):  # type: ignore[misc]
 class Servo(SerialPort):
     """The registers of one servo. `alert` is the hardware-error bit of the last answer."""
 
-    longest_read = 0.005  # the SDK looks at its own time-out in between
+    longest_read = 0.005  # the SDK checks its own time-out in between
 
     def __init__(self, name: str, port: str, baud: int, servo_id: int, timeout: float) -> None:
         """`timeout` (s, host time) bounds each answer beyond its time on the line; an exchange is tried three times."""

@@ -224,11 +224,11 @@ class DynamixelSpine(DrumLengthUnit):
         """Check who answers and bring its settings into the state this driver relies on."""
         model = self._servo.ping()
         if model not in table.MODELS:
-            known = ", ".join(name for name, _ in table.MODELS.values())
+            supported = ", ".join(name for name, _ in table.MODELS.values())
             raise WrongDevice(
                 self.name,
                 f"id {self._config.id} on {self._config.port} is Dynamixel model number {model}, which is not supported; "
-                f"use one of {known}, or correct the id in rig.yaml",
+                f"use one of {supported}, or correct the id in rig.yaml",
             )
         name, self._ampere = table.MODELS[model]
         firmware = self._servo.read(table.FIRMWARE)
@@ -239,7 +239,7 @@ class DynamixelSpine(DrumLengthUnit):
         return Identity("ROBOTIS", name, firmware=str(firmware))
 
     def _end_motion(self) -> None:
-        """Hold, or let go in a mode in which the servo cannot hold."""
+        """Hold, or release the torque in a mode in which the servo cannot hold."""
         if self._servo.read(table.TORQUE):
             if self._servo.read(table.OPERATING_MODE) == table.CURRENT_BASED_POSITION:
                 self._set_goal(self._position(), self._config.max_speed)
@@ -296,10 +296,7 @@ class DynamixelSpine(DrumLengthUnit):
         return counts
 
     def _relax(self) -> int:
-        """Hold where the motor stands and return that (counts).
-
-        While it was held, the servo's trajectory ran on; it starts from the present position only when torque comes on.
-        """
+        """Hold where the motor stands and return that, counts; its trajectory, which ran on, starts anew with the torque."""
         self._servo.write(table.TORQUE, 0)
         counts = self._position()
         self._set_goal(counts, self._config.max_speed)
@@ -366,7 +363,7 @@ class DynamixelSpine(DrumLengthUnit):
         return _ServoState(self._clock.now(), counts, velocity_counts, current * self._ampere)
 
     def _has_restarted(self) -> bool:
-        """Whether the servo has forgotten what it holds in memory only; looked at twice before it is believed."""
+        """Whether the servo has lost its volatile registers; read twice before it is believed."""
         return all(
             self._servo.read(table.WATCHDOG) == 0
             and self._servo.read(table.TORQUE) == 0

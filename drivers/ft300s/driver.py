@@ -66,7 +66,7 @@ class FT300S:
     def __init__(
         self, name: str, config: Config, clock: Clock, sink: Sink[WrenchSample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
-        """`notice` is never called: this sensor has nothing to tell beside its samples."""
+        """`notice` is never called: this sensor reports nothing but its samples."""
         self.name = name
         self.config = config
         self._clock = clock
@@ -164,22 +164,22 @@ class FT300S:
                     f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; "
                     + timing.busy_or("check power and cable, then open the sensor again"),
                 )
-            taken = readings[:samples]
-            if samples > 1 and len(set(taken)) == 1:
+            averaged = readings[:samples]
+            if samples > 1 and len(set(averaged)) == 1:
                 raise DeviceFault(
                     self.name,
                     f"no zero taken: {samples} readings are the same to the last digit, so the sensor stands still; "
                     "power-cycle it, then open it again",
                 )
-            if change := unrest(taken):
+            if change := unrest(averaged):
                 raise NotReady(
                     self.name,
                     f"no zero taken, because the load changed meanwhile: {change}, in {samples * PERIOD:g} s; let the tool "
                     "hang free and still, wait until the sensor has warmed up, then take the zero again",
                 )
-            for reading in taken:
+            for reading in averaged:
                 self._demand_in_range(reading)
-            mean = [sum(axis) / samples for axis in zip(*taken, strict=True)]
+            mean = [sum(axis) / samples for axis in zip(*averaged, strict=True)]
             self._zero = (mean[0], mean[1], mean[2], mean[3], mean[4], mean[5])
             return self._zero
 

@@ -48,21 +48,21 @@ class FrameParser:
     def feed(self, data: bytes) -> list[Vector6]:
         """The wrenches completed by these bytes, oldest first."""
         self._buffer += data
-        found: list[Vector6] = []
+        wrenches: list[Vector6] = []
         while True:
             start = self._buffer.find(HEAD)
             if start < 0:
                 start = max(0, len(self._buffer) - 1)
             self._skip(start)
             if len(self._buffer) < FRAME_BYTES:
-                return found
+                return wrenches
             wrench = decode(self._buffer[:FRAME_BYTES])
             if wrench is None:
                 self._skip(1)
                 continue
             self._buffer = self._buffer[FRAME_BYTES:]
             self._settle()
-            found.append(wrench)
+            wrenches.append(wrench)
 
     def _skip(self, count: int) -> None:
         self._buffer = self._buffer[count:]
@@ -83,7 +83,7 @@ class FrameParser:
 class GapCounter:
     """Counts frames that never came, from the times at which frames arrive (host s); the stream carries no counter.
 
-    A late frame alone tells nothing: adapters and the host hold bytes back and deliver them in bursts. So each frame's
+    A late frame alone proves nothing: adapters and the host hold bytes back and deliver them in bursts. So each frame's
     lateness against a schedule of one frame per `PERIOD` is taken, and the least lateness among `WINDOW` frames is
     judged: bursts bring it back to nothing, missing frames do not. Rounded to whole frames it is what is missing, and
     the schedule is moved by it, so that a sensor clock up to two percent off never adds up to a gap. When a burst
@@ -145,7 +145,7 @@ def _judged(values: Sequence[float], noise: float) -> list[tuple[str, float, flo
     scatter = math.sqrt(sum((x - mean) ** 2 for x in values) / (n - 1))
     allowed = max(2.0, 1 + SCATTER_SIGMAS / math.sqrt(2 * (n - 1)))
     judged = [("scatters by", scatter, allowed * noise)]
-    # From neighbour to neighbour hardly anything but noise changes, whatever the load does meanwhile.
+    # Neighbouring readings differ by little but noise, even under a changing load.
     jitter = math.sqrt(sum((b - a) ** 2 for a, b in pairwise(values)) / (2 * (n - 1)))
     sd = min(max(noise, jitter), allowed * noise)
     if n > 2:

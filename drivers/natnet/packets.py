@@ -291,10 +291,10 @@ def frame(c: Cursor, version: Version) -> MocapFrame:
                 else:
                     passed(c, version)
         start, named = c.at, "the frame's end"
-        stamp, bits, taken = _suffix(c, version)
+        stamp, bits, ticks = _suffix(c, version)
     except Short:
         raise Unreadable(f"{named} at byte {start} cannot be read") from None
-    return MocapFrame(number, stamp, bodies, models_changed=bool(bits & 2), taken=taken)
+    return MocapFrame(number, stamp, bodies, models_changed=bool(bits & 2), taken=ticks)
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int, int]:

@@ -121,11 +121,7 @@ class NumatoValve:
         return said[1:]
 
     def _catch_up(self) -> None:
-        """Take all answers that are owed: none of them may pass for that of a later request.
-
-        A word that is no command and was never sent before is echoed after them all; the CR in front of it ends what may be
-        half typed. Raises NoReply, BadReply.
-        """
+        """Take all owed answers, up to the echo of a new word that is no command. Raises NoReply, BadReply."""
         self._marks += 1
         mark = b"mark %d" % self._marks
         self._line.flush()
@@ -137,8 +133,8 @@ class NumatoValve:
             except NoReply:
                 if not heard:
                     raise
-                said = f"answered {show(heard)} to {mark!r}"
-                raise BadReply(self.name, f"{said}; check that this port is the relay module") from None
+                answer = f"answered {show(heard)} to {mark!r}"
+                raise BadReply(self.name, f"{answer}; check that this port is the relay module") from None
 
 
 def _word(on: bool) -> str:

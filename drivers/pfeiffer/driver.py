@@ -171,13 +171,13 @@ class PfeifferGauge:
             raise DeviceFault(
                 self.name, f"reports {code} (parameter {ERROR_CODE}); power-cycle it, and replace it if the error persists"
             )
-        found = self._correction()
-        if found is not None and found != 1.0:
+        factor = self._correction()
+        if factor is not None and factor != 1.0:
             self._query("correction factor", lambda wire, address: protocol.write_correction_value(wire, address, 1.0))
             if (now := self._correction()) != 1.0:
                 raise WrongDevice(
                     self.name,
-                    f"correction factor (parameter 742) was {found:g}, is {now:g} and must be 1: it multiplies the pressure; "
+                    f"correction factor (parameter 742) was {factor:g}, is {now:g} and must be 1: it multiplies the pressure; "
                     "set it to 1.00, and keep other programs off the line",
                 )
 

@@ -16,7 +16,7 @@ from ..chambers import ChamberMap
 from ..configs import RegulatorsConfig
 from ..errors import BadReply, DeviceFault, InstrumentError, NoReply, Unreachable, WrongDevice
 from ..interfaces import Identity, PressureSample
-from ..pressure_limits import VENTED, PressureLimits
+from ..pressure_limits import PressureLimits, let_off
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from ..stop_first import StopFirst
@@ -67,8 +67,6 @@ QUIET = 1.2
 """Host seconds of silence on a line after which answers that are owed no longer come."""
 REREAD_EVERY = 10
 """Readings between two checks that each unit still holds the set-point that it confirmed: that takes a poll of its own."""
-VENT_WAIT = 0.5
-"""s of host time that `close` waits for all channels to fall below `VENTED`."""
 
 
 @dataclass
@@ -187,7 +185,7 @@ class SmcItv:
             return PressureSample(self._clock.now(), self._confirmed(), measured)
 
     def confirm_settings(self) -> None:
-        """Read the set-points back: a unit has no other setting that its line tells.
+        """Read the set-points back: a unit reports no other setting.
 
         Raises WrongDevice when one is not what was confirmed: changed at the panel, by another program, or by a loss of power.
         """
@@ -198,10 +196,10 @@ class SmcItv:
             self._polled_at = timing.now()
             self._raise_first(errors)
             for channel, needed in enumerate(self._counts):
-                if channel not in self._unsure and (found := counts[channel]) != needed:
+                if channel not in self._unsure and (held := counts[channel]) != needed:
                     raise WrongDevice(
                         self.name,
-                        f"channel {channel + 1}: set-point (REQ) is {found} counts ({found * self.step / 1e3:.1f} kPa), "
+                        f"channel {channel + 1}: set-point (REQ) is {held} counts ({held * self.step / 1e3:.1f} kPa), "
                         f"{needed} ({needed * self.step / 1e3:.1f} kPa) was confirmed: its panel, another program or a loss "
                         "of power changed it; lock its keys, check its supply, then run again",
                     )
@@ -211,7 +209,7 @@ class SmcItv:
         return [notice for line in self._lines for notice in line.take_notices()]
 
     def vent(self) -> None:
-        """All set-points to zero, not rate-limited; whatever else is under way gives way.
+        """Set all set-points to zero, without rate limit; all other exchanges give way.
 
         A unit that fails is tried again, and does not keep the others. Needs no more than `connect`. Raises
         `InstrumentError` naming the ports that did not confirm zero.
@@ -230,20 +228,15 @@ class SmcItv:
         """Vent, wait shortly for the pressure to fall, disconnect."""
         with self._lock:
             if any(line.is_open for line in self._lines):
-                with contextlib.suppress(InstrumentError):
-                    self.vent()
-                with contextlib.suppress(InstrumentError):
-                    deadline = timing.now() + VENT_WAIT
-                    while timing.now() < deadline and max(self.read().measured) > VENTED:
-                        timing.sleep(0.02)
+                let_off(self.vent, lambda: self.read().measured)
             self._disconnect()
 
     # -- opening
     def _recognise(self) -> None:
         answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
-        found = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
-        found |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
-        for channel, what in found.items():
+        foreign = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
+        foreign |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
+        for channel, what in foreign.items():
             raise WrongDevice(
                 self.name,
                 f"the device on {self.config.ports[channel]} is not an ITV: it should answer an unknown command with "
@@ -327,7 +320,7 @@ class SmcItv:
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
-        """Raises NoReply when the answer could not be told from others; a set-point goes out all the same."""
+        """Raise NoReply when the answer could not be distinguished from others; a set-point is sent all the same."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
             now = timing.now()
@@ -348,10 +341,10 @@ class SmcItv:
 
     def _mark(self, channels: Sequence[int]) -> None:
         if channels:
-            with contextlib.suppress(NoReply):  # given up for a stop: reading tells
+            with contextlib.suppress(NoReply):  # given up for a stop: reading shows it
                 self._lock.sleep(self.config.poll_interval)  # a unit may not take two lines at once
         for channel in channels:
-            with contextlib.suppress(InstrumentError):  # reading tells
+            with contextlib.suppress(InstrumentError):  # reading shows it
                 self._lines[channel].write(MARK + END)
 
     def _answer(self, channel: int, deadline: float) -> bytes:

@@ -4,7 +4,7 @@ A TMCL frame is nine bytes with no mark at its start: the first nine that carry 
 answer. What comes before it is thrown away: noise of an RS-485 line that is turned round, and the echo of an adapter. All
 commands used here are absolute and may be repeated.
 
-An answer tells its command but not its parameter, and one that was not in time may still come. A module answers in order,
+An answer names its command but not its parameter, and a late one may still arrive. A module answers in order,
 so after a failure the line is caught up first: the module's tick timer is set to a new value and asked for, and what
 comes before an answer near that value is thrown away. The timer counts milliseconds and starts from 0 without power.
 """

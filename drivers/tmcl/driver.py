@@ -100,8 +100,8 @@ class TmclSpine(DrumLengthUnit):
             self._prepare()
             self._goal = 0.0
             self._standing_since = None
-            left = self._config.direction > 0
-            self._axis.put(AxisParameter.SEARCH_MODE, SearchMode.LEFT_SWITCH if left else SearchMode.RIGHT_SWITCH)
+            left_switch = self._config.direction > 0
+            self._axis.put(AxisParameter.SEARCH_MODE, SearchMode.LEFT_SWITCH if left_switch else SearchMode.RIGHT_SWITCH)
             self._axis.put(AxisParameter.SEARCH_SPEED, self._microsteps(self._config.homing_speed))
             self._axis.put(AxisParameter.SWITCH_SPEED, self._microsteps(0.25 * self._config.homing_speed))
             self._axis.start_search()
@@ -177,8 +177,7 @@ class TmclSpine(DrumLengthUnit):
         return round(1000 * self._config.heartbeat) if self._config.heartbeat else None
 
     def _settings(self) -> KeptSettings:
-        """The settings on which the promises rest: a module keeps them without power, and a program stored in it can change
-        them."""
+        """The settings on which the promises rest; the module keeps them without power, and its programs can change them."""
         axis = self._axis
 
         def of_module(name: str, number: ModuleParameter, needed: int, why: str) -> Setting:
@@ -284,17 +283,17 @@ class TmclSpine(DrumLengthUnit):
         flags = self._axis.get(AxisParameter.ERROR_FLAGS)
         status = self._axis.get(AxisParameter.DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
-        deviation = found = self._microsteps(self._config.max_deviation)
+        deviation = held = self._microsteps(self._config.max_deviation)
         restarted = self._axis.restarted()
         if confirm or self._axis.caught_up:  # catching up sets the tick timer anew, which hides a restart before it
-            found = self._axis.get(AxisParameter.MAX_DEVIATION)
-            restarted = restarted or self._forgotten(found)
+            held = self._axis.get(AxisParameter.MAX_DEVIATION)
+            restarted = restarted or self._forgotten(held)
             self._axis.caught_up = False
         if restarted:
             self._lose_zero(RESTARTED)
-        elif found != deviation:
+        elif held != deviation:
             self._fault = (
-                f"its deviation stop was set to {found} microsteps by another host, it should be {deviation}; disconnect "
+                f"its deviation stop was set to {held} microsteps by another host, it should be {deviation}; disconnect "
                 "that host, then call stop() to reset it"
             )
         elif damage:

@@ -36,7 +36,7 @@ class Operation:
     running: bool
 
 
-class _Result:
+class _Pending:
     """What comes of something that another thread does."""
 
     def __init__(self) -> None:
@@ -66,7 +66,7 @@ class _Result:
 @dataclass
 class _Call:
     do: Callable[[Any], Any]
-    done: _Result
+    done: _Pending
 
 
 class ControlThread:
@@ -76,7 +76,7 @@ class ControlThread:
         """`timeout` bounds each call, s of host time."""
         self.name, self.host, self.timeout = name, host, timeout
         self._jobs: queue.Queue[_Call | None] = timing.Queue()
-        self._ready = _Result()
+        self._ready = _Pending()
         self._broken: InstrumentError | None = None
         self._kick_interval: float | None = None
         self._thread = timing.Thread(target=self._run, name=f"{name} control", daemon=True)
@@ -110,7 +110,7 @@ class ControlThread:
         library gives up its connection."""
         if self._broken is not None:
             raise self._broken
-        job = _Call(do, _Result())
+        job = _Call(do, _Pending())
         self._jobs.put(job)
         try:
             result: T = job.done.result(self.timeout)
@@ -149,7 +149,7 @@ class ControlThread:
     def finish(self, timeout: float) -> bool:
         """End the program and disconnect; False when that takes longer than `timeout` (s of host time)."""
         if self._broken is None:
-            self._jobs.put(_Call(lambda control: control.stopScript(), _Result()))
+            self._jobs.put(_Call(lambda control: control.stopScript(), _Pending()))
             self._jobs.put(None)
         self._thread.join(timeout)
         return not self._thread.is_alive()
@@ -178,7 +178,7 @@ class ControlThread:
                 break
             try:
                 job.done.set(job.do(control))
-            except Exception as error:  # whatever the library raises belongs to the caller
+            except Exception as error:  # the library's errors belong to the caller
                 job.done.fail(error)
         control.disconnect()
 

@@ -38,13 +38,13 @@ STOP_ALLOWANCE = 0.2
 STATE_LAG = 0.1
 """s of host time by which the state may be behind the command connection; it is one or two cycles."""
 LOOK_INTERVAL = 0.002
-"""s of host time between looks at the state while waiting."""
+"""s of host time between two checks of the state while waiting."""
 FINISH_TIMEOUT = 3.0
 """s of host time for ending the program and disconnecting; the library sleeps 0.5 s in there, twice."""
 
 
 @dataclass
-class _Motion:
+class _StartedMotion:
     goal: Vector6
     operation: int
     deadline: Deadline
@@ -65,7 +65,7 @@ class UR5:
         self._control: ControlThread | None = None
         self._seen: Snapshot | None = None
         """What the controller said of itself at `open`."""
-        self._move: _Motion | None = None
+        self._move: _StartedMotion | None = None
         self._tool: Tool | None = None
         """What the controller took to be at the flange at `open`."""
 
@@ -118,9 +118,9 @@ class UR5:
                 f"the speed slider is at {seen.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end in "
                 "time; set it to 100 % at the pendant",
             )
-        found = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
-        self._tool = self._tool or found
-        found.check(self.name, self._tool, self.config.payload)
+        tool = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
+        self._tool = self._tool or tool
+        tool.check(self.name, self._tool, self.config.payload)
 
     def close(self) -> None:
         """Stop the arm, end the program, disconnect. Bounded in time also when the controller is gone."""
@@ -153,7 +153,7 @@ class UR5:
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _Motion(goal, self._started(control, before), deadline, slow)
+        self._move = _StartedMotion(goal, self._started(control, before), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -202,8 +202,8 @@ class UR5:
         sample = self._fresh(control)
         self._move = None
         if self._stopped(sample.safety_bits) or self._state.runtime != PLAYING:
-            if left := self._end_program():
-                raise DeviceFault(self.name, left)
+            if unended := self._end_program():
+                raise DeviceFault(self.name, unended)
         elif sample.program_running:
             # Asynchronous, because only then does the program decelerate along the straight line.
             control.call(lambda library: library.stopL(self.config.stop_deceleration, True))
@@ -221,7 +221,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
-        """True when the newest state shows the arm standing, whatever else is wrong with it.
+        """True when the newest state shows the arm standing, even if something else is wrong with it.
 
         Raises NotReady before `open`, NoReply when no state comes.
         """
@@ -283,8 +283,8 @@ class UR5:
         sample = self._fresh(control)
         if stop := self._stopped(sample.safety_bits) or self._paused():
             self._move = None
-            left = self._end_program()
-            raise DeviceFault(self.name, f"{stop}; {left}" if left else stop)
+            unended = self._end_program()
+            raise DeviceFault(self.name, f"{stop}; {unended}" if unended else stop)
         if not sample.program_running:
             self._move = None
             raise DeviceFault(
@@ -295,8 +295,7 @@ class UR5:
         return sample
 
     def _end_program(self) -> str:
-        """End a program that the safety system or a person has halted: once that is cleared, it would go on with its motion by
-        itself. Returns what is to be done where it does not end."""
+        """End a halted program, which would go on once its cause is cleared; return what a person must do if it stays."""
         if self._seen is None or self._state.runtime in ENDED:
             return ""
         try:
@@ -344,7 +343,7 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
         return number
 
-    def _take_too_long(self, move: _Motion) -> None:
+    def _take_too_long(self, move: _StartedMotion) -> None:
         with contextlib.suppress(DeviceFault):
             self.stop()
         raise DeviceFault(

@@ -118,7 +118,7 @@ TCP_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Tool:
-    """Payload (kg), its centre of gravity (m), TCP (m, rotation vector rad), in the flange frame; None: not told."""
+    """Payload (kg), its centre of gravity (m), TCP (m, rotation vector rad), in the flange frame; None: not reported."""
 
     payload: float | None
     centre: Sequence[float] | None

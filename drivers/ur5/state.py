@@ -80,7 +80,7 @@ class UR5State:
     ) -> None:
         """`max_age` of the newest sample, and how often to look for a new package; s, host time."""
         self.name = controller.name
-        self._controller, self._max_age, self._poll_interval = controller, max_age, poll_interval
+        self.controller, self.max_age, self._poll_interval = controller, max_age, poll_interval
         self.lost = 0
         self.interruptions = 0
         """How often the connection was lost since `open`."""
@@ -94,7 +94,7 @@ class UR5State:
         self.speed_slider = 1.0
         """0..1, of the newest sample."""
         self.speed_scaling = 1.0
-        """Share of the programmed speed that the controller allows, beside the slider, of the newest sample."""
+        """Share of the programmed speed that the controller allows, in addition to the slider, of the newest sample."""
         self.runtime = PLAYING
         """runtime_state as RTDE defines it, of the newest sample."""
         self._receive: Any = None
@@ -113,21 +113,21 @@ class UR5State:
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
             raise NotReady(self.name, "the library has not released the last connection; restart the program")
-        seen = self._controller.snapshot()
-        identity = self._controller.identify(seen)
+        seen = self.controller.snapshot()
+        identity = self.controller.identify(seen)
         try:
-            self._receive = rtde_receive.RTDEReceiveInterface(self._controller.host, -1.0, VARIABLES)
+            self._receive = rtde_receive.RTDEReceiveInterface(self.controller.host, -1.0, VARIABLES)
         except RuntimeError as error:
-            raise Unreachable(self.name, f"no state stream from {self._controller.host}: {error}") from error
+            raise Unreachable(self.name, f"no state stream from {self.controller.host}: {error}") from error
         self.lost = self.interruptions = 0
         self._counter, self._newest = CycleCounter(), None
         self._stopping.clear()
         self._first.clear()
         self._thread = timing.Thread(target=self._run, name=f"{self.name} state", daemon=True)
         self._thread.start()
-        if not self._first.wait(self._controller.timeout):
+        if not self._first.wait(self.controller.timeout):
             self.close()
-            raise Unreachable(self.name, f"no state from {self._controller.host} within {self._controller.timeout:g} s")
+            raise Unreachable(self.name, f"no state from {self.controller.host} within {self.controller.timeout:g} s")
         self._identity = identity
         return identity
 
@@ -144,13 +144,13 @@ class UR5State:
         if self._identity is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")
         age = timing.now() - newest[0]
-        if age > self._max_age:
+        if age > self.max_age:
             raise StaleReading(
                 self.name,
-                f"newest state is {age:.2f} s old, limit {self._max_age:g} s; "
-                + timing.busy_or(f"check the cable to {self._controller.host} and the controller"),
+                f"newest state is {age:.2f} s old, limit {self.max_age:g} s; "
+                + timing.busy_or(f"check the cable to {self.controller.host} and the controller"),
             )
-        check_plausible(self.name, self._controller.host, newest[1])
+        check_plausible(self.name, self.controller.host, newest[1])
         return newest[1]
 
     # -- the stream's own thread
@@ -202,7 +202,7 @@ class UR5State:
         self.interruptions += 1
         while not self._stopping.wait(RETRY_INTERVAL):
             try:
-                self._controller.snapshot()
+                self.controller.snapshot()
                 self._receive.reconnect()
                 return
             except (InstrumentError, RuntimeError):

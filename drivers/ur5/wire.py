@@ -154,7 +154,7 @@ class UrController:
             if len(data) != layout.size:
                 raise WrongDevice(name, f"{where} sends {len(data)} bytes of data instead of {layout.size}; check the line")
             values = layout.unpack(data)
-        found = Snapshot(
+        seen = Snapshot(
             (version[0], version[1], version[2], version[3]),
             robot_mode=int(values[1]),
             safety_bits=int(values[2]),
@@ -163,8 +163,8 @@ class UrController:
             tcp_speed=(values[5], values[6], values[7], values[8], values[9], values[10]),
         )
         if len(values) == 11:
-            return found
-        return replace(found, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
+            return seen
+        return replace(seen, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
 
     def identify(self, seen: Snapshot) -> Identity:
         """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty."""

@@ -1,31 +1,302 @@
-"""`lab campaign`: a campaign planned, run, and gone on with."""
+"""`lab campaign`: a campaign planned, run, and gone on with.
+
+On the rig: run after run, safe in between, until all are done, a stop rule ends it, or a person does.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import secrets
 import shlex
-from collections.abc import Mapping
-from dataclasses import asdict
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.table import Table as Sheet
 
+from drivers.errors import InstrumentError
+from protocols.errors import Stopped
 from protocols.experiment import Plan
 from protocols.planned import cycles, setups
+from recordings.own_files import folder_in
+from recordings.trials import Table
 
-from ..console import Screen, clock, err, out
-from ..files.campaign_file import OWN_LABELS
+from ..console import Screen, clock, out, warn
+from ..files.campaign_file import OWN_LABELS, Stop
+from ..files.checked import last
 from ..files.config import ConfigError
+from ..files.resume import Broken
 from ..files.units import shown
+from ..guard.messages import RigLanded
+from ..live.beside import Page, page_where
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
+from ..rig.actuators import ActuatorsLost
+from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
-from ..rig.operator import preparations
-from .design import CampaignDesign, campaign_of
-from .journal import FILE, CampaignJournal, CampaignProgress, demand_same, fill, folder_of
+from ..rig.operator import RememberingOperator, preparations
+from ..verbs.run import UNCHECKED, Job, Outcome, connect, execute, job_again
+from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of
+from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
 from .planned import planned_table
-from .session import Ended, Session
+
+Key = tuple[tuple[int, int], int, int]
+"""Cell, trial in the run, step: a state that each block has once."""
+
+
+class Stops:
+    """The stop rules of a campaign, judged between two runs: why it ends, or nothing."""
+
+    def __init__(self, rules: Stop, chambers: int) -> None:
+        self.rules = rules
+        self.failed = 0
+        """Failures since this process began: what was before, a person has seen."""
+        self._chambers = chambers
+        self._cycles = np.zeros(chambers, np.int64)
+        self._tips: dict[Key, list[np.ndarray]] = {}
+
+    def count(self, plan: Plan, times: int = 1) -> None:
+        """A plan has been begun so often: its cycles count as whole."""
+        self._cycles = self._cycles + times * cycles(plan, self._chambers)[0]
+
+    def before(self, plan: Plan, done: CampaignProgress) -> str:
+        """Why a plan must not begin."""
+        longest, most = self.rules.max_duration, self.rules.max_cycles
+        if longest is not None and done.seconds + plan.seconds > longest:
+            return (
+                f"stop.max_duration = {longest:g} s: runs have taken {clock(done.seconds)} of rig time, the next needs "
+                f"{clock(plan.seconds)}"
+            )
+        after = self._cycles + cycles(plan, self._chambers)[0]
+        if most is not None and after.max() > most:
+            chamber = int(after.argmax())
+            return (
+                f"stop.max_cycles = {most}: chamber {chamber + 1} was inflated {self._cycles[chamber]} times, the next run "
+                f"would make it {after[chamber]}"
+            )
+        return ""
+
+    def take(self, cell: tuple[int, int], table: Table) -> None:
+        """The states of a run that was completed."""
+        states = table.take(~np.isnan(table.get("x")))
+        for trial, step, tip in zip(states.trial.tolist(), states.get("step").tolist(), states.tip, strict=True):
+            self._tips.setdefault((cell, trial, step), []).append(tip)
+
+    def after(self, done: CampaignProgress) -> str:
+        """Why the campaign must not go on after a run."""
+        if self.rules.max_lost is not None and done.lost > self.rules.max_lost:
+            return f"stop.max_lost = {self.rules.max_lost}: {done.lost} samples were lost"
+        if self.failed >= self.rules.max_failed:
+            return f"stop.max_failed = {self.rules.max_failed}: {self.failed} run{'s' if self.failed > 1 else ''} failed"
+        most = self.rules.max_scatter
+        if most is None:
+            return ""
+        worst, (cell, trial, step) = max(self._scatters(), default=(0.0, ((0, 0), 0, 0)))
+        if worst <= most:
+            return ""
+        return (
+            f"stop.max_scatter = {most * 1e3:g} mm: the tip of protocol {cell[0] + 1}, condition {cell[1] + 1}, trial {trial} "
+            f"step {step} scatters by {worst * 1e3:.2f} mm (rms) between blocks; see to mount, spine and hoses"
+        )
+
+    def _scatters(self) -> Iterator[tuple[float, Key]]:
+        for key, tips in self._tips.items():
+            if len(tips) > 1:
+                away = np.array(tips) - np.mean(tips, axis=0)
+                yield float(np.sqrt((away**2).sum(axis=1).mean())), key
+
+
+WARM_UP = "warm-up"
+"""Folder of the recordings of warm-ups, which hold no state."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a session of a campaign ended."""
+
+    completed: bool
+    why: str = ""
+    safe: bool = True
+    error: Exception | None = None
+    asked: int = 0
+    """How often a person was asked to set the rig up."""
+    displaced: bool = False
+    """A recording or its journal was deleted, renamed, replaced or truncated under the run's hands."""
+
+
+class Session:
+    """One process's share of a campaign."""
+
+    def __init__(self, campaign: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool = False) -> None:
+        self.campaign, self.folder, self.journal = campaign, folder, journal
+        self.watched = watched
+        self._page: Page | None = None
+        self.hands = RememberingOperator()
+        self.stops = Stops(campaign.file.stop, campaign.chambers)
+        self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
+        self._rig: Rig | None = None
+        self._open: list[str] = []
+        self._safe = True
+        self._displaced = False
+        self._said = False
+        """That the rig is not checked."""
+        self._done_s = sum(run.job.plan.seconds for run in campaign.runs if run.number in journal.done.completed)
+        self._left = [run for run in campaign.runs if run.number not in journal.done.completed]
+        self._total_s = sum(run.job.plan.seconds for run in campaign.runs)
+
+    def go(self) -> Ended:
+        """Do what is left. Whatever ends it, the rig is safe, and what is done is in the journal."""
+        self._look_back()
+        try:
+            with page_where(self.watched, self.screen.say) as self._page, self.screen:
+                ended = self._all()
+        except KeyboardInterrupt:
+            ended = Ended(False, "stopped by the operator")
+        finally:
+            self._close()
+        return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
+
+    def _look_back(self) -> None:
+        """What earlier sessions did counts for the stop rules."""
+        mend(self.folder / WARM_UP)
+        begun = self.journal.done.begun
+        for run in self.campaign.runs:
+            self.stops.count(run.job.plan, begun[run.number])
+        if self.campaign.warm_up is not None:
+            self.stops.count(self.campaign.warm_up.plan, begun[0])
+        if self.campaign.file.stop.max_scatter is not None:
+            for run in self.campaign.runs:
+                if run.number in self.journal.done.completed and (broken := self._found(run).broken) is not None:
+                    self.stops.take(run.cell, broken.table)
+
+    def _all(self) -> Ended:
+        for run in self._left:
+            found = self._found(run)
+            if found.completed and found.broken is not None:  # the crash came before the journal could say so
+                self.journal.ended(run.number, "completed", 0.0, len(found.broken.table), found.lost, run.inflates)
+                self.stops.take(run.cell, found.broken.table)
+                self._done_s += run.job.plan.seconds
+                continue
+            while (ended := self._attempt(run)) is None:
+                pass  # it failed, and may be tried again
+            if not ended.completed:
+                return ended
+        return Ended(True)
+
+    def _attempt(self, run: CampaignRun) -> Ended | None:
+        """One attempt at a run, with a warm-up before it where one is due; None: it failed, and may be tried again."""
+        needs = run.job.experiment.needs
+        if self.campaign.warm_up is not None and run.inflates:  # opened once for both
+            needs = tuple(dict.fromkeys((*needs, *self.campaign.warm_up.experiment.needs)))
+        since = time.time() - self.journal.done.inflated
+        if self.campaign.warm_up is not None and run.inflates and since > self.campaign.file.warm_up.again_after:
+            ended = self._one(None, self.campaign.warm_up_for(run), needs, self.folder / WARM_UP, None)
+            if ended is None or not ended.completed:
+                return ended
+        broken = self._found(run).broken
+        own = run.job.experiment if run.job.experiment.source is not None else None
+        job = run.job if broken is None else job_again(broken, self.campaign.rig_path, own, run.job.rig)
+        return self._one(run, job, needs, self.folder / run.folder, broken)
+
+    def _found(self, run: CampaignRun) -> RunState:
+        return found_of(self.folder / run.folder)
+
+    def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
+        """One recording, with the instruments that are needed open; None: it failed, and may be tried again."""
+        if why := self.stops.before(job.plan, self.journal.done):
+            return Ended(False, why)
+        number = None if run is None else run.number
+        title = f"Run {run.number} of {len(self.campaign.runs)}: {run.text}" if run is not None else "Warm-up"
+        self.screen.say(title)
+        if self._page is not None:
+            self._page.part(f"Campaign {self.campaign.file.campaign}. {title}", more=True)
+        try:
+            rig = self._opened(job, needs)
+            self.stops.count(job.plan)
+            self.journal.began(number)
+            begun = rig.clock.now()
+            folder_in(folder.parent, folder.name)
+            before, total = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up's progress is none
+            with self.screen.part(before, total):
+                result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
+        except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
+            return self._failed(number, e, 0.0, 0)
+        seconds, lost = rig.clock.now() - begun, sum(result.lost.values())
+        self._safe = result.safe
+        self._displaced = self._displaced or bool(result.displaced)
+        if result.outcome != "completed":
+            if isinstance(result.error, Stopped):
+                self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
+                return Ended(False, str(result.error), result.safe)
+            return self._failed(number, result.error, seconds, lost)
+        inflated = run is None or run.inflates
+        self.journal.ended(number, "completed", seconds, len(result.table), lost, inflated)
+        return self._judged(run, result)
+
+    def _judged(self, run: CampaignRun | None, result: Outcome) -> Ended:
+        """Whether the campaign goes on after a run that was completed."""
+        if run is not None:
+            self._done_s += run.job.plan.seconds
+            self.stops.take(run.cell, result.table)
+        if not result.safe:
+            return Ended(False, "the safe state is not confirmed", False)
+        all_done = len(self.journal.done.completed) == len(self.campaign.runs)
+        why = "" if all_done else self.stops.after(self.journal.done)
+        if result.asked and not all_done:
+            why = why or "stopped by the operator"
+        if result.displaced and not all_done:
+            why = why or "; ".join(result.displaced)
+        return Ended(not why, why)
+
+    def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:
+        """Told, counted, and the rig given up: it is connected anew for the next attempt."""
+        self.journal.ended(number, "failed", seconds, 0, lost, False)
+        self.stops.failed += 1
+        self._close()
+        why = self.stops.after(self.journal.done)
+        if why or not self._safe:
+            return Ended(False, why or "the safe state is not confirmed", self._safe, error)
+        self.screen.say(f"failed: {error}; it goes on with its first unfinished trial")
+        return None
+
+    def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
+        """The rig with these instruments: the one at hand where it has just them."""
+        if self._rig is not None and self._rig.needed(needs) == self._open:
+            self._rig.actuators.pulse.mark()
+            return self._rig
+        self._close()
+        rig = Rig(job.rig)
+        self._rig = rig
+        rig.operator = self.hands.over(rig.operator)
+        connect(rig, needs)
+        self._open = rig.needed(needs)
+        unchecked = last(self.campaign.rig_path, job.rig)
+        if isinstance(unchecked, str) and not self._said:
+            self._said = True
+            out.print(f"{UNCHECKED}: {unchecked}; lab check --move --rig {self.campaign.rig_path}", soft_wrap=True)
+        return rig
+
+    def _close(self) -> None:
+        if self._rig is not None:
+            rig, self._rig, self._open = self._rig, None, []
+            warn(rig.notices)
+            with contextlib.suppress(KeyboardInterrupt):
+                rig.close()
+
+    def _labels(self, run: CampaignRun | None) -> dict[str, str]:
+        """What is said of a recording."""
+        own = {**self.campaign.file.labels, **self.journal.done.labels, "campaign": self.campaign.file.campaign}
+        if run is None:
+            return own | {"warm_up": "yes"}
+        return (
+            own
+            | {"block": str(run.block), "run": str(run.number)}
+            | ({"condition": run.condition[:SHOWN]} if run.condition else {})
+        )
+
 
 MOST_SEED = 2**31
 
@@ -151,18 +422,14 @@ def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched:
             "resume": again}  # fmt: skip
     cut_short = not (ended.completed or ended.displaced)
     code = 1 if cut_short or not ended.safe else 3 if done.lost or ended.displaced else 0
-    return Result(data, lambda: _show(c, folder, done, ended, again), code, ended.error)
+    return Result(data, lambda: _show(c, folder, done, ended), code, ended.error, safe=ended.safe, again=again)
 
 
-def _show(c: CampaignDesign, folder: Path, done: CampaignProgress, ended: Ended, again: str | None) -> None:
+def _show(c: CampaignDesign, folder: Path, done: CampaignProgress, ended: Ended) -> None:
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
     if done.lost:
         out.print(f"  lost: {done.lost} samples (lab runs {folder})", soft_wrap=True)
-    if not ended.safe:
-        err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
-    if again is not None:
-        out.print(f"go on with: {again}", soft_wrap=True)
 
 
 def _campaign(a: argparse.Namespace) -> Result:

@@ -61,8 +61,7 @@ def _shuffled(cells: Sequence[Cell], rng: random.Random) -> list[Cell]:
 
 
 def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> list[list[Hashable]]:
-    """The set-ups of each part in random order, such that as many parts as possible begin with the set-up that the one before
-    ended with."""
+    """The set-ups of each part in random order, where as many parts as possible begin as the one before ended."""
     best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}
     for part in parts:
         mixed = rng.sample(list(part), len(part))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from diagnosis.data.baseline import Baseline
 from diagnosis.data.plausible import require_plausible
-from diagnosis.errors import DiagnosisError
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -24,7 +23,7 @@ from model.simulators import GROUP, OWN, Forward, Readings
 from .config import ConfigError
 from .inputs import Case
 from .number_table import Columns, read_numbers
-from .packages import Unusable, installed, python_file
+from .packages import installed, python_file, without
 
 Array = NDArray[np.float64]
 
@@ -39,7 +38,7 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 def from_table(path: Path, case: Case) -> Baseline:
-    """Predictions of a CSV file, matched by trial and step, or by state; raises ConfigError naming line, column and value."""
+    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError, `BadCase` for an implausible one."""
     predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
     missing = [name for name in "xyz" if name not in predicted]
     if missing:
@@ -99,7 +98,7 @@ def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
 
 
 def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
-    """Columns of a file, or what a simulator made, in the order of the case's table."""
+    """Columns of a file in the order of the case's table."""
     table, chambers = case.table, len(case.robot.actuators.azimuths_deg)
     seen = place >= 0
 
@@ -127,10 +126,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
     predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
     states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
-    try:
-        require_plausible(case.robot, states, name)
-    except DiagnosisError as e:
-        raise ConfigError(str(e)) from e
+    require_plausible(case.robot, states, name)
 
 
 def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
@@ -144,12 +140,8 @@ def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
         except ImportError as e:
             raise ConfigError(f"--simulator {name}: is not installed ({e}); pip install 'softlab[{name}]'") from e
 
-    def unpack(entry: str, thing: object) -> dict[str, object]:
-        if not callable(thing):
-            raise Unusable(f"{entry} must be a class or function that takes the robot")
-        return {entry: thing}
-
-    listed = installed(GROUP, dict.fromkeys(OWN, object()), unpack)
+    faults = without(lambda thing: "" if callable(thing) else "must be a class or function that takes the robot")
+    listed = installed(GROUP, dict.fromkeys(OWN, object()), faults)
     if name in listed.broken:
         raise ConfigError(listed.broken[name])
     if name not in listed.usable:
@@ -199,7 +191,7 @@ def from_simulator(
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
     baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
-        columns: list[Columns] = []
+        parts: list[list[Array]] = []
         for i, part in enumerate(states):
             try:
                 mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
@@ -207,10 +199,10 @@ def from_simulator(
                 read = forward.predict(asked, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
-            columns.append(_columns(name, read, part, len(case.robot.markers)))
+            parts.append(_arrays(name, read, len(part), len(case.robot.markers)))
             progress(v * len(states) + i + 1, len(variants) * len(states))
-        together = {key: np.concatenate([c[key] for c in columns]) for key in columns[0]}
-        baselines[parameter] = _baseline(name, together, place, case)
+        tip, orientation, markers = (np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))
+        baselines[parameter] = Baseline(name, distinct[place, 0], distinct[place, 1:-BEHIND], tip, orientation, markers)
     _demand_plausible(f"simulator {name}", baselines[""], case)
     return replace(baselines[""], varied={p: (step, baselines[p]) for p, step in variants if p})
 
@@ -235,23 +227,15 @@ def _settings(case: Case) -> Array:
     return np.column_stack([np.clip(table.spine_length, 0.0, None), table.pressures, mass, roll, table.tip_force])
 
 
-def _columns(name: str, read: Readings, part: Array, markers: int) -> Columns:
-    """What a simulator read, as columns of a file of predictions."""
+def _arrays(name: str, read: Readings, n: int, markers: int) -> list[Array]:
+    """Tip, orientation and markers of n states that a simulator read, NaN what it did not; raises ConfigError."""
     if not isinstance(read, Readings):
         raise ConfigError(f"simulator {name}: predict gave {type(read).__name__}, must give model.simulators.Readings")
-    n = len(part)
-    shapes: Sequence[tuple[str, Array | None, tuple[int, ...]]] = (
-        ("tip", read.tip, (n, 3)), ("orientation", read.orientation, (n, 4)), ("markers", read.markers, (n, markers, 3)),
-    )  # fmt: skip
-    out: Columns = {"spine_length": part[:, 0]} | {f"p{i}": c for i, c in enumerate(part[:, 1:-BEHIND].T, 1)}
-    for what, values, shape in shapes:
-        if values is None:
-            continue
-        values = np.asarray(values, float)
+    arrays = []
+    for what, shape in (("tip", (n, 3)), ("orientation", (n, 4)), ("markers", (n, markers, 3))):
+        given = getattr(read, what)
+        values = np.full(shape, np.nan) if given is None else np.asarray(given, float)
         if values.shape != shape:
             raise ConfigError(f"simulator {name}: {what} has the shape {values.shape}, must be {shape}")
-        if what == "markers":
-            out |= {f"m{k + 1}{axis}": values[:, k, i] for k in range(markers) for i, axis in enumerate("xyz")}
-        else:
-            out |= dict(zip("xyz" if what == "tip" else ("qw", "qx", "qy", "qz"), values.T, strict=True))
-    return out
+        arrays.append(values)
+    return arrays

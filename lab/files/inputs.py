@@ -65,8 +65,6 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
     What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
     """
-    from ..questions.table import doubtful  # with the rod, which no recording alone needs
-
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     for path in inputs:
@@ -88,13 +86,20 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
             )
+    return case_of(robot, parts, source.name, source.text.decode())
+
+
+def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:
+    """Tables, each with its name, as one case; `robot_name`: where the robot was read. Raises ConfigError as `read_case`."""
+    from ..questions.table import doubtful  # with the rod, which no recording alone needs
+
     for file, table in parts:
         _demand_plausible(robot, table, file)
     table = Table.joined(table for _, table in parts)
     doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
     units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
-    doubts += doubtful(robot, table, source.name)
-    return Case(robot, replace(table, warnings=doubts, sensor_units=units), source.text.decode())
+    doubts += doubtful(robot, table, robot_name)
+    return Case(robot, replace(table, warnings=doubts, sensor_units=units), robot_text)
 
 
 def _demand_case(path: Path) -> None:

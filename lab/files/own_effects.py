@@ -46,8 +46,8 @@ def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, Effe
             raise Unusable(str(error)) from error
         return {spec.id: spec for spec in specs}
 
-    found = installed(GROUP, CATALOGUE, tried)
-    own = effects_from_file(file) if file is not None else ()
-    merged = with_effects(own, found.usable)
-    prove(robot.plain, own)
-    return merged, (*found.broken.values(), *found.doubts.values())
+    packaged = installed(GROUP, CATALOGUE, tried)
+    of_file = effects_from_file(file) if file is not None else ()
+    merged = with_effects(of_file, packaged.usable)
+    prove(robot.plain, of_file)
+    return merged, (*packaged.broken.values(), *packaged.doubts.values())

@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from recordings.bounded import read_bounded
 
@@ -78,6 +78,17 @@ def installed(
             for name, thing in things.items():
                 offers.setdefault(name, []).append((entry, thing))
     return _settled(ours, missing, offers, faults)
+
+
+def without(faults: Callable[[object], str]) -> Unpack[Any]:
+    """What an entry point gives that is one thing of its group: the thing, unless there are `faults` of it."""
+
+    def unpack(name: str, thing: object) -> dict[str, object]:
+        if wrong := faults(thing):
+            raise Unusable(wrong)
+        return {name: thing}
+
+    return unpack
 
 
 def _entries(group: str) -> Iterator[Entry]:

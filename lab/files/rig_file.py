@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -24,13 +25,25 @@ from drivers.configs import (
     ValveConfig,
 )
 from drivers.interfaces import Vector3
-from drivers.registry import QUANTITY, ROLES
+from drivers.registry import GROUP, QUANTITY, ROLES, Driver, faults, own
 
-from .all_drivers import drivers, found_drivers
 from .config import ConfigError, FileTable, Source, check, read_yaml
+from .packages import Registered, installed, without
 
 if TYPE_CHECKING:
     from model.robot import Robot
+
+
+@functools.cache
+def found_drivers() -> Registered[Driver]:
+    """All drivers by name, the project's own and those of packages; looked up once, since a rig asks for them again and again."""
+    good, missing = own()
+    return installed(GROUP, good, without(faults), missing)
+
+
+def drivers() -> Mapping[str, Driver]:
+    """Those that can be used, by name."""
+    return found_drivers().usable
 
 
 SENSOR = "sensor"

@@ -86,7 +86,7 @@ class _Edit(NamedTuple):
     new: str
 
 
-class _There(NamedTuple):
+class _EntryNodes(NamedTuple):
     """An entry of a table in the text: its key as parsed, and both nodes."""
 
     own: Any
@@ -157,7 +157,7 @@ class _Edited:
     ) -> Iterator[_Edit]:
         """Edits that turn a table into another one: of values that differ, and of entries that only one of the two has."""
         by_number = all(isinstance(key, float) for key in (*before, *after))
-        entries = {float(raw) if by_number else raw: _There(raw, *pair) for raw, pair in zip(data, node.value, strict=True)}
+        entries = {float(raw) if by_number else raw: _EntryNodes(raw, *pair) for raw, pair in zip(data, node.value, strict=True)}
         gone = [key for key in entries if key in before and key not in after]
         added = {key: value for key, value in after.items() if key not in entries and before.get(key) != value}
         edits: dict[Any, list[_Edit]] = {key: [] for key in entries}
@@ -186,7 +186,7 @@ class _Edited:
         else:
             yield from itertools.chain(*edits.values())
 
-    def _added(self, node: yaml.MappingNode, entries: Mapping[Any, _There], fresh: Mapping[Any, str]) -> Iterator[_Edit]:
+    def _added(self, node: yaml.MappingNode, entries: Mapping[Any, _EntryNodes], fresh: Mapping[Any, str]) -> Iterator[_Edit]:
         """New entries of a block: each before the next larger number, else at the end of the block."""
         if not fresh:
             return
@@ -202,14 +202,14 @@ class _Edited:
             begun = self._given[place - 1] == "\n"
             yield _Edit(place, place, text if begun else self._newline + text.removesuffix(self._newline))
 
-    def _without(self, entry: _There, fresh: str = "") -> _Edit:
+    def _without(self, entry: _EntryNodes, fresh: str = "") -> _Edit:
         """The lines of an entry replaced by a fresh one; those that hold a comment stay, commented out."""
         start, end, indent = self._lines(entry)
         lines = self._given[start:end]
         kept = re.sub("(?m)^(?=.)", "# ", lines) if "#" in lines else ""
         return _Edit(start, end, self._indented(fresh, indent) + kept)
 
-    def _lines(self, entry: _There) -> tuple[int, int, str]:
+    def _lines(self, entry: _EntryNodes) -> tuple[int, int, str]:
         """Where the lines of an entry of a block begin and end, and what it is indented by; _Anew where they hold more."""
         start = self._given.rfind("\n", 0, entry.name.start_mark.index) + 1
         indent = self._given[start : entry.name.start_mark.index]

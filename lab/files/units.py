@@ -11,22 +11,9 @@ from recordings.numbers import NUMBER
 KINDS: dict[str, dict[str, float]] = {
     "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "Pa": {
-        "Pa": 1.0,
-        "hPa": 1e2,
-        "mbar": 1e2,
-        "kPa": 1e3,
-        "bar": 1e5,
-        "MPa": 1e6,
-        "GPa": 1e9,
-        "psi": 6894.757293168,
-        "atm": 101_325.0,
-        "mmHg": 133.322387415,
-        "Torr": 101_325.0 / 760,
-        "inHg": 3386.389,
-        "cmH2O": 98.0665,
-        "inH2O": 249.08891,
-        "kgf/cm2": 98_066.5,
-        "N/cm^2": 1e4,
+        "Pa": 1.0, "hPa": 1e2, "mbar": 1e2, "kPa": 1e3, "bar": 1e5, "MPa": 1e6, "GPa": 1e9, "psi": 6894.757293168,
+        "atm": 101_325.0, "mmHg": 133.322387415, "Torr": 101_325.0 / 760, "inHg": 3386.389, "cmH2O": 98.0665, "inH2O": 249.08891,
+        "kgf/cm2": 98_066.5, "N/cm^2": 1e4,
     },
     "Pa/s": {"Pa/s": 1.0, "kPa/s": 1e3, "bar/s": 1e5},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86_400.0},
@@ -44,7 +31,30 @@ KINDS: dict[str, dict[str, float]] = {
     "Hz": {"Hz": 1.0, "kHz": 1e3},
     "1": {"1": 1.0, "%": 1e-2},
     "A": {"A": 1.0, "mA": 1e-3},
-}
+}  # fmt: skip
+"""SI unit -> units of its kind, and their size: of files, headings of tables and the command line."""
+_SPELLINGS = {
+    "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
+    "mm": "millimeter millimeters millimetre millimetres millimètres milímetros мм",
+    "um": "µm μm micrometer micrometers", "s": "sec secs second seconds sek sekunde sekunden secondes segundos с сек",
+    "ms": "msec millis millisecond milliseconds millisekunden мс", "us": "µs μs usec micros microsecond microseconds",
+    "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados град", "rad": "radian radians",
+    "Pa": "pascal па", "kPa": "kilopascal kpag kpa(g) кпа", "bar": "barg bar(g) бар", "psi": "psig", "g": "gram grams gramm г",
+    "kg": "kilogram kilograms кг", "N": "newton newtons н", "mbar": "millibar мбар", "hPa": "hektopascal", "in": "inch inches",
+    "kgf/cm2": "kgf/cm² kgf/cm^2 kg/cm2 kg/cm² kg/cm^2", "d": "day days tag tage", "MPa": "megapascal мпа", "GPa": "gigapascal",
+}  # fmt: skip
+SPELLED = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
+"""Another way in which a unit is written, in lower case -> the unit."""
+
+
+def plain_unit(name: str) -> str:
+    """The unit that a name is a spelling of, else the name.
+
+    >>> plain_unit("Millimeter"), plain_unit("°"), plain_unit("mm"), to_si("5 µm", "m")
+    ('mm', 'deg', 'mm', 5e-06)
+    """
+    return SPELLED.get(name.casefold(), name)
+
 
 LONGEST = 100
 """Characters of a quantity; matching takes a time that grows with the square of it."""
@@ -63,9 +73,10 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
     match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         raise UnitError(f"{text[:LONGEST]!r} is not a number with a unit; write for example {example(unit)}")
-    value, name = float(match[1]), match[2]
-    if name is None:
+    value = float(match[1])
+    if match[2] is None:
         return value
+    name = plain_unit(match[2])
     factors = KINDS.get(unit, {unit: 1.0}) if known is None else known
     if name not in factors:
         alike = [known for known in factors if known.lower() == name.lower()]

@@ -30,7 +30,7 @@ import timing
 from recordings.json_text import read_json
 
 from .latch import RigLocked
-from .report import SafeReport
+from .messages import SafeReport
 
 PREFIX = "softlab/rig/"
 TAKE_WITHIN = 8.0
@@ -560,8 +560,7 @@ def _free(path: str) -> bool:
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
-    """Listen at a file that is open to this account and root, in place of one that a crash has left; returns what removes it
-    again. Raises OSError."""
+    """Listen at a file for this account and root, in place of a crash's; returns what removes it. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     temporary = f".{secrets.token_hex(4)}.sock"

@@ -31,8 +31,7 @@ from .landing import Landing, LandingDrivers
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
 from .limit_monitor import DriverSettings, LimitMonitor
-from .messages import Event, RigLanded
-from .report import SafeReport, SafeStep
+from .messages import Event, RigLanded, SafeReport, SafeStep
 from .under_force import UnderForce
 
 CLIPPED = 1e3
@@ -91,10 +90,10 @@ class Guard:
             arm = self.own.drivers["arm"]
             self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
-        own = self.own
-        self.settings = DriverSettings(own.drivers)
+        owned = self.own
+        self.settings = DriverSettings(owned.drivers)
         self.adapters = Adapters(rig)
-        instruments = LandingDrivers(own.drivers, own.opened, self.open, own.busy.__contains__, own.lost)
+        instruments = LandingDrivers(owned.drivers, owned.opened, self.open, owned.busy.__contains__, owned.lost)
         self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
         self.running = True
         """It polls its instruments."""
@@ -155,14 +154,14 @@ class Guard:
     # -- commands
     def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
         """One command of the program."""
-        own: dict[str, Callable[[], Any]] = {
+        of_guard: dict[str, Callable[[], Any]] = {
             "make_safe": lambda: self.make_safe("requested by the program", self.rig.safe.keep_vacuum),
             "pause": lambda: self.make_safe("pause", keep_vacuum=True),
             "resume": self.resume,
             "unlock": self.unlock,
         }
         if not name:
-            return own[method]()
+            return of_guard[method]()
         if method == "open":
             self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
             identity = self.open(name)
@@ -243,8 +242,7 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        """Set-points (Pa a channel) within the limits; returns those that the regulators hold. Set-points that were sent and not
-        confirmed count as possibly taken."""
+        """Set-points (Pa a channel) within the limits; returns those held. Sent ones that are not confirmed count as taken."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -293,8 +291,7 @@ class Guard:
         return report
 
     def _confirmed_late(self, step: SafeStep, seconds: float) -> None:
-        """Take note and report that an instrument is safe that was not when its landing was reported; `seconds` after that
-        landing began. Where it was the last one, the latch goes."""
+        """Report an instrument safe `seconds` after a landing began, too late for its report; after the last the latch goes."""
         late = SafeReport((step,), seconds)
         with self._landing_lock:
             if self._closed:
@@ -393,8 +390,7 @@ class Guard:
         timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
-        """The reading, or the error that takes its place. What is wrong with it is acted on here: if a pause is enough, the
-        program gets a pause event and the reading; anything else lands a rig that is energised."""
+        """The reading, or the error in its place; what is wrong lands an energised rig, or is told where a pause is enough."""
         if self.settings.may_have_changed(name, sample):  # its unit of measure, at the instrument's panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)

@@ -22,7 +22,7 @@ from drivers.errors import BadReply, InstrumentError, NoReply, NotReady, StaleRe
 from drivers.interfaces import ArmSample, Identity, Sink
 from timing import RigClock
 
-from ..files.all_drivers import drivers
+from ..files.rig_file import drivers
 from .child import Child, begin_child, end_child, how_it_ended, start_child
 from .instruments import make
 
@@ -103,8 +103,7 @@ class Hosted:
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
-        """Call a method in the driver's process; one that does not return `within` host seconds, or still waits for an earlier
-        call, costs the process its life. Raises what the method raises, NotReady and NoReply."""
+        """Call a method there; one that does not return `within` host seconds costs the process its life."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{method}: an earlier call has not returned; its process was killed")
         try:
@@ -157,8 +156,7 @@ class Hosted:
         end_child(process, 0.1)
 
     def _ping(self, line: Connection) -> None:
-        """Send a ping every PING_PERIOD while `line` is the one to the process, except while a call is being sent, which shows by
-        itself that the guard lives."""
+        """Ping every PING_PERIOD while `line` is in use, except during a call, which shows by itself that the guard lives."""
         timing.sleep(PING_PERIOD)
         while self._line is line:
             if self._sending.acquire(blocking=False):

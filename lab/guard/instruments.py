@@ -18,8 +18,7 @@ import timing
 from drivers.configs import PORTS
 from timing import Clock
 
-from ..files.all_drivers import drivers
-from ..files.rig_file import RigFile, addresses, present
+from ..files.rig_file import RigFile, addresses, drivers, present
 from .door import names_of_path
 
 COMMANDS: dict[str, tuple[str, ...]] = {

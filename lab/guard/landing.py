@@ -20,7 +20,7 @@ import timing
 from drivers.errors import InstrumentError, NoReply, NotReady, Unreachable
 
 from ..files.rig_file import Safe
-from .report import SafeReport, SafeStep
+from .messages import SafeReport, SafeStep
 
 HEAD_START = 0.005
 """Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
@@ -79,8 +79,7 @@ class Landing:
         speed: float,
         late: Callable[[SafeStep, float], None] = lambda step, seconds: None,
     ) -> None:
-        """`speed` of the rig's clock: `policy.within` is rig time. `late` is called for an instrument that is confirmed after the
-        report, with the host seconds since its landing began."""
+        """`speed` of the rig's clock; `late` gets what is confirmed after the report, and host seconds since the begin."""
         self._policy, self._late = policy, late
         self._going: dict[str, _Attempts] = {}
         self._lock = timing.Lock()
@@ -145,15 +144,12 @@ class Landing:
         timing.Thread(target=go, name="open-gauge", daemon=True).start()
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
-        """Stop one instrument, then read it, until it is safe or somebody ends it.
-
-        A stop that overtook a command on its way proves nothing: it is sent again until none was.
-        """
+        """Stop one instrument, again where the stop overtook a command, then read it, until it is safe or somebody ends it."""
         name = attempts.name
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened
         deadline = timing.now() + (reach if closed else self._within)
-        taken, overtook, again_at = False, True, 0.0
+        accepted, overtook, again_at = False, True, 0.0
         while not attempts.ended.is_set():
             confirmed = False
             try:
@@ -163,13 +159,13 @@ class Landing:
                         stop()
                     finally:
                         attempts.sent.set()
-                    taken, overtook = True, before
+                    accepted, overtook = True, before
                 if closed and self._is_open(name):
                     closed, deadline = False, timing.now() + self._within
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
                 failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
-                text = str(e) if taken else f"{failed}: {e}"
+                text = str(e) if accepted else f"{failed}: {e}"
                 if isinstance(e, LOST) and name != "arm":
                     self._rig.lost.add(name)
             if overtook and confirmed:
@@ -239,8 +235,7 @@ class Landing:
         return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
     def _stop_arm(self, driver: Any) -> None:
-        """An arm whose state shows it standing needs no stop; one that does not take it is judged by its state alone, and
-        connected anew when that shows it moving."""
+        """An arm that stands needs no stop; one that takes none is judged by its state, and connected anew when it moves."""
         try:
             self._reached("arm").stop()
         except Exception:
@@ -255,8 +250,7 @@ def _held(driver: Any) -> tuple[bool, str]:
 
 
 def _at_rest(driver: Any) -> bool:
-    """By the state that the driver receives; by a look from outside when its connection has ended or is silent: after a stop by
-    the arm's own safety system it cannot be opened again before a person has cleared that."""
+    """By the state that the driver receives, or by a look from outside: after a protective stop no driver can be opened."""
     try:
         return bool(driver.standing())
     except (NotReady, NoReply):

@@ -175,8 +175,7 @@ class LimitMonitor:
         return self._setpoint_lost(name, sample) or self._holds(name, sample)
 
     def _setpoint_lost(self, name: str, sample: PressureSample) -> LimitFinding | None:
-        """Land if a regulator holds another set-point than it confirmed: it has restarted, or something else commands it too.
-        While none are confirmed (a command is under way) nothing is lost."""
+        """Land if a regulator holds another set-point than it confirmed; while none are confirmed nothing is lost."""
         last_confirmed = self.setpoints_confirmed or sample.setpoint
         differing = [
             (channel, confirmed, held)

@@ -27,7 +27,7 @@ from .child import Child, begin_child, start_child
 from .guard import LIVES_ON, REACH_WITHIN, Guard
 from .instruments import owned_names
 from .latch import RigLocked
-from .report import SafeReport, SafeStep
+from .messages import SafeReport, SafeStep
 
 
 def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:

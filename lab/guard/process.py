@@ -83,8 +83,7 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _look(self) -> None:
-        """Land a rig that is energised when its program gives no sign of life for `safe.heartbeat` seconds; tell it every
-        `BEAT_BACK` that the guard lives. Silence counts while this process is awake to hear."""
+        """Land an energised rig whose program was silent for `safe.heartbeat` seconds of being awake; tell it that we live."""
         guard = self._guard
         timing.readable([self._pulse.pipe], LOOK)
         records = self._pulse.take()

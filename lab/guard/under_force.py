@@ -172,12 +172,8 @@ class UnderForce:
             self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
 
     def _hold(self, last: bool) -> bool:
-        """Stop the arm unless its motion has ended or a sample has come by now; False when the arm refuses, which a `last` try
-        reports to the guard (`fail`). The motion then waits for samples.
-
-        An earlier call to the arm is waited for up to STOP_WAITS; then the stop goes ahead of it, without the lock.
-        """
-        locked = self._turn.acquire(timeout=STOP_WAITS)
+        """Stop the arm until samples come, unless it arrived or one came; False when it refuses, a failure at the `last` try."""
+        locked = self._turn.acquire(timeout=STOP_WAITS)  # then the stop goes ahead of an earlier call, without the lock
         try:
             late = self._age()
             if self._goal is None or late <= self._limits.max_age_in_motion:

@@ -17,6 +17,12 @@ Ints = NDArray[np.int64]
 
 EPOCH = (6e8, 4.2e9)
 """s since 1970, from 1989 to 2103."""
+DAYS = ((36_526.0, 73_050.0, 25_569.0), (730_486.0, 767_010.0, 719_529.0))
+"""Days as spreadsheets and as MATLAB count them: those of 2000 and of 2100, and that of 1970."""
+DAY_STEP = 5e-4
+"""Days from row to row below which such numbers are days: no clock in s that has run so long steps by as little."""
+EPOCH_UNITS = (1.0, 1e-3, 1e-6, 1e-9)
+"""s of the units in which computers count time."""
 LONG_STEP, MANY = 5.0, 200
 """Step and number of rows from which times without a unit are not in s."""
 STEPS = {"ms": 5e3, "us": 5e6}
@@ -77,6 +83,22 @@ def unit_of_steps(times: Array) -> str:
     if step < LONG_STEP or len(times) <= MANY or times[0] >= EPOCH[0]:
         return ""
     return next((unit for unit, most in STEPS.items() if step < most), "ns")
+
+
+def seconds(values: Array, unit: str, factor: float) -> Array:
+    """Times in s: by their unit; dates as numbers without one, or beyond what it allows, by their size."""
+    middle = float(np.nanmedian(np.abs(values)))
+    if not unit or middle * factor >= EPOCH[1]:
+        size = next((s for s in EPOCH_UNITS if EPOCH[0] <= middle * s < EPOCH[1]), None)
+        zero = 0.0
+        steps = np.diff(values[np.isfinite(values)])
+        if not unit and len(steps) and float(np.median(np.abs(steps))) < DAY_STEP:
+            zero = next((day for first, last, day in DAYS if first <= middle < last), 0.0)
+            size = 86_400.0 if zero else size
+        if size is not None:
+            start = float(values[np.isfinite(values)][0])
+            return (values - start) * size + (start - zero) * size
+    return values * factor
 
 
 def gaps(t: Array) -> NDArray[np.bool_]:

@@ -6,8 +6,9 @@ import io
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -21,7 +22,19 @@ from .headings import heading
 from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
-from .series import LARGEST, MOST_ELEMENTS, Series, cleaned, demand_bounded, demand_columns, leaves, of_judged, package, unique
+from .series import (
+    FRAME,
+    LARGEST,
+    MOST_ELEMENTS,
+    Series,
+    cleaned,
+    demand_bounded,
+    demand_columns,
+    leaves,
+    of_judged,
+    package,
+    unique,
+)
 from .text_tables import read_text
 
 if TYPE_CHECKING:
@@ -67,39 +80,75 @@ def _parquet(path: Path, source: Source) -> Series:
         raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
     demand_bounded(path, max(size, 8 * about.num_rows * len(names)))  # a value that repeats takes no bytes
     try:
-        columns = dict(enumerate(file.read().columns))
+        columns = file.read().columns
     except Exception:  # of one column, which is found below
-        columns = {}
-    judged: dict[str, Judged] = {}
-    notes = []
-    for k, name in enumerate(unique(names, len(names))):
-        try:
-            column = columns[k] if columns else file.read(columns=[name]).column(0)
-            for label, cells in _flat(name, column):
-                one = of_frame(cells, source.missing)
-                known = one.unit or (heading(name).unit if one.values.dtype.kind == "f" and label != name else "")
-                judged[label if label not in judged else f"{label} ({k + 1})"] = replace(one, unit=known)
-        except Exception as e:  # whatever the library raises about a column
-            notes.append(f"column {name!r} ({file.schema_arrow.types[k]}) is left out: {_reason(e)}")
-    if not judged:
-        raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
-    made = of_judged(path, judged, "Parquet")
-    return replace(made, notes=(*notes, *made.notes))
+        columns = None
+
+    def cells(k: int) -> pd.Series[Any]:
+        return _of_arrow(columns[k] if columns else file.read(columns=[names[k]]).column(0))
+
+    types = enumerate(zip(names, file.schema_arrow.types, strict=True))
+    return _of_columns(path, "Parquet", [(name, str(kind), partial(cells, k)) for k, (name, kind) in types], source.missing)
 
 
-def _flat(name: str, column: Any) -> Iterator[tuple[str, pd.Series[Any]]]:
-    """A column of Arrow, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
+def _of_arrow(column: Any) -> pd.Series[Any]:
+    """A column of Arrow; raises ValueError where it holds bytes."""
     import pandas as pd
     import pyarrow as pa
 
     if isinstance(column.type, pa.BaseExtensionType):
         column = pa.chunked_array([chunk.storage for chunk in column.chunks], column.type.storage_type)
-    if not pa.types.is_nested(column.type):
-        if column.type.id in (pa.binary().id, pa.large_binary().id, pa.binary(1).id, pa.binary_view().id):
-            raise ValueError("bytes are no measurements; write them as numbers or texts")
-        yield name, column.to_pandas()
+    if pa.types.is_nested(column.type):
+        return pd.Series(column.to_pylist(maps_as_pydicts="lossy"), dtype=object)
+    if column.type.id in (pa.binary().id, pa.large_binary().id, pa.binary(1).id, pa.binary_view().id):
+        raise ValueError("bytes are no measurements; write them as numbers or texts")
+    return cast("pd.Series[Any]", column.to_pandas())
+
+
+def of_data_frame(frame: pd.DataFrame, missing: Sequence[str | float] = ()) -> Series:
+    """The columns of a DataFrame, and its index where it has a name or holds times; raises ConfigError."""
+    import pandas as pd
+
+    index = frame.index
+    if any(name is not None for name in index.names) or index.dtype.kind in "mM" or isinstance(index.dtype, pd.DatetimeTZDtype):
+        frame = frame.reset_index()
+    names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
+    columns = [(name, str(kind), partial(frame.iloc.__getitem__, (slice(None), k)))
+               for k, (name, kind) in enumerate(zip(names, frame.dtypes, strict=True))]  # fmt: skip
+    stated = {str(name): str(unit) for name, unit in dict(frame.attrs.get("units", {})).items()}
+    made = _of_columns(Path(FRAME), FRAME, columns, missing)
+    return replace(made, units={**stated, **made.units}, lines=index.to_numpy())
+
+
+def _of_columns(
+    path: Path, form: str, columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]], missing: Sequence[str | float]
+) -> Series:
+    """Columns by name, type and cells, what is inside lists and structures as NAME.1 .. and NAME.FIELD; one that cannot be read
+    costs itself alone."""
+    judged: dict[str, Judged] = {}
+    notes = []
+    for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):
+        try:
+            for label, cells in _flat(name, columns[k][2]()):
+                one = of_frame(cells, missing)
+                known = one.unit or (heading(name).unit if one.values.dtype.kind == "f" and label != name else "")
+                judged[label if label not in judged else f"{label} ({k + 1})"] = replace(one, unit=known)
+        except Exception as e:  # whatever a library raises about a column
+            notes.append(f"column {name!r} ({columns[k][1]}) is left out: {_reason(e)}")
+    if not judged:
+        raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
+    made = of_judged(path, judged, form)
+    return replace(made, notes=(*notes, *made.notes))
+
+
+def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
+    """A column, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
+    import pandas as pd
+
+    if cells.dtype != object or not any(hasattr(cell, "__len__") and not isinstance(cell, str) for cell in cells):
+        yield name, cells
         return
-    rows = [dict(leaves(name, value)) for value in column.to_pylist(maps_as_pydicts="lossy")]
+    rows = [dict(leaves(name, value)) for value in cells]
     labels = dict.fromkeys(label for row in rows for label in row)
     if not labels:
         raise ValueError("it holds no number, time or word")

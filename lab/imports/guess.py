@@ -39,8 +39,7 @@ from .joining import JOIN
 from .map_file import Map
 from .proposal import Guess
 from .quantities import quantities_of
-from .reading import texts
-from .series import Series
+from .series import Series, texts
 from .trials import Change, Stages, changes
 
 Array = NDArray[np.float64]

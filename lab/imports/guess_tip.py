@@ -22,8 +22,7 @@ from .joining import JOIN
 from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
-from .reading import at_rest, unit_in, unseen
-from .series import Series
+from .series import Series, at_rest, unit_in, unseen
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from recordings.trials import column_order
 
-from ..files.units import KINDS
+from ..files.units import KINDS, SPELLED
 
 WORDS = {
     "t": "t time zeit uhrzeit temps heure tiempo hora tempo ora timestamp datetime clock seconds sec elapsed millis micros",
@@ -40,20 +40,8 @@ INFLATED = frozenset(INFLATED_WORDS.split()) | TENDON
 """Words of a heading under which stands what is inflated or pulled, as a number or a word."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
 PRESSURE_WORDS = frozenset(
-    [
-        "p",
-        "pressure",
-        "pressures",
-        "druck",
-        "chamber",
-        "kammer",
-        "press",
-        "presion",
-        "regulator",
-        "regulators",
-        "regler",
-    ]
-)
+    ["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion", "regulator", "regulators", "regler"]
+)  # fmt: skip
 ASKED_FOR_WORDS = """
 set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
 demanded requested req consigne vorgabe consigna input
@@ -81,31 +69,18 @@ WORDS_OF_BRANCH = {
     "unload": "unload down unloading deflate deflating deflation fall falling decrease ab zurueck backward",
 }
 UNITS = {unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]}
-UNIT_WORDS = {
-    "m": "meter meters metre metres mètres metros м", "cm": "centimeter centimeters centimetre centimetres zentimeter см",
-    "mm": "millimeter millimeters millimetre millimetres millimètres milímetros мм",
-    "um": "µm μm micrometer micrometers", "s": "sec secs second seconds sek sekunde sekunden secondes segundos с сек",
-    "ms": "msec millis millisecond milliseconds millisekunden мс", "us": "µs μs usec micros microsecond microseconds",
-    "ns": "nanosecond nanoseconds", "deg": "° degree degrees grad degrés grados град", "rad": "radian radians",
-    "Pa": "pascal па", "kPa": "kilopascal kpag kpa(g) кпа", "bar": "barg bar(g) бар", "psi": "psig", "g": "gram grams gramm г",
-    "kg": "kilogram kilograms кг", "N": "newton newtons н", "mbar": "millibar мбар", "hPa": "hektopascal", "in": "inch inches",
-    "kgf/cm2": "kgf/cm² kgf/cm^2 kg/cm2 kg/cm² kg/cm^2", "d": "day days tag tage", "MPa": "megapascal мпа", "GPa": "gigapascal",
-}  # fmt: skip
-"""Other ways in which units are written."""
-UNITS |= {word: UNITS[unit.casefold()] for unit, words in UNIT_WORDS.items() for word in words.split()}
-OTHER_UNIT_WORDS = """
-v mv uv ma a hz khz °c c k % 1 - -- – a.u. au n/a none n.u. frame frames sample samples # nm n·m n*m m/s mm/s rad/s deg/s °/s m/s²
-m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min sccm
-v/v bool boolean unitless px counts lsb s^-1 ohm kohm nt ut mt gauss date iso8601
-hh:mm:ss hh:mm:ss.000 date/time
-"""
-OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | {""}
-"""What else stands in a row of units."""
+UNITS |= {word: UNITS[unit.casefold()] for word, unit in SPELLED.items()}
 UNSTATED_WORDS = """
 1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless
 """
 UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
-"""Those of them that say no unit."""
+"""What stands in a row of units and says none."""
+OTHER_UNIT_WORDS = """
+v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min
+sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
+"""
+OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | UNSTATED
+"""What else stands there."""
 
 
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
@@ -220,21 +195,8 @@ def tendon(h: Heading) -> int | None:
 
 
 TURN_WORDS = frozenset(
-    [
-        "rotation",
-        "rot",
-        "euler",
-        "angle",
-        "angles",
-        "winkel",
-        "orientation",
-        "attitude",
-        "rotvec",
-        "rpy",
-        "turn",
-        "drehung",
-    ]
-)
+    ["rotation", "rot", "euler", "angle", "angles", "winkel", "orientation", "attitude", "rotvec", "rpy", "turn", "drehung"]
+)  # fmt: skip
 TURNS = (("roll", "pitch", "yaw"), ("rollen", "nicken", "gieren"), ("roulis", "tangage", "lacet"),
          ("alabeo", "cabeceo", "guiñada"),
          ("rollio", "beccheggio", "imbardata"), ("bank", "pitch", "heading"), ("roll", "nick", "gier"), ("rx", "ry", "rz"),

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
-from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, timeline, unit_of_steps
+from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
 from .headings import heading, is_unit, own_column, quantity, triples
 from .map_file import Column, Map, Name
-from .reading import axes_of, name_of, numbers, seconds, unit_in
-from .series import Series, Texts, listed
+from .series import Series, Texts, axes_of, listed, name_of, numbers, unit_in
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -12,13 +12,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from model.actuators import Words
 from recordings.trials import TEXTS, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable
-from ..files.units import KINDS, UnitError, to_si
+from ..files.units import KINDS, UnitError, plain_unit, to_si
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Column(FileTable):
 
     column: Name
     """Its heading, or its number from 1."""
-    unit: str = ""
+    unit: Annotated[str, AfterValidator(plain_unit)] = ""
     """By default as heading or file say, or SI. Of tendons also N, of their rate N/s."""
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
@@ -74,7 +74,7 @@ class Points(FileTable):
     of: tuple[Point, ...] = Field(min_length=1)
     against: tuple[Point, ...] = ()
     """Markers at the base."""
-    unit: str = ""
+    unit: Annotated[str, AfterValidator(plain_unit)] = ""
     """By default as the file says, or m."""
     turn: bool = False
     """Take the tip's orientation from three markers or more."""

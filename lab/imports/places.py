@@ -25,10 +25,10 @@ from diagnosis.data.campaign import settings
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
-from recordings.trials import Table, TrialRow
+from recordings.trials import Table
 
 from ..files.config import ConfigError
-from .reading import at_rest
+from .series import at_rest
 
 Array = NDArray[np.float64]
 
@@ -39,22 +39,20 @@ WRONG, RIGHT = 0.05, 0.25
 """Least share of the robot's length missed without h, and most share of that missed with h, for a remark."""
 
 
-def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, float] | None:
+def lever_off(states: Table, length: float) -> tuple[float, float, float] | None:
     """h (m), and the rms (m) that are missed without and with it, where readings that start from the straight robot contradict
     the map; None otherwise."""
-    kept = [(np.array(r.tip), Rotation.from_quat(r.orientation, scalar_first=True)) for r in rows if r.tip and r.orientation]
-    kept = [(tip, turn) for tip, turn in kept if np.hypot(*turn.as_rotvec()[:2]) > LEAST_TURN]
-    n = len(kept)
+    kept = _turning(states)
+    bent = _turns(kept).as_rotvec()
+    told = np.linalg.norm(bent[:, :2], axis=1) > LEAST_TURN
+    kept, (x, y) = kept.take(told), bent[told, :2].T
+    n, theta = len(kept), np.hypot(x, y)
     if n < FEWEST:
         return None
-    arcs = np.zeros((n, 3, n))
-    for i, (_, turn) in enumerate(kept):
-        x, y = turn.as_rotvec()[:2]
-        theta = float(np.hypot(x, y))
-        across = (1 - np.cos(theta)) / theta**2
-        arcs[i, :, i] = across * y, -across * x, np.sin(theta) / theta
-    seen = np.concatenate([tip for tip, _ in kept])
-    levers = np.concatenate([(turn.as_matrix() - np.eye(3))[:, 2:] for _, turn in kept])
+    arcs, across = np.zeros((n, 3, n)), (1 - np.cos(theta)) / theta**2
+    arcs[np.arange(n), :, np.arange(n)] = np.column_stack([across * y, -across * x, np.sin(theta) / theta])
+    seen = kept.tip.ravel()
+    levers = (_turns(kept).as_matrix() - np.eye(3))[:, :, 2:].reshape(3 * n, 1)
     without, both = arcs.reshape(3 * n, n), np.hstack([arcs.reshape(3 * n, n), levers])
     found = np.linalg.lstsq(both, seen, rcond=None)[0]
     missed = [
@@ -66,20 +64,28 @@ def lever_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float, fl
     return float(found[-1]), missed[0], missed[1]
 
 
+def _turning(states: Table) -> Table:
+    """States with a tip and its orientation."""
+    return states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
+
+
+def _turns(states: Table) -> Rotation:
+    return Rotation.from_quat(states.orientation.reshape(-1, 4), scalar_first=True)
+
+
 # ------------------------------------------------------------------ turn
 FITS, SIZES = 0.9, (0.15, 5.0)
 """Agreement of place and turn (1 is the most) of bodies, and sizes of their displacements, of an arc's."""
 
 
-def turn_off(rows: Sequence[TrialRow], length: float) -> tuple[float, float] | None:
+def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
     and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
-    kept = [r for r in rows if r.tip and r.orientation]
-    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    kept = _turning(states)
+    resting = at_rest(kept.pressures)
     if not resting.any():
         return None
-    bent = _from_rest(Rotation.from_quat([r.orientation for r in kept], scalar_first=True), resting)
-    across = _across(np.array([r.tip for r in kept]), resting)
+    bent, across = _from_rest(_turns(kept), resting), _across(kept.tip, resting)
     moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
     told = turned > LEAST_TURN
     if told.sum() < FEWEST or not (moved[told] > 0).any():
@@ -116,25 +122,23 @@ ON_AXIS, OTHER_LENGTH = 0.05, 0.15
 """Robot lengths off the axis within which a body is straight, and by which the tip of a straight one may be nearer or farther."""
 
 
-def length_at_rest(rows: Sequence[TrialRow], length: float) -> float | None:
+def length_at_rest(states: Table, length: float) -> float | None:
     """m from the base to the tip of a body that is straight at rest, where it is another than `length` (m); None otherwise."""
-    kept = [r for r in rows if r.tip]
-    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    resting = at_rest(states.pressures)
     if not resting.any():
         return None
-    x, y, z = np.array([r.tip for r in kept])[resting].mean(axis=0)
+    x, y, z = states.tip[resting].mean(axis=0)
     straight = np.hypot(x, y) < ON_AXIS * length and z > ON_AXIS * length
     return float(z) if straight and abs(z / length - 1) > OTHER_LENGTH else None
 
 
-def beside_at_rest(rows: Sequence[TrialRow], straight: Array) -> tuple[float, float] | None:
+def beside_at_rest(states: Table, straight: Array) -> tuple[float, float] | None:
     """m off the axis and m from the base at which the tip rests where a body cannot bring it, so that the base is elsewhere;
     `straight` (3,) m: the tracked point of the straight robot. None otherwise."""
-    kept = [r for r in rows if r.tip]
-    resting = at_rest(np.array([r.pressures for r in kept])) if kept else np.zeros(0, bool)
+    resting = at_rest(states.pressures)
     if not resting.any():
         return None
-    tip = np.array([r.tip for r in kept])[resting].mean(axis=0)
+    tip = states.tip[resting].mean(axis=0)
     away, off = float(np.linalg.norm(tip)), float(np.linalg.norm((tip - straight)[:2]))
     reach = float(np.linalg.norm(straight))
     # no body at rest reaches farther, but for stretch
@@ -198,13 +202,13 @@ class Stands:
         return cls(end[None], Rotation.identity(1), on_axis)
 
     @classmethod
-    def of(cls, robot: Robot, rows: Sequence[TrialRow]) -> Stands:
-        """States of rows as the model of robot.yaml has them: with their spine, mass, roll and force, without pressure.
+    def of(cls, robot: Robot, states: Table) -> Stands:
+        """States as the model of robot.yaml has them: with their spine, mass, roll and force, without pressure.
 
         Raises ConfigError where the model finds no equilibrium.
         """
         try:
-            model = ForwardModel.of_single_states(robot).at(settings(robot, Table.of(rows), vented=True), np.array(robot.markers))
+            model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented=True), np.array(robot.markers))
             read = model.read(np.zeros(len(model.parameters)))
         except ModelError as e:
             raise ConfigError(f"straight: at rest: {e}") from e
@@ -241,22 +245,19 @@ class Jump:
     """The body whose place it took, and which took its place."""
 
 
-def jumps(rows: Sequence[TrialRow], length: float) -> Iterator[Jump]:
+def jumps(states: Table, length: float) -> Iterator[Jump]:
     """Places that move, from one state to the next, farther than the body of this length (m) can.
 
     Neighbours are states that follow each other, and states at rest that do; under other loads (spine, masses, vacuum,
     forces, mounting) they are not held against each other.
     """
-    if len(rows) < 2 or len({len(r.markers) for r in rows}) > 1 or any(r.tip is None for r in rows):
-        return
-    places = np.array([[r.tip, *r.markers] for r in rows], np.float64)
-    pressures = np.array([r.pressures for r in rows])
-    forces = np.array([r.tip_force for r in rows])
-    loads = [(r.spine_length, r.tip_mass, r.roll_deg, r.vacuum) for r in rows]
+    places = np.concatenate([states.tip[:, None], states.markers], axis=1)
+    pressures, forces = states.pressures, states.tip_force
+    loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
     resting = np.flatnonzero(at_rest(pressures)).tolist()
-    every = range(len(rows))
+    every = range(len(states))
     pairs = dict.fromkeys([*zip(every, every[1:], strict=False), *zip(resting, resting[1:], strict=False)])
-    a, b = np.array([pair for pair in pairs if loads[pair[0]] == loads[pair[1]]] or [(0, 0)]).T
+    a, b = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
     kept = np.abs(forces[b] - forces[a]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
     a, b = a[kept], b[kept]
     moved = np.linalg.norm(places[b] - places[a], axis=2)

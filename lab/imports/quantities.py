@@ -18,13 +18,12 @@ from recordings.trials import TEXTS
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
-from .clock import timeline
+from .clock import seconds, timeline
 from .columns import is_missing
 from .headings import heading
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
-from .reading import at_rest, axes_of, name_of, numbers, seconds, texts, unit_in, unseen
-from .series import Series, listed
+from .series import Series, at_rest, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 
 Array = NDArray[np.float64]
 
@@ -69,6 +68,11 @@ class Quantities:
     counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
     """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n,) rows with a tip and all pressures."""
+        return np.asarray(np.isfinite(np.column_stack([self.tip, self.pressures])).all(axis=1))
+
     def of(self, rows: NDArray[np.int64]) -> Quantities:
         """The same of these rows, in their order."""
         return replace(
@@ -91,6 +95,16 @@ class _File:
     """Note on a unit -> column whose unit it is -> key of the map."""
     resting: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
     """(n,) rows at rest, once pressures are known."""
+    factors: dict[str, float] = field(default_factory=dict)
+    """Key of the map -> how many SI units one of its column's is, once it is read."""
+
+    def numbers(self, column: Column, name: str, place: str) -> tuple[Array, str]:
+        """The numbers of a column as the file has them, and their unit."""
+        values, own = numbers(self.series, column.column, place), name_of(self.series, column.column, place)
+        unit = column.unit or unit_in(self.series, own, units_for(name, self.drive), place)
+        self.factors[place] = factor(unit, name, self.drive, f"{place}.unit")
+        _contradict(self, own, name, unit, place, column.scale)
+        return values, unit
 
     def places(self, xyz: Array, name: str) -> Array:
         """(n, 3) without rows in which nothing was seen."""
@@ -135,7 +149,8 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
             first = series.place(int(np.argmax(gone)))
             notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
-    line = timeline(t, _tick(file, wanted), series.place, averaged)
+    tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
+    line = timeline(t, tick, series.place, averaged)
     made = replace(made.of(line.rows), t=line.t, run=line.run)
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
@@ -159,22 +174,9 @@ def _time(series: Series, wanted: Map) -> Array:
     return np.arange(len(series), dtype=np.float64)
 
 
-def _tick(file: _File, wanted: Map) -> float:
-    """s of one unit of the column of times."""
-    column = wanted.columns.get("t")
-    if column is None:
-        return 1.0
-    unit = column.unit or unit_in(file.series, name_of(file.series, column.column, "columns.t"), KINDS["s"])
-    return column.scale * factor(unit, "t", file.drive, "columns.t.unit")
-
-
 def _number(file: _File, name: str, column: Column) -> Array:
-    place, series, units = f"columns.{name}", file.series, units_for(name, file.drive)
-    found = numbers(series, column.column, place)
-    own = name_of(series, column.column, place)
-    unit = column.unit or unit_in(series, own, units, place)
-    one = factor(unit, name, file.drive, f"{place}.unit")
-    _contradict(file, own, name, unit, place, column.scale)
+    found, unit = file.numbers(column, name, f"columns.{name}")
+    one = file.factors[f"columns.{name}"]
     if name == "t":
         return seconds(found * column.scale, unit, one)
     if column.zero == "first":
@@ -254,27 +256,14 @@ def _xyz(file: _File, point: Point, unit: str, place: str) -> Array:
     """(n, 3) m of a marker, each column by its own unit."""
     names: Sequence[Name] = axes_of(file.series, point, place) if isinstance(point, str) else point
     shown = point if isinstance(point, str) else " / ".join(map(str, point))
-    columns = []
-    for name in names:
-        own = name_of(file.series, name, place)
-        said = unit or unit_in(file.series, own, KINDS["m"], place)
-        columns.append(numbers(file.series, name, place) * factor(said, "x", file.drive, f"{place}.unit"))
-        _contradict(file, own, "x", said, place)
+    columns = [file.numbers(Column(column=name, unit=unit), "x", place)[0] * file.factors[place] for name in names]
     return file.places(np.column_stack(columns), f"marker {shown} ({place})")
 
 
 def _base(file: _File, wanted: Map) -> Array:
     """(3,) m in the recorded axes: the place of the base that `columns` subtract from x, y, z as a number."""
-    out = np.zeros(3)
-    for k, axis in enumerate("xyz"):
-        column = wanted.columns.get(axis)
-        if column is not None and isinstance(column.zero, float):
-            own = units_for(axis, file.drive)
-            unit = column.unit or unit_in(
-                file.series, name_of(file.series, column.column, f"columns.{axis}"), own, f"columns.{axis}"
-            )
-            out[k] = column.zero * column.scale * factor(unit, axis, file.drive, f"columns.{axis}.unit")
-    return out
+    zeros = {a: c.zero * c.scale * file.factors[f"columns.{a}"] for a, c in wanted.columns.items() if isinstance(c.zero, float)}
+    return np.array([zeros.get(axis, 0.0) for axis in "xyz"])
 
 
 def _place(file: _File, name: str, points: Points) -> Array:

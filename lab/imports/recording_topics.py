@@ -16,7 +16,7 @@ from functools import partial
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zstandard
@@ -33,6 +33,9 @@ from .clock import EPOCH
 from .joining import at_times
 from .map_file import Map, Source
 from .series import Series, Texts, leaves, name_in
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
@@ -70,23 +73,23 @@ class Topic:
     why: dict[str, None] = field(default_factory=dict)
     """Why messages or fields were left out."""
 
-    def sort(self) -> None:
-        """Put the messages in the order of time."""
-        order = np.argsort(self.times, kind="stable").tolist()
-        self.times, self.rows = [self.times[i] for i in order], [self.rows[i] for i in order]
-        self.about = [self.about[i] for i in order]
+    @property
+    def things(self) -> list[str]:
+        """What the messages name, where they name several things."""
+        named = [thing for thing in dict.fromkeys(self.about) if thing]
+        return named if 1 < len(named) <= len(self.rows) / FEWEST_OF_A_THING else []
 
-    def apart(self) -> str:
-        """Give each thing that the messages name columns of its own, where they name several; returns their names."""
-        things = [thing for thing in dict.fromkeys(self.about) if thing]
-        if not 1 < len(things) <= len(self.rows) / FEWEST_OF_A_THING:
-            return ""
-        cut = len(self.name)
-        self.rows = [
-            {f"{name[:cut]}.{thing}{name[cut:]}" if thing else name: value for name, value in row.items()}
-            for thing, row in zip(self.about, self.rows, strict=True)
+    def frame(self) -> pd.DataFrame:
+        """Numbers by column and time, NaN where a message has none; each of several things has columns of its own."""
+        import pandas as pd
+
+        cut, things = len(self.name), self.things
+        prefix = [f".{thing}" * bool(thing and things) for thing in self.about]
+        rows = [
+            {f"{name[:cut]}{thing}{name[cut:]}": value for name, value in row.items()}
+            for thing, row in zip(prefix, self.rows, strict=True)
         ]
-        return ", ".join(things[:SHOWN])
+        return pd.DataFrame(rows, index=self.times, dtype=np.float64).sort_index(kind="stable")
 
     @property
     def reason(self) -> str:
@@ -94,11 +97,6 @@ class Topic:
         count = f"{self.left_out} of {self.left_out + len(self.rows)} messages are left out: " if self.left_out else ""
         more = f"; and {len(self.why) - MOST_REASONS} other reasons" if len(self.why) > MOST_REASONS else ""
         return count + "; ".join(islice(self.why, MOST_REASONS)) + more
-
-    def columns(self) -> dict[str, Array]:
-        """(n,) numbers by column, NaN where a message has none."""
-        names = dict.fromkeys(name for row in self.rows for name in row)
-        return {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
 
 
 def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
@@ -148,8 +146,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         except RecordingError as e:
             raise _unreadable(p, e) from e
     for topic in found.values():
-        topic.sort()
-        if things := topic.apart():
+        if things := ", ".join(topic.things[:SHOWN]):
             notes.append(f"the messages of {topic.name} are about {things}: read as columns {topic.name}.NAME")
         if topic.why:
             notes.append(f"{topic.name}: {topic.reason}")
@@ -161,8 +158,8 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         why = f" ({found[source.topic].reason})" if source.topic in found and found[source.topic].why else ""
         raise ConfigError(f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}")
     leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
-    start = min(topic.times[0] for topic in topics.values())
-    at = np.array(leading.times)
+    frames = {name: topic.frame() for name, topic in topics.items()}
+    start, at = min(frame.index[0] for frame in frames.values()), frames[leading.name].index.to_numpy()
     # Seconds since the epoch where log times are, so that the next recording keeps its distance.
     out: dict[str, Array | Texts] = {"time": at if start >= EPOCH[0] else at - start}
     if len(at) > 1 and not np.ptp(at):
@@ -170,9 +167,9 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
             f"{path}: all {len(at)} messages of {leading.name} have the log time {at[0]:g} s, so that nothing says which "
             "belong together; record again with times, or write them by the stamps in their messages"
         )
-    for topic in topics.values():
-        for label, values in _continuous(topic.columns()).items():
-            out[label] = values if topic is leading else at_times(at, np.array(topic.times), values, OLDEST)
+    for name, frame in frames.items():
+        for label, values in _continuous({label: frame[label].to_numpy() for label in frame}).items():
+            out[label] = values if name == leading.name else at_times(at, frame.index.to_numpy(), values, OLDEST)
     return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
 

@@ -20,7 +20,8 @@ from model.actuators import Words
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
-from recordings.trials import HEAD, TAIL, Table, TrialRow
+from recordings.table_file import checked
+from recordings.trials import HEAD, ORIENTATION, TAIL, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from ..questions.table import doubtful_gravity
@@ -31,8 +32,7 @@ from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
 from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
-from .reading import at_rest
-from .series import Series
+from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
 Array = NDArray[np.float64]
@@ -61,16 +61,42 @@ class Imported:
 
 
 @dataclass(frozen=True)
-class _State:
-    """One state, not numbered yet."""
+class _States:
+    """n states of files, not numbered yet."""
 
-    file: int
-    rows: slice
-    """Of the file's quantities."""
-    group: int
-    """Of states that were read one after the other: a trial."""
-    row: TrialRow
-    turn: Rotation | None
+    table: Table
+    """`trial`: states that were read one after the other; `step`: 0."""
+    turn: Rotation
+    """(n,) of the tip, from where the map has it straight."""
+    turned: NDArray[np.bool_]
+    """(n,) states with an orientation."""
+    file: NDArray[np.int64]
+    """(n,) from 0."""
+    row: NDArray[np.int64]
+    """(n,) the first, from 0, of the file's quantities."""
+
+    @classmethod
+    def stacked(cls, parts: Sequence[_States]) -> _States:
+        """Those of several files."""
+        return cls(
+            Table.stacked([p.table for p in parts]), Rotation.concatenate([p.turn for p in parts]),
+            *(np.concatenate([getattr(p, name) for p in parts]) for name in ("turned", "file", "row")),
+        )  # fmt: skip
+
+    def moved(self, lever: Array, shift: Array) -> _States:
+        """The same with tips moved by a lever (3,) m that turns with them, back, and by a shift (3,) m."""
+        levers = np.where(self.turned[:, None], self.turn.apply(lever), lever)
+        return replace(self, table=_with(self.table, TIP, self.table.tip + (shift - levers)))
+
+    def oriented(self) -> Table:
+        """The table with orientations as its columns have them."""
+        turns = self.turn.as_quat(canonical=True, scalar_first=True)
+        return _with(self.table, ORIENTATION, np.where(self.turned[:, None], turns, np.nan))
+
+
+def _with(table: Table, names: Sequence[str], values: Array) -> Table:
+    """The same states with columns (n, k) in place of their own."""
+    return table.replaced(dict(zip(names, values.T, strict=True)))
 
 
 def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
@@ -171,9 +197,20 @@ def imported(
     progress: Callable[[float, float], None] = lambda done, of: None,
 ) -> Imported:
     """Read, cut and put into the robot's frame; raises ConfigError."""
-    straight, arcs = _straight_point(robot), robot.markers
     every, notes, unread = _read(given, wanted, robot.actuators.words, progress)
-    read_files, states = [], []
+    return conclude(every, wanted, robot, notes, unread)
+
+
+def conclude(
+    every: Sequence[tuple[Series, Quantities, Map]],
+    wanted: Map,
+    robot: Robot,
+    notes: list[str],
+    unread: Sequence[str] = (),
+) -> Imported:
+    """The states of files, each with its map, as one table in the robot's frame; `notes` are added to. Raises ConfigError."""
+    straight, arcs = _straight_point(robot), robot.markers
+    read_files, parts = [], []
     group, start, origin = 0, 0.0, 0.0
     for number, (series, q, own_map) in enumerate(every):
         path = series.path
@@ -191,41 +228,42 @@ def imported(
         each = wanted.trials.begin == "state" and "trial" not in q.others
         numbers = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
         q, torn = _without_strays(q, own, float(straight[2]), series, notes)
-        made = [_state(number, group + k, q, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
-        kept = [s for s in made if s is not None]
+        made = [(group + k, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
+        kept = [(k, c) for k, c in made if q.seen[c.rows].any()]
         if len(kept) < len(made) < len(q.t):  # else the rows were named
             notes.append(f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out")
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
-        states += kept
+        parts.append(_states(number, q, kept))
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
+    states = _States.stacked(parts)
     if wanted.straight == "at rest":
-        notes += doubtful_gravity(robot, Table.of(s.row for s in states))
+        notes += doubtful_gravity(robot, states.table)
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
-        states = [_moved(s, np.array(wanted.sensor), np.zeros(3)) for s in states]
+        states = states.moved(np.array(wanted.sensor), np.zeros(3))
     if wanted.forces == "tip":
-        states = [_force_turned(s, wanted.frame.matrix) for s in states]
+        states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
-    rows = _numbered(states, counted, notes)
-    if wanted.straight != "as recorded" and (off := lever_off(rows, float(straight[2]))) is not None:
+    table = _numbered(states.oriented(), counted, notes)
+    if wanted.straight != "as recorded" and (off := lever_off(table, float(straight[2]))) is not None:
         notes.append(_lever_note(wanted.sensor[2], *off))
-    notes += _contradictions(rows, float(straight[2]))
-    if wanted.straight == "as recorded" and (rests := beside_at_rest(rows, straight)) is not None:
+    notes += _contradictions(table, float(straight[2]))
+    if wanted.straight == "as recorded" and (rests := beside_at_rest(table, straight)) is not None:
         aside, away = (1e3 * m for m in rests)
         notes.append(
             f"at rest the tip is {aside:.0f} mm off the axis and {away:.0f} mm from the origin, the robot is "
             f"{1e3 * straight[2]:.0f} mm long: add `straight: at rest` to the map, or check the frame and the unit"
         )
-    notes += _jump_notes(list(jumps(rows, float(straight[2]))), states, every, robot.actuators.words)
-    _demand_mounted(rows)
+    notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
+    _demand_mounted(table)
     if wanted.stiffness is not None:
-        rows += _pushes(rows, read_files, wanted)
+        table = _with_pushes(table, states.file, [q.constants.get("force") for _, q, _ in every], wanted)
     try:
-        table = Table.of(TrialRow.from_cells(r.cells()) for r in rows)
+        table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
     asked = other_order(
@@ -235,49 +273,49 @@ def imported(
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
 
 
-def _contradictions(rows: Sequence[TrialRow], length: float) -> Iterator[str]:
+def _contradictions(states: Table, length: float) -> Iterator[str]:
     """What to ask about turns that do not fit the places, a tip that is not the body's end, and mountings that vary."""
-    if (off := turn_off(rows, length)) is not None:
+    if (off := turn_off(states, length)) is not None:
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
             f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
             "unit), the frame and the columns x, y, z"
         )
-    if (other := length_at_rest(rows, length)) is not None:
+    if (other := length_at_rest(states, length)) is not None:
         yield (
             f"at rest the tip lies on the axis, {1e3 * other:.0f} mm from the base of a robot of {1e3 * length:.0f} mm: is this "
             "marker the tip, and its unit right?"
         )
     for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
-        share = follows_pressure(rows, name, same)
+        share = follows_pressure(states, name, same)
         if share > FOLLOWS:
             yield (
                 f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but what is mounted does not "
                 "follow them: is this column another quantity?"
             )
-    masses = [(a.tip_mass or 0.0, b.tip_mass or 0.0) for a, b in pairwise(rows) if a.trial == b.trial]
-    changed = sum(abs(a - b) > SAME_MASS for a, b in masses)
-    if changed > len(masses) / 2:
+    within = np.diff(states.trial) == 0
+    changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
+    if changed > within.sum() / 2:
         yield f"tip_mass changes {changed} times between states of one trial: is this column a mass that was hung there?"
 
 
-def follows_pressure(rows: Sequence[TrialRow], name: str, same: float) -> float:
+def follows_pressure(states: Table, name: str, same: float) -> float:
     """Share of the variance of a column that is linear in the pressures; 0 where it has few values, those within `same` alike."""
-    values = np.array([getattr(r, name) or 0.0 for r in rows])
-    terms = np.column_stack([np.array([r.pressures for r in rows]), np.ones(len(rows))])
-    if len(rows) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
+    values, terms = states.get(name, 0.0), np.column_stack([states.pressures, np.ones(len(states))])
+    if len(states) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
         return 0.0
     missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
     return float(1 - missed.var() / values.var())
 
 
-def _demand_mounted(rows: Sequence[TrialRow]) -> None:
+def _demand_mounted(states: Table) -> None:
     """Raise ConfigError where the turn of the body in its mount changes within a trial."""
-    for trial in dict.fromkeys(r.trial for r in rows):
-        own = [r.roll_deg for r in rows if r.trial == trial and r.roll_deg is not None]
-        if own and max(own) - min(own) > SAME_ROLL:
+    for trial in np.unique(states.trial).tolist():
+        roll = states.get("roll_deg")[states.trial == trial]
+        low, high = np.fmin.reduce(roll), np.fmax.reduce(roll)  # NaN where no state has one
+        if high - low > SAME_ROLL:
             raise ConfigError(
-                f"columns.roll_deg: from {min(own):.4g} to {max(own):.4g} deg within trial {trial}, but the body stays in its "
+                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body stays in its "
                 "mount; if this column is an angle of the tip, write it under orientation (columns, order, unit) instead"
             )
 
@@ -318,13 +356,13 @@ def _without_strays(
 
 
 def _jump_notes(
-    found: Sequence[Jump], states: Sequence[_State], files: Sequence[tuple[Series, Quantities, Map]], words: Words
+    found: Sequence[Jump], states: _States, files: Sequence[tuple[Series, Quantities, Map]], words: Words
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can."""
     exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
     told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
     for jump in told[:MOST_JUMPS]:
-        series, q, _ = files[states[jump.state].file]
+        series, q, _ = files[int(states.file[jump.state])]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
             f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
@@ -333,7 +371,7 @@ def _jump_notes(
             if jump.exchanged is None
             else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
         )
-        place = series.place(int(q.row[states[jump.state].rows.start]))
+        place = series.place(int(q.row[states.row[jump.state]]))
         yield (
             f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
             "files: {PATTERN: {columns: ..}}, or leave them out"
@@ -379,194 +417,167 @@ def _straightened(q: Quantities, straight: Array, sensor: Sequence[float], arcs:
     return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
 
 
-def _mounted(
-    states: list[_State], robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]
-) -> list[_State]:
+def _mounted(states: _States, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> _States:
     """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
 
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
     where there are any, is where the model stands under its weight.
     """
+    table = states.table
     # in steps of 2 kPa, of which the first of equals is taken
-    level = [round(max(map(abs, s.row.pressures)) / 2e3) for s in states]
-    resting = [i for i, own in enumerate(level) if own == min(level)]
+    level = np.round(np.abs(table.pressures).max(axis=1) / 2e3)
+    resting = np.flatnonzero(level == level.min())
     if straight == "first state":
-        resting, end = resting[:1], _straight_point(robot)
-        stands = Stands.straight(end, robot.markers)
+        resting = resting[:1]
+        stands = Stands.straight(_straight_point(robot), robot.markers)
     else:
-        beginning = [i for i in resting if not i or states[i].group != states[i - 1].group]
-        resting = beginning or resting
-        stands = Stands.of(robot, [states[i].row for i in resting])
-    lever, known = np.array(sensor), [k for k, i in enumerate(resting) if states[i].turn is not None]
-    if known:
-        recorded = Rotation.concatenate([turn for k in known if (turn := states[resting[k]].turn) is not None])
-        mount = (stands.turn[known].inv() * recorded).mean().inv()
-        states = [replace(s, turn=None if s.turn is None else s.turn * mount) for s in states]
+        beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
+        resting = beginning if len(beginning) else resting
+        stands = Stands.of(robot, table.take(resting))
+    known = states.turned[resting]
+    if known.any():
+        mount = (stands.turn[known].inv() * states.turn[resting[known]]).mean().inv()
+        states = replace(states, turn=states.turn * mount)
     else:
-        states = [replace(s, turn=None) for s in states]
-    states = [_moved(s, lever, np.zeros(3)) for s in states]
-    shift = np.mean(stands.tip - [states[i].row.tip for i in resting], axis=0)
-    places = np.array([_places(states[i].row) for i in resting])
-    beside = np.zeros(places.shape[1:])
+        states = replace(states, turned=np.zeros(len(table), bool))
+    states = states.moved(np.array(sensor), np.zeros(3))
+    shift = np.mean(stands.tip - states.table.tip[resting], axis=0)
+    markers, beside = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(beside), stands.markers.shape[1])
-    missed = stands.markers[:, :both] - places[:, :both]
-    seen = np.isfinite(missed).all(axis=2)
+    missed = stands.markers[:, :both] - markers[resting, :both]
+    seen = np.asarray(np.isfinite(missed).all(axis=2))
     for k in np.flatnonzero(seen.any(axis=0)).tolist():
         beside[k] = missed[seen[:, k], k].mean(axis=0)
-    out = []
-    for state in states:
-        moved = _moved(state, np.zeros(3), shift)
-        own = (_places(state.row) + beside).tolist()
-        out.append(replace(moved, row=replace(moved.row, markers=tuple((x, y, z) for x, y, z in own))))
-    return out
+    names = sum(marker_columns(len(beside)), ())
+    moved = states.moved(np.zeros(3), shift)
+    return replace(moved, table=_with(moved.table, names, (markers + beside).reshape(len(table), -1)))
 
 
-def _places(row: TrialRow) -> Array:
-    """(k, 3) m of the markers of a state; NaN where one was not seen."""
-    return np.array(row.markers, np.float64).reshape(-1, 3)
-
-
-def _moved(state: _State, lever: Array, shift: Array) -> _State:
-    """A state with its tip moved: by a lever that turns with it, and by a shift."""
-    own = shift - (state.turn.apply(lever) if state.turn is not None else lever)
-    x, y, z = (np.array(state.row.tip) + own).tolist()
-    return replace(state, row=replace(state.row, tip=(x, y, z), orientation=_quaternion(state.turn)))
-
-
-def _force_turned(state: _State, frame: Array) -> _State:
-    """A state with its force brought from the tip's axes into those of the base."""
-    if state.turn is None:
-        raise ConfigError(f"forces: the state at t = {state.row.t:.3f} s has no orientation to turn its force with")
-    x, y, z = state.turn.apply(frame @ np.array(state.row.tip_force)).tolist()
-    return replace(state, row=replace(state.row, force_x=x, force_y=y, force_z=z))
-
-
-def _quaternion(turn: Rotation | None) -> tuple[float, float, float, float] | None:
-    if turn is None:
-        return None
-    w, x, y, z = turn.as_quat(canonical=True, scalar_first=True).tolist()
-    return (w, x, y, z)
+def _force_turned(states: _States, frame: Array) -> _States:
+    """States with their force brought from the tip's axes into those of the base."""
+    if not states.turned.all():
+        t = float(states.table.get("t")[~states.turned][0])
+        raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation to turn its force with")
+    return replace(states, table=_with(states.table, FORCES, states.turn.apply(states.table.tip_force @ frame.T)))
 
 
 # ------------------------------------------------------------------ states
-def _state(file: int, group: int, q: Quantities, cut: Cut) -> _State | None:
-    own = cut.rows
-    tip, pressure = q.tip[own], q.pressures[own]
-    seen = np.isfinite(tip).all(axis=1) & np.isfinite(pressure).all(axis=1)
-    if not seen.any():
-        return None
-    held = np.zeros(pressure.shape[1]) if cut.at_rest else pressure[seen].mean(axis=0)
-    x, y, z = tip[seen].mean(axis=0).tolist()
-    turned = q.turned[own] & seen
-    turn = q.turn[own][turned].mean() if q.turn is not None and turned.any() else None
-    markers = tuple(
-        tuple(m[np.isfinite(m).all(axis=1)].mean(axis=0).tolist()) if np.isfinite(m).all(axis=1).any() else (np.nan,) * 3
-        for m in np.swapaxes(q.markers[own], 0, 1)
-    )
-    cells: dict[str, Any] = dict(q.constants)
-    cells |= {name: float(np.nanmean(v[own])) for name, v in q.others.items() if np.isfinite(v[own]).any()}
-    cells |= {name: str(said[-1]) for name, w in q.words.items() if len(said := w[own][w[own] != ""])}
-    if int(seen.sum()) > 1:
-        if not cut.at_rest:
-            cells |= {f"sd_p{k}": s for k, s in enumerate(pressure[seen].std(axis=0, ddof=1).tolist(), 1)}
-        cells |= {f"sd_{a}": s for a, s in zip("xyz", tip[seen].std(axis=0, ddof=1).tolist(), strict=True)}
-        cells.setdefault("hold", cut.since)
-    numbered = ("trial", "step", "repeat", "branch", "force", "deflection")
-    plain: dict[str, Any] = {"spine_length": 0.0, "protocol": "bending", "t": float(q.t[own][seen].mean())}
-    plain |= {n: cells[n] for n in (*HEAD, *TAIL) if n in cells and n not in numbered}
-    branch = str(cells.get("branch", ""))
-    if branch and branch not in BRANCHES:
+def _states(file: int, q: Quantities, kept: Sequence[tuple[int, Cut]]) -> _States:
+    """The mean of each cut of a file; each comes with its group, and has a row with a tip and pressures."""
+    n, cut_rows = len(kept), [cut.rows for _, cut in kept]
+    columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
+
+    def fill(name: str, values: NDArray[Any] | Sequence[Any]) -> None:
+        """Add a column; where it has no number, that of all rows stays."""
+        columns[name] = np.where(np.isnan(values), columns.get(name, np.nan), values)
+
+    for name, values in q.others.items():
+        fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
+    for name, words in q.words.items():
+        last = [next((word for word in words[rows].tolist()[::-1] if word), "") for rows in cut_rows]
+        columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
+    seen = [np.flatnonzero(q.seen[rows]) + rows.start for rows in cut_rows]
+    several, at_rest = np.array([len(rows) > 1 for rows in seen]), np.array([cut.at_rest for _, cut in kept])
+    of_state: dict[str, NDArray[Any]] = {"t": np.array([q.t[rows].mean() for rows in seen])}
+    for names, values in ((pressure_columns(q.pressures.shape[1]), q.pressures), (TIP, q.tip)):
+        of_state |= zip(names, np.array([values[rows].mean(axis=0) for rows in seen]).T, strict=True)
+        deviations = [values[rows].std(axis=0, ddof=1) if len(rows) > 1 else np.full(len(names), np.nan) for rows in seen]
+        for name, deviation in zip(names, np.array(deviations).T, strict=True):
+            fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
+    of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(q.pressures.shape[1])}
+    for names, places in zip(marker_columns(q.markers.shape[1]), np.swapaxes(q.markers, 0, 1), strict=True):
+        there = np.isfinite(places).all(axis=1)
+        means = [places[rows][there[rows]].mean(axis=0) if there[rows].any() else np.full(3, np.nan) for rows in cut_rows]
+        of_state |= zip(names, np.array(means).T, strict=True)
+    held = columns.pop("hold", np.full(n, np.nan))
+    columns["hold"] = np.where(np.isnan(held) & several, [cut.since for _, cut in kept], held)
+    if wrong := sorted(set(columns.get("branch", np.array([""])).tolist()) - {"", *BRANCHES}):
         raise ConfigError(
-            f"{q.path}: branch {branch[:40]!r} is not one of {', '.join(BRANCHES)}; translate it with columns.branch.values"
+            f"{q.path}: branch {wrong[0][:40]!r} is not one of {', '.join(BRANCHES)}; translate it with columns.branch.values"
         )
-    row = TrialRow(
-        **plain,
-        trial=group, step=0, repeat=int(cells.get("repeat", 0)), branch=branch, pressures=tuple(held.tolist()),
-        tip=(x, y, z), orientation=_quaternion(turn), markers=markers,  # type: ignore[arg-type]
-        sd={n[3:]: v for n, v in cells.items() if n.startswith("sd_")},
-        sensors={n: v for n, v in cells.items() if n.startswith("sensor_")},
+    columns = {"spine_length": np.zeros(n), "protocol": np.full(n, "bending"), "branch": np.full(n, "")} | {
+        name: column for name, column in columns.items()
+        if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or name.startswith(("sd_", "sensor_")))
+    }  # fmt: skip
+    columns |= {"trial": np.array([group for group, _ in kept]), "step": np.zeros(n, np.int64)} | of_state
+    columns["repeat"] = np.nan_to_num(columns.get("repeat", np.zeros(n))).astype(np.int64)
+    if "clipped" in columns:
+        columns["clipped"] = np.where(np.nan_to_num(columns["clipped"]) != 0, 1.0, np.nan)
+    turned = [rows[q.turned[rows]] for rows in seen]
+    turns = [q.turn[rows].mean() if q.turn is not None and len(rows) else Rotation.identity() for rows in turned]
+    return _States(
+        Table(columns), Rotation.concatenate(turns), np.array([len(rows) > 0 for rows in turned]),
+        np.full(n, file), np.array([rows.start for rows in cut_rows]),
     )  # fmt: skip
-    return _State(file, own, group, row, turn)
 
 
-def _numbered(states: Sequence[_State], counted: Mapping[str, Name], notes: list[str]) -> list[TrialRow]:
+def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
     """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on.
 
     `counted`: the columns of trial and repeat, if any. Unless one counts the trials, each is of one repeat: that of most states.
     """
-    groups = list(dict.fromkeys(s.group for s in states))
-    trials = [[s.row for s in states if s.group == g] for g in groups]
-    rows: list[TrialRow] = []
+    gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
+    step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     before: dict[tuple[int, ...], list[tuple[int, int]]] = {}
-    gap = pressure_gap(Table.of(r for own in trials for r in own))
     again = []
-    for trial, (own, kind) in enumerate(zip(trials, _kinds(trials), strict=True), 1):
+    for k, kind in enumerate(_kinds(states, trial, gap)):
+        own = np.flatnonzero(trial == k)
         others = before.setdefault(kind, [])
-        told = Counter(r.repeat for r in own if r.repeat)
+        told = Counter(repeat[own][repeat[own] != 0].tolist())
         usual = told.most_common(1)[0][0] if told else 1 + len(others)
-        again += [(other, trial, usual) for other, repeat in others if repeat == usual and told and len(own) > 1]
-        others.append((trial, usual))
-        for step, (row, falls) in enumerate(zip(own, _falling(own, gap), strict=True), 1):
-            repeat = row.repeat if row.repeat and "trial" in counted else usual
-            branch = row.branch or ("unload" if falls else "load")
-            rows.append(replace(row, trial=trial, step=step, repeat=repeat, branch=branch))
+        again += [(other, k + 1, usual) for other, alike in others if alike == usual and told and len(own) > 1]
+        others.append((k + 1, usual))
+        step[own] = 1 + np.arange(len(own))
+        repeat[own] = np.where((repeat[own] != 0) & ("trial" in counted), repeat[own], usual)
+        falls = np.where(_falling(states.pressures[own].max(axis=1), gap), "unload", "load")
+        branch[own] = np.where(branch[own] == "", falls, branch[own])
     if again and "repeat" in counted:
         notes.append(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
             f"{counted['repeat']!r} says that both are repeat {again[0][2]}: correct it, or leave columns.repeat "
             "out of the map, and trials alike are counted"
         )
-    return rows
+    return states.replaced({"trial": trial + 1, "step": step, "repeat": repeat, "branch": branch.astype(np.str_)})
 
 
-def _falling(trial: Sequence[TrialRow], gap: float) -> list[bool]:
-    """Whether the highest pressure came down to each state, or stood since it did; changes below `gap` (Pa) are none."""
+def _falling(highest: Array, gap: float) -> list[bool]:
+    """Whether the highest pressure (n,) Pa of a trial came down to each state, or stood since it did; changes below `gap` (Pa)
+    are none."""
     out: list[bool] = []
     level, falls = 0.0, False
-    for row in trial:
-        highest = max(row.pressures)
-        if abs(highest - level) > gap:
-            level, falls = highest, highest < level
+    for pressure in highest.tolist():
+        if abs(pressure - level) > gap:
+            level, falls = pressure, pressure < level
         out.append(falls)
     return out
 
 
-def _kinds(trials: Sequence[Sequence[TrialRow]]) -> list[tuple[int, ...]]:
-    """What trials that repeat each other have in common: how far each chamber is inflated, spine, mass and roll."""
-    highest = np.array([np.max([r.pressures for r in own], axis=0) for own in trials])
-    gap = pressure_gap(Table.of(r for own in trials for r in own))
+def _kinds(states: Table, trial: NDArray[np.int64], gap: float) -> list[tuple[int, ...]]:
+    """What trials, (n,) from 0, that repeat each other have in common: how far each chamber is inflated, spine, mass, roll."""
+    first = np.unique(trial, return_index=True)[1]
+    highest = np.maximum.reduceat(states.pressures, first, axis=0)
     settings = [levels(chamber, gap) for chamber in highest.T]
-    first = [own[0] for own in trials]
-    settings.append(levels(np.array([r.spine_length for r in first]), SPINE_GAP))
-    settings.append(levels(np.array([r.tip_mass or 0.0 for r in first]), SAME_MASS))
-    settings.append(levels(np.array([r.roll_deg or 0.0 for r in first]), SAME_ROLL))
+    for name, same in (("spine_length", SPINE_GAP), ("tip_mass", SAME_MASS), ("roll_deg", SAME_ROLL)):
+        settings.append(levels(states.get(name, 0.0)[first], same))
     return [tuple(int(v) for v in kind) for kind in zip(*settings, strict=True)]
 
 
-def _pushes(rows: Sequence[TrialRow], files: Sequence[tuple[Series, Quantities, tuple[Cut, ...]]], wanted: Map) -> list[TrialRow]:
-    """Stiffness rows: what each file's force adds to the place of the tip without it."""
+def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float | None], wanted: Map) -> Table:
+    """The states and stiffness rows: what each file's force adds to the place of the tip without it, in its first state."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]
-    numbered = []
-    at = 0
-    for _, q, own in files:
-        numbered.append((rows[at], q.constants.get("force")))
-        at += len(own)
-    out: list[TrialRow] = []
-    trials: dict[int, int] = {}
-    for row, force in sorted(numbered, key=lambda n: (n[0].repeat, n[1] or 0.0)):
-        if force is None or force == 0 or row.tip is None:
-            continue
-        rest = next((r for r, f in numbered if f == 0 and r.repeat == row.repeat and r.tip is not None), None)
-        if rest is None or rest.tip is None:
-            raise ConfigError(f"stiffness: repeat {row.repeat} has no file with force: 0 N to hold deflections against")
-        trial = trials.setdefault(row.repeat, len({r.trial for r in rows}) + len(trials) + 1)
-        deflection = sign * (row.tip[axis] - rest.tip[axis])
-        out.append(
-            TrialRow(
-                trial=trial, step=sum(r.trial == trial for r in out) + 1, protocol="stiffness", repeat=row.repeat, branch="load",
-                t=row.t, spine_length=row.spine_length, pressures=(0.0,) * len(row.pressures), specimen=wanted.stiffness.specimen,
-                force=float(force), deflection=float(deflection),
-            )
-        )  # fmt: skip
-    return out
+    first = states.take(np.unique(file, return_index=True)[1])
+    repeat, force = first.get("repeat"), np.array([np.nan if f is None else f for f in forces])
+    order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
+    rests = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
+    if lacking := [r for r in repeat[order].tolist() if r not in rests]:
+        raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N to hold deflections against")
+    pushed, along = first.take(order), sign * first.tip[:, axis]
+    n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
+    columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}
+    columns |= {name: np.zeros(n) for name in pressure_columns(states.pressures.shape[1])}
+    columns |= {"trial": states.trial.max() + 1 + number, "step": 1 + np.arange(n) - np.searchsorted(number, number),
+                "protocol": np.full(n, "stiffness"), "branch": np.full(n, "load"), "force": force[order],
+                "specimen": np.full(n, wanted.stiffness.specimen),
+                "deflection": along[order] - along[[rests[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
+    return Table.stacked([states, Table(columns)])

@@ -1,4 +1,4 @@
-"""Text tables as programs and spreadsheets of any country write them; pandas splits the lines, this finds what they are.
+"""Text tables as programs and spreadsheets of any country write them.
 
 A line is data when it holds about as many numbers as most lines that hold some. Above the data stand, in any number, title
 lines, headings and units; behind it footers. Lines among the data that are none of it are left out with a note.
@@ -7,7 +7,6 @@ lines, headings and units; behind it footers. Lines among the data that are none
 from __future__ import annotations
 
 import csv
-import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -81,7 +80,7 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     """One table; `whole`: its last line ends."""
     said = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
-    frame, records, too_long = _split(path, records, separator, width)
+    frame, records, too_long = _split(records, separator, width)
     data, first = _data_rows(path, frame, records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
@@ -254,41 +253,22 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
     return best[1], best[2]
 
 
-def _split(path: Path, records: list[Record], separator: str, width: int) -> tuple[pd.DataFrame, list[Record], list[Record]]:
+def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFrame, list[Record], list[Record]]:
     """Cells as text (lines, columns), their lines, and lines that have more cells than columns."""
     import pandas as pd
 
-    kept, texts, too_long = [], [], []
+    kept, rows, too_long = [], [], []
     for record in records:
-        text = record.text
-        count = text.count(separator) + 1 if separator != " " and '"' not in text else len(_cells(text, separator))
-        if count != width:
-            cells = _cells(text, separator)
-            if any(c.strip() for c in cells[width:]):
-                values = sum(map(looks_like_value, cells))
-                if values > DATA_SHARE * width and values > DATA_SHARE * sum(bool(c.strip()) for c in cells):
-                    too_long.append(record)
-                    continue
-                cells = _heading_cells(text, width) if separator == " " else cells
-            buffer = io.StringIO()
-            csv.writer(buffer, delimiter=separator, lineterminator="", quoting=csv.QUOTE_ALL).writerow(
-                (cells + [""] * width)[:width]
-            )
-            text = buffer.getvalue()
+        cells = [cell.strip() for cell in _cells(record.text, separator)]
+        if any(cells[width:]):
+            values = sum(map(looks_like_value, cells))
+            if values > DATA_SHARE * width and values > DATA_SHARE * sum(map(bool, cells)):
+                too_long.append(record)
+                continue
+            cells = _heading_cells(record.text, width) if separator == " " else cells
         kept.append(record)
-        texts.append(text)
-    options: dict[str, object] = {"sep": separator} if separator != " " else {"sep": r"\s+"}
-    try:
-        frame = pd.read_csv(
-            io.StringIO("\n".join(texts)), header=None, names=range(width), index_col=False, dtype=str, na_filter=False,
-            skip_blank_lines=False, skipinitialspace=True, **options,
-        )  # fmt: skip
-    except (ValueError, pd.errors.ParserError):
-        frame = pd.DataFrame()
-    if len(frame) != len(kept):
-        rows = [(_cells(text, separator) + [""] * width)[:width] for text in texts]
-        frame = pd.DataFrame(rows, columns=range(width), dtype=str)
-    return frame, kept, too_long
+        rows.append((cells + [""] * width)[:width])
+    return pd.DataFrame(rows, columns=range(width), dtype=str), kept, too_long
 
 
 def _heading_cells(text: str, width: int) -> list[str]:
@@ -310,7 +290,7 @@ def _data_rows(
 
     number, missing, filled, single = (np.zeros(frame.shape, bool) for _ in range(4))
     for k in frame:
-        cells = frame[k].str.strip()
+        cells = frame[k]
         filled[:, k] = cells != ""
         single[:, k] = ~cells.duplicated(keep=False)
         number[:, k] = pd.to_numeric(cells, errors="coerce").notna()
@@ -374,7 +354,7 @@ def _counted_headings(frame: pd.DataFrame, number: NDArray[np.bool_], source: So
     rows = np.flatnonzero(number.all(axis=1))
     if source.heading is not None or len(rows) < 2 or frame.shape[1] < 3:
         return False
-    first, second = (frame.iloc[int(i)].str.strip().tolist() for i in rows[:2])
+    first, second = (frame.iloc[int(i)].tolist() for i in rows[:2])
     counts = [[str(i + begin) for i in range(frame.shape[1])] for begin in (0, 1)]
     return first in counts and second not in counts
 

@@ -283,8 +283,6 @@ def changes(q: Quantities, stages: Stages) -> list[Change]:
 
 def carried(values: Array) -> Array:
     """Values, where one is missing the one before it, at the begin the first."""
-    known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.zeros(len(values))
-    before = np.searchsorted(known, np.arange(len(values)), side="right") - 1
-    return np.asarray(values[known[np.maximum(before, 0)]])
+    import pandas as pd
+
+    return np.asarray(pd.Series(values).ffill().bfill().fillna(0.0), np.float64)

@@ -21,12 +21,10 @@ import yaml
 from diagnosis.answer.result import Proposal
 from diagnosis.answer.sentences import hypothesis_name
 from diagnosis.diagnose import Options
-from diagnosis.errors import DiagnosisError
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN
-from diagnosis.investigate import Foretold, Investigation, Judged, NotDone, Round, investigate
+from diagnosis.investigate import Foretold, Investigation, NotDone, Round, Tested, investigate
 from drivers.errors import InstrumentError
-from model.errors import ModelError
 from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
@@ -56,7 +54,7 @@ from ..options import (
 from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis, names
 from ..pages.figures import GREY, STYLE, colours, save
-from ..pages.report import Report, Section
+from ..pages.report import PageSection, Report
 from ..processes import for_case
 from ..rig.assembly import Rig
 from ..rig.operator import RememberingOperator
@@ -93,11 +91,11 @@ def _lead(story: Investigation) -> str:
     number = {0: "no experiment", 1: "one experiment"}.get(experiments, f"{experiments} experiments")
     before, after = story.rounds[0].diagnosis.attribute, story.answer.attribute
     was = _plain(before.ranking[0].effects, story) if before.ranking else "nothing"
-    said = f"After {number} and {story.rounds[-1].minutes:g} min"
+    begin = f"After {number} and {story.rounds[-1].minutes:g} min"
     if after.verdict == "unknown":
-        head = f"{said} the cause lies outside the catalogue with probability {after.probability:.2f}."
+        head = f"{begin} the cause lies outside the catalogue with probability {after.probability:.2f}."
     else:
-        head = f"{said}: {_plain(after.effects, story)} with probability {after.probability:.2f}"
+        head = f"{begin}: {_plain(after.effects, story)} with probability {after.probability:.2f}"
         outside = next((r.probability for r in after.ranking if r.effects == UNKNOWN), 0.0)
         head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
     first = f" Before: {was}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
@@ -120,7 +118,7 @@ def _rounds(story: Investigation) -> list[list[str]]:
     return out
 
 
-def _experiment(section: Section, r: Round) -> None:
+def _experiment(section: PageSection, r: Round) -> None:
     assert r.foretold is not None
     p = r.foretold.proposal
     section.text(
@@ -138,7 +136,7 @@ def _experiment(section: Section, r: Round) -> None:
                   [_judged(j, r) for j in r.judged])  # fmt: skip
 
 
-def _judged(j: Judged, r: Round) -> list[str]:
+def _judged(j: Tested, r: Round) -> list[str]:
     before = next((x.probability for x in r.diagnosis.attribute.ranking if x.effects == j.effects), 0.0)
     chance = f"{j.p_value:.2g}{' (failed)' if j.failed else ''}"
     return [hypothesis(j.effects, r.diagnosis), f"{before:.2f}", f"{j.rms_mm:.2f}", chance, f"{j.bits + 0.0:.1f}"]
@@ -336,8 +334,6 @@ def run(w: Wanted) -> Result:
             investigation = investigate(
                 case, site, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed
             )
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e
     finally:
@@ -354,11 +350,11 @@ def run(w: Wanted) -> Result:
     def show() -> None:
         out.print(story.answer.statement)
         out.print(f"{story.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
-        if ended is not None:
-            out.print(f"go on with: {_again(w, site.inputs, unreadable)}", soft_wrap=True)
 
     data = {**investigation.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in site.inputs], "lost": site.lost}
-    return Result(data, show, 1 if ended is not None or not site.safe else 3 if site.lost else 0, None if stopped else ended)
+    code = 1 if ended is not None or not site.safe else 3 if site.lost else 0
+    again = None if ended is None else _again(w, site.inputs, unreadable)
+    return Result(data, show, code, None if stopped else ended, safe=site.safe, again=again)
 
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:

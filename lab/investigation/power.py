@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,10 @@ import numpy as np
 from rich.table import Table as Sheet
 
 from diagnosis.data.case import Case, states
-from diagnosis.errors import DiagnosisError
 from diagnosis.power.foreseen import Addition, additions, foreseen, of_case
 from diagnosis.power.rates import OTHER_LAWS, Power, power
 from diagnosis.power.worlds import Planned
 from model.effects.shows import possible
-from model.errors import ModelError
 from model.robot import Robot
 from protocols.planned import planned_rows
 from recordings.trials import counted
@@ -38,43 +35,28 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
-@dataclass(frozen=True)
-class PowerQuestion:
-    """Whose power is asked for: a protocol or a campaign for a rig or a robot, or a campaign that was measured."""
-
-    protocol: str | None
-    settings: tuple[str, ...]
-    campaign: Path | None
-    case: tuple[Path, ...]
-    rig: Path | None
-    robot: Path | None
-
-
-def run(asked: PowerQuestion, each: int, seed: int, more: bool, effects: Path | None) -> Result:
-    """What can be told apart, by drawing `each` worlds of every cause; `more`: also what each further experiment brings. Raises
-    ConfigError."""
-    if not 2 <= each <= 10_000:
-        raise ConfigError(f"--worlds {each}: must be 2 to 10000 of each cause")
-    robot, case_of = _planned(asked)
-    weighed, left_out = catalogue(robot, effects)
+def run(a: argparse.Namespace) -> Result:
+    """What can be told apart, by drawing worlds of every cause, and what each further experiment brings. Raises ConfigError."""
+    if not 2 <= a.worlds <= 10_000:
+        raise ConfigError(f"--worlds {a.worlds}: must be 2 to 10000 of each cause")
+    more = not a.no_additions
+    robot, case_of = _planned(a)
+    weighed, left_out = catalogue(robot, a.effects)
     weighed = {id: spec for id, spec in weighed.items() if possible(robot, spec)}
     note(f"not considered: {why}" for why in left_out)
-    try:
-        with Screen("drawing worlds") as screen:
-            case = case_of(seed)
-            whole = 3 if more else 2
-            design = of_case(case, weighed)
-            powers: dict[str, Power] = {}
-            for k, (name, clutter) in enumerate(CLUTTERS.items()):
-                screen.say(f"{name}: {each} worlds of each of {len(weighed)} causes, part {k + 1} of {whole}")
-                powers[name] = power(design, tuple(weighed), each, seed, clutter)
-                screen.progress((k + 1) / whole, 1.0)
-            brings: tuple[Addition, ...] = ()
-            if more and not states(case)[0].pushed.all():
-                screen.say(f"further experiments, part {whole} of {whole}")
-                brings = additions(case, weighed, seed=seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
+    with Screen("drawing worlds") as screen:
+        case = case_of(a.seed)
+        whole = 3 if more else 2
+        design = of_case(case, weighed)
+        powers: dict[str, Power] = {}
+        for k, (name, clutter) in enumerate(CLUTTERS.items()):
+            screen.say(f"{name}: {a.worlds} worlds of each of {len(weighed)} causes, part {k + 1} of {whole}")
+            powers[name] = power(design, tuple(weighed), a.worlds, a.seed, clutter)
+            screen.progress((k + 1) / whole, 1.0)
+        brings: tuple[Addition, ...] = ()
+        if more and not states(case)[0].pushed.all():
+            screen.say(f"further experiments, part {whole} of {whole}")
+            brings = additions(case, weighed, seed=a.seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
     return Result(_dict(powers, brings, design), partial(_show, _plan(case), powers, brings))
 
 
@@ -88,7 +70,7 @@ def _plan(case: Case) -> str:
     return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 
 
-def _planned(a: PowerQuestion) -> tuple[Robot, Callable[[int], Case]]:
+def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
     """The robot, and by a seed the case that was measured, or that the plan will give."""
     given = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
     if len(given) != 1:
@@ -110,7 +92,7 @@ def _planned(a: PowerQuestion) -> tuple[Robot, Callable[[int], Case]]:
     else:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
     facts = robot_facts(robot, rig)
-    _, parameters, plan = protocol_plan(a.protocol, list(a.settings), facts)
+    _, parameters, plan = protocol_plan(a.protocol, a.set, facts)
     rows = planned_rows(plan, parameters, facts.chambers)
     return robot, partial(foreseen, robot, planned_columns(rows, robot, READ))
 
@@ -168,15 +150,10 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
 
 
-def _power(a: argparse.Namespace) -> Result:
-    asked = PowerQuestion(a.protocol, tuple(a.set), a.campaign, tuple(a.case), a.rig, a.robot)
-    return run(asked, a.worlds, a.seed, not a.no_additions, a.effects)
-
-
 VERBS = (
     Verb(
         "power",
-        _power,
+        run,
         options=(
             JSON,
             ANY_SIZE,

@@ -1,7 +1,7 @@
 """A run seen while it runs: its recording is followed, never the run itself, and shown on a page in the browser.
 
 Where things are
-    picture     what the page shows: robot, limits and plan, then the state, up to date from the pieces of the recording; pure
+    picture     what the page shows: robot, limits, plan and state, kept up to date from the pieces of the recording; pure
     expected    where the tip should be, by the model, in a process of its own
     viewers     the server: four paths behind a token, and one queue per viewer; slow viewers are disconnected
     foxglove_server  the same to Foxglove and Lichtblick, message by message as they stand in the file

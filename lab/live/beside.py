@@ -63,8 +63,7 @@ class Page:
         self._part = (text, more)
 
     def show(self, file: Path, ask: Ask) -> None:
-        """From now on show this recording, which is about to be written; what viewers ask of its run is told to `ask` from
-        a thread of its own."""
+        """From now on show this recording, which is about to be written; a thread tells `ask` what viewers ask of its run."""
         self._shown, self._ask = self._shown + 1, ask
         text, more = self._part
         self._write(json.dumps({"file": str(file), "part": text, "more": more}))

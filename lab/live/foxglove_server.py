@@ -49,7 +49,7 @@ class Foxglove:
 
         asked: list[float] = []
 
-        class Listener(ServerListener):
+        class Subscriptions(ServerListener):
             def on_subscribe(self, client: Any, channel: Any) -> None:
                 asked[:] = [time.monotonic()]
 
@@ -59,7 +59,7 @@ class Foxglove:
         try:
             self._server = foxglove.start_server(
                 name="softlab", host=host, port=port, context=self._context, capabilities=[Capability.Time],
-                server_listener=Listener(), message_backlog_size=WAITING,
+                server_listener=Subscriptions(), message_backlog_size=WAITING,
             )  # fmt: skip
         except RuntimeError as e:
             raise ConfigError(
@@ -112,8 +112,7 @@ class Foxglove:
                 self._channels[number].log(payload, log_time=log_time)
 
     def expected(self, log_time: int, answer: dict[str, Any]) -> None:
-        """Where the tip should be at a log time (ns): `tip`, and where known `low` and `high` (m, base frame); nothing
-        without `tip`."""
+        """Where the tip should be at a log time (ns): `tip`, where known `low` and `high` (m, base frame); or nothing."""
         from foxglove import messages as m
 
         def place(x: float, y: float, z: float) -> m.Pose:

@@ -158,14 +158,14 @@ class Show:
 
     def __init__(
         self,
-        at: PageAddress,
+        served: PageAddress,
         part: ShownRecording | None = None,
         speed: float | None = None,
         model: bool = True,
         steer: Steer | None = None,
         foxglove: Foxglove | None = None,
     ) -> None:
-        self._at, self._speed = at, speed
+        self._at, self._speed = served, speed
         self._parts = deque([] if part is None else [part])
         """What is to be shown."""
         self._part: ShownRecording | None = None
@@ -176,7 +176,7 @@ class Show:
         self._foxglove = foxglove
         self._picture: Picture | None = None
         self._steered = steer is not None
-        self._viewers = Viewers(at.token, self._whole, steer)
+        self._viewers = Viewers(served.token, self._whole, steer)
         self._clock: Callable[[], float] = self._newest
 
     def follow(self, part: ShownRecording) -> None:

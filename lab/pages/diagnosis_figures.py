@@ -25,7 +25,6 @@ from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 Array = NDArray[np.float64]
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
-OTHERS = "other settings"
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
 
 
@@ -72,40 +71,45 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
 
 
 @dataclass(frozen=True)
-class Group:
+class StateGroup:
     """States with the same actuators driven."""
 
     name: str
-    own: NDArray[np.bool_]
+    selected: NDArray[np.bool_]
     """(n,) which states."""
     side: Array
     """(3,) unit vector, horizontal: the direction in which these states bend."""
     lengths: Array
     """Spine lengths, m."""
+    others: bool = False
+    """All settings that have no group of their own."""
 
     @property
     def order(self) -> tuple[int, ...]:
         """For a list: single actuators by their number first, then pairs; settings that are summed up last."""
         numbers = tuple(map(int, re.findall(r"\d+", self.name)))
-        return (len(self.own) + 1,) if self.name.endswith(OTHERS) else (len(numbers), *numbers)
+        return (len(self.selected) + 1,) if self.others else (len(numbers), *numbers)
 
 
-def groups(d: Diagnosis) -> list[Group]:
+def groups(d: Diagnosis) -> list[StateGroup]:
     """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
     s, chambers = _states(d), d.detail["states"].get("chambers")
     keys = ["all states"] * len(s["tip"]) if chambers is None else [d.words.group(c) for c in chambers]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
     ranked = sorted(worst, key=lambda key: -worst[key])
+    others = ""
     if len(ranked) > MOST_GROUPS:
-        others = f"{len(ranked) - MOST_GROUPS + 1} {OTHERS}"
+        others = f"{len(ranked) - MOST_GROUPS + 1} other settings"
         keys = [key if key in ranked[: MOST_GROUPS - 1] else others for key in keys]
         ranked = [*ranked[: MOST_GROUPS - 1], others]
-    made = []
+    panels = []
     for name in ranked:
-        own = np.array([key == name for key in keys])
-        made.append(Group(name, own, _side(s["tip"][own]), _levels(s["spine_length"][own], 0.01)))
-    return made
+        selected = np.array([key == name for key in keys])
+        panels.append(
+            StateGroup(name, selected, _side(s["tip"][selected]), _levels(s["spine_length"][selected], 0.01), name == others)
+        )
+    return panels
 
 
 def _side(tip: Array) -> Array:
@@ -121,9 +125,9 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 
     `name` of the model with the cause.
     """
-    s, found = _states(d), groups(d)
+    s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
-    rows = [(g, length) for g in sorted(found, key=lambda g: g.order) for length in g.lengths]
+    rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
     spines = np.ptp(s["spine_length"]) > 0.01
     labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
     grain = _grain(s["pressure"])
@@ -131,12 +135,12 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     maps = []
     for model, gap in missed.items():
         for branch, way in ((1, "load"), (-1, "unload")):
-            there = s["branch"] == branch
-            if there.any():
-                pressures = _levels(s["pressure"][there], grain)
-                maps.append((f"{model}, {way}", pressures, _mapped(s, gap, there, rows, pressures)))
+            of_branch = s["branch"] == branch
+            if of_branch.any():
+                pressures = _levels(s["pressure"][of_branch], grain)
+                maps.append((f"{model}, {way}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
-    made = []
+    pictures = []
     for k, (title, pressures, values) in enumerate(maps):
         with plt.rc_context(STYLE):
             figure, axis = plt.subplots(figsize=(4.3, 1.3 + 0.26 * len(rows)), layout="constrained")
@@ -152,8 +156,8 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             axis.grid(False)
             axis.set_xlabel(d.words.axis)
             figure.colorbar(image, ax=axis, label="gap, mm rms")
-            made.append(save(figure, folder / f"map-{k}.svg"))
-    return made
+            pictures.append(save(figure, folder / f"map-{k}.svg"))
+    return pictures
 
 
 def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
@@ -161,12 +165,12 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 
     Above calibrated, below with the cause (`name`), with the band of the noise floor.
     """
-    s, found = _states(d), groups(d)
+    s, by_group = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
     most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * 1e3 * 1.05 + half
-    made = []
-    for k, g in enumerate(found):
+    pictures = []
+    for k, g in enumerate(by_group):
         directions = (("along bending", g.side), ("across", np.array([-g.side[1], g.side[0], 0.0])))
         with plt.rc_context(STYLE):
             figure, axes = plt.subplots(2, 2, figsize=(4.2, 4.4), layout="constrained", sharex=True, sharey=True)
@@ -175,8 +179,8 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     axis.axhspan(-half, half, color="0.9")
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
-                            at = g.own & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                            _curve(axis, s["pressure"][at], d.words.pascal, gap[at] @ way * 1e3, colour, style)
+                            selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
+                            _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ way * 1e3, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
@@ -190,8 +194,8 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                 axis.set_xlabel(d.words.axis)
             figure.suptitle(g.name, fontsize=9)
             figure.legend(*legend.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
-            made.append(save(figure, folder / f"loops-{k}.svg"))
-    return made
+            pictures.append(save(figure, folder / f"loops-{k}.svg"))
+    return pictures
 
 
 def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
@@ -203,39 +207,36 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     s = _states(d)
     models = (("given", ":", GIVEN, "k"), ("calibrated_unseen", "--", CALIBRATED, GREY), ("explained_unseen", "-", name, BLUE))
     spines = np.ptp(s["spine_length"]) > 0.01
-    made = []
+    pictures = []
     for k, g in enumerate(groups(d)):
         shown = g.lengths[np.unique(np.linspace(0, len(g.lengths) - 1, 4).round().astype(int))]
         for j, length in enumerate(shown):
-            at = g.own & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < 0.01)
-            if not at.any():
+            selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < 0.01)
+            if not selected.any():
                 continue
             with plt.rc_context(STYLE):
                 figure, (top, below) = plt.subplots(
                     2, 1, figsize=(3.9, 4.4), layout="constrained", sharex=True, height_ratios=(3, 2)
                 )
                 for key, style, label, colour in models:
-                    _curve(top, s["pressure"][at], d.words.pascal, s[key][at] @ g.side * 1e3, colour, style, label)
+                    _curve(top, s["pressure"][selected], d.words.pascal, s[key][selected] @ g.side * 1e3, colour, style, label)
                     if key != "given":
-                        missed = np.linalg.norm(s["tip"][at] - s[key][at], axis=1) * 1e3
-                        _curve(below, s["pressure"][at], d.words.pascal, missed, colour, style)
-                tip = s["tip"][at] @ g.side * 1e3
-                top.plot(s["pressure"][at] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
+                        missed = np.linalg.norm(s["tip"][selected] - s[key][selected], axis=1) * 1e3
+                        _curve(below, s["pressure"][selected], d.words.pascal, missed, colour, style)
+                tip = s["tip"][selected] @ g.side * 1e3
+                top.plot(s["pressure"][selected] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
                 top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
                 below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
                 below.set_xlabel(d.words.axis)
                 top.set_ylabel("tip, mm")
                 below.set_ylabel("tip missed\nby, mm")
                 figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
-                made.append(save(figure, folder / f"unseen-{k}-{j}.svg"))
-    return made
+                pictures.append(save(figure, folder / f"unseen-{k}-{j}.svg"))
+    return pictures
 
 
 def posterior(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
-    """Probability of each hypothesis; those that the data cannot distinguish have a star.
-
-    `names` effect -> plain name.
-    """
+    """Probability of each hypothesis, a star where data cannot distinguish it from another; `names` effect -> plain name."""
     ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
     labels = [fill(hypothesis_name(r.effects, names, ids=False), 30) for r in ranking]
     lines = sum(label.count("\n") + 1 for label in labels)
@@ -259,14 +260,14 @@ def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
     spines = len(d.locate.by.get("spine_length", ())) > 1
     one, per_length = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
     effects = sorted(one, key=lambda e: one[e])
-    at = np.arange(len(effects))
+    rows = np.arange(len(effects))
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
-        axis.barh(at + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
+        axis.barh(rows + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
         if spines:
             shares = [100 * per_length[n] for n in effects]
-            axis.barh(at - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
-        axis.set_yticks(at, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
+            axis.barh(rows - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
+        axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
         axis.set_ylim(-0.7, len(effects) - 0.3)
         axis.set_xlabel("share of the effect that a calibration absorbs, %")
         axis.grid(False, axis="y")
@@ -292,15 +293,15 @@ def _grain(pressure: Array) -> float:
 
 
 def _mapped(
-    s: dict[str, Array], gap: Array, there: NDArray[np.bool_], rows: Sequence[tuple[Group, float]], pressures: Array
+    s: dict[str, Array], gap: Array, of_branch: NDArray[np.bool_], rows: Sequence[tuple[StateGroup, float]], pressures: Array
 ) -> Array:
-    out = np.full((len(rows), len(pressures)), np.nan)
+    mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
     for i, (group, length) in enumerate(rows):
-        row = there & group.own & (np.abs(s["spine_length"] - length) < 0.01)
+        row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < 0.01)
         for j in np.unique(column[row]):
-            out[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
-    return out
+            mapped[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
+    return mapped
 
 
 def _curve(
@@ -341,15 +342,15 @@ def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) ->
         (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
         (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
     ]
-    made = []
-    for name, (title, left, right) in zip(("wide", "close"), parts, strict=True):
+    pictures = []
+    for name, (title, low, high) in zip(("wide", "close"), parts, strict=True):
         with plt.rc_context(STYLE):
             figure, axis = plt.subplots(figsize=(3.8, 1.75), layout="constrained")
-            _density(axis, size, left, right)
+            _density(axis, size, low, high)
             axis.set_title(title, loc="left", fontsize=9)
             axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
-            made.append(save(figure, folder / f"size-{number}-{name}.svg"))
-    return made
+            pictures.append(save(figure, folder / f"size-{number}-{name}.svg"))
+    return pictures
 
 
 def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], str]:
@@ -359,11 +360,13 @@ def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], 
     return {key: factor * value if isinstance(value, float) else value for key, value in size.items()}, unit
 
 
-def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> None:
+def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
     """Between two values; the impossible part is dotted, the 90 % interval shaded, zero black, bounds red."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
-    x = np.unique(np.concatenate([np.linspace(left, right, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), left, right)]))
+    x = np.unique(
+        np.concatenate([np.linspace(lowest, highest, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), lowest, highest)])
+    )
     possible = (x >= low) & (x <= high)
     top = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2
     y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - top, 0.3))
@@ -376,7 +379,7 @@ def _density(axis: Axes, size: Mapping[str, Any], left: float, right: float) -> 
     for bound in (low, high):
         if np.isfinite(bound):
             axis.axvline(bound, color=RED, lw=1.6)
-    axis.set_xlim(left, right)
+    axis.set_xlim(lowest, highest)
     axis.set_ylim(0, 1.25)
     axis.set_yticks([])
 
@@ -442,24 +445,24 @@ def _mm(metres: object) -> Array:
     return 1e3 * np.array(metres, float)
 
 
-def pushes(found: Mapping[str, Any], name: str, path: Path) -> Path:
-    """`found` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
+def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
+    """`stiffness` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
 
     `name` of the model with the cause.
     """
     models = (("calibrated", CALIBRATED), ("explained", name))
-    trial, deflection = np.array(found["trial"]), np.array(found["deflection"])
-    names = [f"{one} {100 * length:.3g} cm" for one, length in zip(found["specimen"], found["spine_length"], strict=True)]
+    trial, deflection = np.array(stiffness["trial"]), np.array(stiffness["deflection"])
+    names = [f"{one} {100 * length:.3g} cm" for one, length in zip(stiffness["specimen"], stiffness["spine_length"], strict=True)]
     specimens = list(dict.fromkeys(names))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)
         for axis, (key, title) in zip(axes, models, strict=True):
-            missed = 1e3 * (np.array(found["force"]) - np.array(found[key])) / np.array(found["stiffness"])
-            axis.axhspan(-found["floor_mm"], found["floor_mm"], color="0.9")
+            missed = 1e3 * (np.array(stiffness["force"]) - np.array(stiffness[key])) / np.array(stiffness["stiffness"])
+            axis.axhspan(-stiffness["floor_mm"], stiffness["floor_mm"], color="0.9")
             for name, colour in zip(specimens, colours(len(specimens)), strict=False):
                 for t in np.unique(trial[[n == name for n in names]]):
-                    own = trial == t
-                    axis.plot(1e3 * deflection[own], missed[own], "-o", ms=2.5, lw=0.9, color=colour)
+                    selected = trial == t
+                    axis.plot(1e3 * deflection[selected], missed[selected], "-o", ms=2.5, lw=0.9, color=colour)
                 axis.plot([], [], color=colour, label=name)
             axis.set_title(title, loc="left")
             axis.set_ylabel("measured minus model,\nmm of deflection")

@@ -38,7 +38,7 @@ from . import diagnosis_figures as draw
 from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, apart, quantities
 from .figures import numbers as sensor_numbers
 from .figures import sensors as draw_sensors
-from .report import CommandCell, Report, Section
+from .report import CommandCell, PageSection, Report
 
 FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
@@ -141,15 +141,16 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     digits = 2 if d.locate.of == "tip" else 3
     how = "unseen states"
     if d.waterfall is None:
-        found, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
+        rows, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
     else:
-        found = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
+        rows = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
         if d.shrink is not None and d.attribute.verdict == "effect":
-            found.append((WITH_CAUSE, d.shrink.after_mm))
+            rows.append((WITH_CAUSE, d.shrink.after_mm))
+    robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
     alone = closed_alone(d.waterfall, d.shrink)
-    told = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{told.get(name, '')}") for name, mm in found), floor]
+    more = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{more.get(name, '')}") for name, mm in rows), *robot, floor]
 
 
 def explained(d: Diagnosis) -> str:
@@ -186,7 +187,7 @@ STEPS = {
 """Steps of the waterfall -> labels; a cause has its own name."""
 
 
-def _steps(s: Section, d: Diagnosis, length: float, folder: Path) -> None:
+def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     w = d.waterfall
     if w is None:
         s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
@@ -236,7 +237,7 @@ def _mm(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
 
 
-def _sensors(s: Section, table: Table, words: Words, folder: Path) -> None:
+def _sensors(s: PageSection, table: Table, words: Words, folder: Path) -> None:
     s.figure(
         apart(draw_sensors(table, words), folder / "sensors.svg"),
         "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
@@ -244,7 +245,7 @@ def _sensors(s: Section, table: Table, words: Words, folder: Path) -> None:
     s.table(*sensor_numbers(table))
 
 
-def _held_out(s: Section, found: Mapping[str, Any], spine: bool) -> None:
+def _held_out(s: PageSection, found: Mapping[str, Any], spine: bool) -> None:
     s.text(found["statement"])
     s.text(
         "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
@@ -259,7 +260,7 @@ def _held_out(s: Section, found: Mapping[str, Any], spine: bool) -> None:
     s.table(("spine", "states", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
 
 
-def _where(s: Section, d: Diagnosis, folder: Path) -> None:
+def _where(s: PageSection, d: Diagnosis, folder: Path) -> None:
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
@@ -278,7 +279,7 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
     return f"{joint}spine length" if len(d.locate.by.get("spine_length", ())) > 1 else ""
 
 
-def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
+def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
     rows = [
         [
             f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}",
@@ -298,21 +299,21 @@ def _by_factor(s: Section, d: Diagnosis, spine: bool) -> None:
         s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
-def _pushed(s: Section, d: Diagnosis, folder: Path) -> None:
-    found = d.detail["stiffness"]
-    floor = "noise floor" if found["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
+def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    stiffness = d.detail["stiffness"]
+    floor = "noise floor" if stiffness["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
     s.figure(
-        draw.pushes(found, explained(d), folder / "pushes.svg"),
+        draw.pushes(stiffness, explained(d), folder / "pushes.svg"),
         f"Force error over the specimen's stiffness, as a deflection, in-sample; grey: {floor}",
     )
-    mm = found["waterfall_mm"]
+    mm = stiffness["waterfall_mm"]
     rows = [
         [name, f"{mm[key]:.3f}", f"{mm[f'unseen: {key}']:.3f}" if f"unseen: {key}" in mm else ""]
         for key, name in (("as given", GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
     ]
     s.table(
         ("model", "deflection error in-sample, mm rms", "unseen, mm rms"),
-        [*rows, [floor, f"{found['floor_mm']:.3f}", ""]],
+        [*rows, [floor, f"{stiffness['floor_mm']:.3f}", ""]],
     )
 
 
@@ -325,7 +326,7 @@ def _at(factor: str, value: float | str, words: Words) -> str:
     return value if isinstance(value, str) else f"{scale * value:.{digits}f} {unit}"
 
 
-def _which(s: Section, d: Diagnosis, folder: Path) -> None:
+def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
     if "given" in d.detail["states"]:
         s.figure(
             draw.unseen_tips(d, explained(d), folder),
@@ -355,7 +356,7 @@ def _which(s: Section, d: Diagnosis, folder: Path) -> None:
         s.text(why)
 
 
-def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
+def _misfit(s: PageSection, d: Diagnosis, spine: bool) -> None:
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     if d.attribute.stage_errors:
@@ -363,12 +364,12 @@ def _misfit(s: Section, d: Diagnosis, spine: bool) -> None:
             ("stage with an error of free form", "varies with", "log evidence gained"),
             [[e.stage, d.words.fill(in_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
-    found = dict(d.detail["misfit"])
-    if found.get(FURTHEST):
-        found[FURTHEST] = with_id(found[FURTHEST], names(d))
+    diagnostics = dict(d.detail["misfit"])
+    if diagnostics.get(FURTHEST):
+        diagnostics[FURTHEST] = with_id(diagnostics[FURTHEST], names(d))
     left_out = {"spine_outlier"} if not spine else set()
-    left_out |= {SURPRISE} if found.get(OUTLIER) is None else set()
-    rows = [[MISFIT_LABELS.get(k, _words(k)), _diagnostic(v)] for k, v in found.items() if k not in left_out]
+    left_out |= {SURPRISE} if diagnostics.get(OUTLIER) is None else set()
+    rows = [[MISFIT_LABELS.get(k, _words(k)), _diagnostic(v)] for k, v in diagnostics.items() if k not in left_out]
     s.table(("misfit diagnostic", "value"), rows)
 
 
@@ -382,7 +383,7 @@ def _words(key: str) -> str:
     return key.replace("_", " ")
 
 
-def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
+def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
     sizes = d.detail["sizes"]
     s.figure(
         draw.sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
@@ -390,6 +391,10 @@ def _sizes(s: Section, d: Diagnosis, folder: Path) -> None:
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
     s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
+    for each in d.detail.get("by_actuator", ()):
+        mean = float(np.mean(each["factor"]))
+        rows = [[str(k), f"{100 * (f / mean - 1):+.0f} %"] for k, f in enumerate(each["factor"], 1)]
+        s.table((d.words.actuator, f"{d.words.pushes}, against the mean"), rows)
 
 
 def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
@@ -409,7 +414,7 @@ def _bound(value: float | None, unit: str, words: Words) -> str:
     return "unbounded" if value is None else f"{for_people(value, unit, words)[0]:.3g}"
 
 
-def _shapes(s: Section, d: Diagnosis, folder: Path) -> None:
+def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
     states = d.detail["shapes"]
     if not states:
         why = "Another simulator takes the rod's place" if "baseline" in d.detail else "The model has no equilibrium"
@@ -441,10 +446,10 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
     return f"{1e3 * float(np.linalg.norm(missed)):.2f} {_point(missed)}"
 
 
-def alike(s: Section, d: Diagnosis) -> None:
+def alike(s: PageSection, d: Diagnosis) -> None:
     """Write which effects these data would take for which."""
-    found = d.detail["distinguishability"]
-    effects, tied, separation = found["effects"], found["tied_below"], found["separation"]
+    detail = d.detail["distinguishability"]
+    effects, tied, separation = detail["effects"], detail["tied_below"], detail["separation"]
     seen = [i for i in range(len(effects)) if separation[i][i] >= tied]
     pairs = sorted(
         (separation[a][b], effects[a], effects[b])
@@ -463,14 +468,14 @@ def alike(s: Section, d: Diagnosis) -> None:
     s.text(f"Cannot be seen: {', '.join(hidden)}." if hidden else "Every effect could be seen.")
 
 
-def _confounding(s: Section, d: Diagnosis, folder: Path) -> None:
+def _confounding(s: PageSection, d: Diagnosis, folder: Path) -> None:
     s.figure(
         draw.confounding(d, names(d), folder / "confounding.svg"),
         "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model",
     )
 
 
-def _next(s: Section, d: Diagnosis, protocols: Path | None) -> None:
+def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
     if not d.next_experiment:
         s.text(nothing_next(d))
         return

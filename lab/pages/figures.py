@@ -192,15 +192,10 @@ def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> N
     places = np.arange(1, len(table) + 1) if over == "state" else table.pressures.max(axis=1) / pascal
     for length, colour in zip(lengths, colours(len(lengths)), strict=True):
         selected = (table.spine_length == length) & np.isfinite(value)
-        shown: dict[str, Any] = {
-            "fmt": "o",
-            "ms": 3.5,
-            "lw": 0.8,
-            "capsize": 2,
-            "color": colour,
-            "label": f"{100 * length:.0f} cm",
-        }
-        axis.errorbar(places[selected], value[selected], spread[selected], **shown)
+        axis.errorbar(
+            places[selected], value[selected], spread[selected], fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour,
+            label=f"{100 * length:.0f} cm",
+        )  # fmt: skip
     axis.set_ylabel(label(table, column))
     axis.set_xlabel(over)
     if over == "state":

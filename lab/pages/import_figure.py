@@ -28,23 +28,23 @@ COLUMNS, MOST_GROUPS = 4, 7
 """Panels in a row at most, and groups of chambers that are drawn."""
 
 
-def draw(made: Imported, robot: Robot, path: Path) -> None:
+def draw(imported: Imported, robot: Robot, path: Path) -> None:
     """Write the picture of an import (.svg, .png or .pdf)."""
-    states = made.table.take(made.table.with_tip)
+    states = imported.table.take(imported.table.with_tip)
     groups = _groups(states)
     most = sorted(groups, key=lambda g: -len(groups[g]))[:MOST_GROUPS]
-    shown = {g: own for g, own in groups.items() if g in most}
+    shown = {g: rows for g, rows in groups.items() if g in most}
     lines = -(-(len(shown) + 1) // COLUMNS)
     columns = -(-(len(shown) + 1) // lines)
     words = robot.actuators.words
     figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")
     grid = figure.add_gridspec(2, 1, height_ratios=(5.0, 2.7 * lines))
     over_time, planes = (figure.add_subfigure(grid[k]) for k in (0, 1))
-    _over_time(made, states, words, *over_time.subplots(2, 1, sharex=True))
+    _over_time(imported, states, words, *over_time.subplots(2, 1, sharex=True))
     panels = planes.subplots(lines, columns, squeeze=False).ravel()
     dots = _side(states, robot, panels[0])
-    for panel, (group, own) in zip(panels[1:], shown.items(), strict=False):
-        _top(states.take(np.array(own)), group, states, robot, panel)
+    for panel, (group, rows) in zip(panels[1:], shown.items(), strict=False):
+        _top(states.take(np.array(rows)), group, states, robot, panel)
     for panel in panels[1 + len(shown) :]:
         panel.set_axis_off()
     planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
@@ -65,8 +65,8 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     return out
 
 
-def _over_time(made: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
-    for number, (_, q, cuts) in enumerate(made.files):
+def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
+    for number, (_, q, cuts) in enumerate(imported.files):
         # more are not seen
         every = max(1, len(q.t) // 4000)
         for k in range(q.pressures.shape[1]):
@@ -106,21 +106,21 @@ def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     return dots
 
 
-def _top(own: Table, group: Sequence[int], states: Table, robot: Robot, ax: Axes) -> None:
+def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax: Axes) -> None:
     """Tips of the states of one group, and the direction in which the chambers push them."""
     pascal = robot.actuators.words.pascal
     highest = states.pressures.max(axis=1) / pascal
-    x, y, _ = 1e3 * own.tip.T
+    x, y, _ = 1e3 * of_group.tip.T
     size = 1.1 * 1e3 * max(float(np.abs(states.tip[:, :2]).max()), 1e-3)
-    towards, roll = robot.bending_directions, own.get("roll_deg", 0.0)
-    known = own.pressures.shape[1] == len(towards)
-    pushes = (own.pressures @ towards) * np.exp(1j * np.radians(roll)) if known else np.zeros(0)
+    towards, roll = robot.bending_directions, of_group.get("roll_deg", 0.0)
+    wired = of_group.pressures.shape[1] == len(towards)
+    pushes = (of_group.pressures @ towards) * np.exp(1j * np.radians(roll)) if wired else np.zeros(0)
     pushed = dict(zip(np.round(roll).tolist(), pushes.tolist(), strict=False))
     # pressures whose push across the axis is weaker have no direction
-    weak = 0.1 * float(own.pressures.sum(axis=1).max())
+    weak = 0.1 * float(of_group.pressures.sum(axis=1).max())
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         ax.annotate("", (0.9 * size * push.real, 0.9 * size * push.imag), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6"})
-    ax.scatter(x, y, c=own.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
+    ax.scatter(x, y, c=of_group.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

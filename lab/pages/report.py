@@ -73,9 +73,9 @@ class Marks:
         self._met: set[Term] = set()
         self.used: set[Term] = set()
 
-    def begin(self, terms: bool) -> str:
-        """Start a section, in which each term is new; `terms` whether it has any."""
-        self._met = set() if terms else set(TERMS)
+    def begin(self) -> str:
+        """Start a section, in which each term is new."""
+        self._met.clear()
         return ""
 
     def __call__(self, text: str) -> Markup:
@@ -137,22 +137,20 @@ def _kind(column: Sequence[str]) -> str:
 
 
 @dataclass
-class Section:
+class PageSection:
     """A heading and what stands under it."""
 
     title: str
     folded: bool = False
     """Shown as its heading alone until it is opened."""
-    terms: bool = True
-    """Its words mean what the glossary says."""
     items: list[Item] = field(default_factory=list)
 
-    def text(self, text: str) -> Section:
+    def text(self, text: str) -> PageSection:
         """Add a paragraph."""
         self.items.append(Item("text", text=text))
         return self
 
-    def figure(self, pictures: Path | Sequence[Path], caption: str) -> Section:
+    def figure(self, pictures: Path | Sequence[Path], caption: str) -> PageSection:
         """Add a picture (.svg or .png), or panels that stand in rows or, on a phone, below each other.
 
         They are put into the page as images, so that nothing in them can run.
@@ -162,7 +160,7 @@ class Section:
         self.items.append(Item("figure", caption=caption, data=data))
         return self
 
-    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]]) -> PageSection:
         """Add a table; one without rows is left out."""
         if not rows:
             return self
@@ -189,11 +187,11 @@ class Report:
     foot: str = ""
     ids: Collection[str] = ()
     """Identifiers that texts have in square brackets, after the plain name."""
-    sections: list[Section] = field(default_factory=list)
+    sections: list[PageSection] = field(default_factory=list)
 
-    def section(self, title: str, folded: bool = False, terms: bool = True) -> Section:
+    def section(self, title: str, folded: bool = False) -> PageSection:
         """Start the next section."""
-        self.sections.append(Section(title, folded, terms))
+        self.sections.append(PageSection(title, folded))
         return self.sections[-1]
 
     def write(self, path: Path) -> Path:

@@ -26,9 +26,8 @@ from timing import RigClock
 from ..files.rig_file import RigFile
 from ..guard.child import end_child, processor_time, start_child
 from ..guard.instruments import COMMANDS
-from ..guard.messages import Event, Start
+from ..guard.messages import Event, SafeReport, Start
 from ..guard.pulse import Pulse
-from ..guard.report import SafeReport
 
 START_WITHIN = 30.0
 """Host seconds for the guard's process to start and to take the rig over from an earlier one."""

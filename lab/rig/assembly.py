@@ -22,16 +22,14 @@ from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
 
-from ..files.all_drivers import drivers, found_drivers
-from ..files.rig_file import SENSORS, RigFile, present, table_of
+from ..files.rig_file import SENSORS, RigFile, drivers, found_drivers, present, table_of
 from ..guard.door import demand_free
 from ..guard.guard import LIVES_ON
 from ..guard.hosted import HostedArmState
 from ..guard.instruments import ACTUATORS, owned_names
-from ..guard.messages import Event
+from ..guard.messages import Event, SafeReport
 from ..guard.new_guard import make_safe_after_loss
 from ..guard.pulse import ForceLimit
-from ..guard.report import SafeReport
 from . import actuators as act
 from . import operator as op
 from .interrupts import Shielded
@@ -141,8 +139,7 @@ class Rig:
     def open_all(
         self, announce: Callable[[str, Identity | InstrumentError], None], names: Sequence[str] | None = None
     ) -> list[InstrumentError]:
-        """Connect everything, or `names`, telling each outcome; returns what failed. Raises ConfigError where fakes have
-        ended."""
+        """Connect everything, or `names`, telling each outcome; returns what failed. Raises ConfigError where fakes ended."""
         demand_running(self.file)
         failures: list[InstrumentError] = []
         for name in self.names if names is None else names:

@@ -55,7 +55,7 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Demand(Margin):
+class StepDemand(Margin):
     """A value that one step asks for, and one limit of it."""
 
     key: str = ""
@@ -132,7 +132,7 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
 
 def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
     """Return the largest value of each kind that the steps of an accepted plan ask for, with its limit."""
-    demands: dict[str, list[Demand]] = {}
+    demands: dict[str, list[StepDemand]] = {}
     for step in plan.steps:
         for demand in _demands(step.ask, rig, "", robot):
             demands.setdefault(demand.name, []).append(demand)
@@ -141,11 +141,11 @@ def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
     return [Margin(name, value, demands[name][0].unit, limits[name]) for name, value in largest.items() if value > 0]
 
 
-def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[Demand]:
+def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[StepDemand]:
     """What a step asks for, 0 where it asks for nothing, in the order in which it is listed: once for each limit."""
     push, highest = ask.push, max(ask.pressures, default=None)
     force = None if push is None else expected_force(robot, push)
-    yield Demand("pressure", highest or 0.0, "Pa", robot.max_pressure, "max_pressure", rig.robot)
+    yield StepDemand("pressure", highest or 0.0, "Pa", robot.max_pressure, "max_pressure", rig.robot)
     for name, value, unit, key in (
         ("pressure", highest, "Pa", "instruments.pressure.max_pressure"),
         ("total pressure", sum(max(0.0, p) for p in ask.pressures), "Pa", "limits.max_total_pressure"),
@@ -160,9 +160,9 @@ def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator
         ("arm acceleration", ask.arm_acceleration, "m/s^2", "instruments.arm.max_acceleration"),
         ("tip mass", None if ask.setup is None else ask.setup.tip_mass, "kg", ""),
     ):
-        yield Demand(name, value or 0.0, unit, _limit(rig, key), key, path)
+        yield StepDemand(name, value or 0.0, unit, _limit(rig, key), key, path)
     if push is not None:
-        yield Demand("expected force", force or 0.0, "N", push.max_force, "max_force", "the protocol")
+        yield StepDemand("expected force", force or 0.0, "N", push.max_force, "max_force", "the protocol")
 
 
 def _limit(rig: RigFile, key: str) -> float | None:

@@ -10,8 +10,8 @@ import math
 import tempfile
 import time
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,9 +46,8 @@ from recordings.states.buffer import Buffers
 from recordings.trials import TrialRow
 
 from ..console import Screen
-from ..files.all_drivers import drivers
 from ..files.packages import told_at
-from ..files.rig_file import RigFile
+from ..files.rig_file import RigFile, drivers
 from .assembly import TOPICS, recorded
 from .limits import bodies, wiring
 
@@ -60,18 +59,11 @@ SPECIMEN_STIFFNESS = 300.0
 """N/m of the stand's specimen: a push is felt in its first steps, and far below any limit in its last."""
 
 
-@dataclass(frozen=True)
-class Rehearsal:
-    """What a rehearsed `run` did."""
+def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: RigFile) -> tuple[list[TrialRow], float]:
+    """Do a protocol's `run` at the desk of a rig; returns the states that it read, and its largest set-point, Pa.
 
-    rows: tuple[TrialRow, ...]
-    """The states that it read."""
-    highest: float
-    """Pa, its largest set-point."""
-
-
-def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: RigFile) -> Rehearsal:
-    """Do a protocol's `run` at the desk of a rig. Raises BadProtocol, naming the line, for whatever it raises."""
+    Raises BadProtocol, naming the line, for whatever the protocol raises.
+    """
     markers = len(getattr(rig.instruments.mocap, "markers", ()) or ())
     sensors = [sensor(name, drivers()[c.driver].quantities) for name, c in rig.instruments.sensors.items()]
     desk = Desk(rig, plan, markers, sensors)
@@ -91,7 +83,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
             file = experiment.source or of_run
             hint = AT_DESK if isinstance(error, NotReached) else ""
             raise BadProtocol(told_at(error, file, hint)) from error
-    return Rehearsal(tuple(trials.rows), desk.highest)
+    return trials.rows, desk.highest
 
 
 class AsPlanned(Trials):
@@ -176,15 +168,21 @@ class Desk:
         channels = (0.0,) * len(self.chambers.channels)
         arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
         hanging = tuple((0.0, 0.0, arc) for arc in arcs)
-        self.pressure = DeskRegulators(self, "pressure", PressureSample(0.0, channels, channels))
-        self.spine = DeskLengthUnit(self, "spine", SpineSample(0.0, 0.0, 0.0, 0.0, False, False))
-        self.valve = DeskValve(self, "valve", ValveSample(0.0, False))
+        self.pressure = DeskInstrument(
+            self, "pressure", PressureSample(0.0, channels, channels), set=self._inflate, vent=lambda: self._inflate(channels)
+        )
+        self.spine = DeskInstrument(
+            self, "spine", SpineSample(0.0, 0.0, 0.0, 0.0, False, False), move_to=self._grow, stop=lambda: None,
+            home=lambda: self.spine.show(length=0.0, goal=0.0, homed=True),
+        )  # fmt: skip
+        self.valve = DeskInstrument(self, "valve", ValveSample(0.0, False), set=self._switch)
         self.gauge = DeskInstrument(self, "gauge", GaugeSample(0.0, AMBIENT))
-        self.force = DeskForce(self, "force", WrenchSample(0.0, ZERO, ZERO))
+        self.force = DeskInstrument(self, "force", WrenchSample(0.0, ZERO, ZERO), zero=self._zero)
         self.arm_state = DeskInstrument(self, "arm_state", ArmSample(0.0, 0.0, ZERO, ZERO, ZERO, 0, True))
-        self.arm = DeskArm(self, "arm", None)
+        self.arm = DeskInstrument(self, "arm", None, move_to=self._reach, moving=lambda: False, stop=lambda: None)
         tip: Vector3 = (0.0, 0.0, rig.body.length)
-        self.mocap = DeskInstrument(self, "mocap", BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging))
+        sample = BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging)
+        self.mocap = DeskInstrument(self, "mocap", sample)
 
     def bench(self, recorder: Recorder, needs: Sequence[str]) -> Bench:
         """What a protocol with these needs gets on the rig: the regulators in any case."""
@@ -213,20 +211,57 @@ class Desk:
         """See Operator."""
         raise Stopped(trouble)
 
+    def _inflate(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        """Each channel has its pressure (Pa) at once."""
+        confirmed = tuple(map(float, pressures))
+        self.pressure.show(setpoint=confirmed, measured=confirmed)
+        self.highest = max(self.highest, *confirmed)
+        return confirmed
+
+    def _grow(self, length: float, speed: float) -> float:
+        """The spine has its length (m) at once."""
+        if not self.spine.sample.homed:
+            raise NotReady("spine", "is not homed; call home(bench) first")
+        self.spine.show(length=float(length), goal=float(length))
+        return float(length)
+
+    def _switch(self, on: bool) -> bool:
+        """The gauge follows the valve at once."""
+        self.valve.show(on=on)
+        self.gauge.show(absolute=AMBIENT - self.supply * on)
+        return on
+
+    def _zero(self, samples: int) -> Vector6:
+        """What the force sensor shows now counts as nothing."""
+        self.force.show(zero=self.force.sample.raw)
+        zero: Vector6 = self.force.sample.zero
+        return zero
+
+    def _reach(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        """The arm has its pose (m, rad) at once; the force is -k h d at a depth h past the stand's origin along the push d."""
+        x, y, z, *turn = map(float, pose)
+        self.arm_state.show(tcp_pose=(x, y, z, *turn))
+        if self.stand is not None:
+            direction, tool = np.array(self.stand.push), rotation_from_vector(turn)
+            depth = sum((a - o) * d for a, o, d in zip((x, y, z), self.stand.origin, self.stand.push, strict=True))
+            force = -SPECIMEN_STIFFNESS * max(0.0, depth) * direction @ tool
+            self.force.show(raw=(*force.tolist(), 0.0, 0.0, 0.0))
+
 
 def _fail(error: InstrumentError, _: bool) -> None:
     raise error
 
 
 class DeskInstrument:
-    """One that answers at once, with its last sample."""
+    """One that answers at once, with its last sample; `actions`: what else its interface in `drivers.interfaces` asks for."""
 
     lost = 0
 
-    def __init__(self, desk: Desk, name: str, sample: Any) -> None:
+    def __init__(self, desk: Desk, name: str, sample: Any, **actions: Callable[..., object]) -> None:
         self.desk, self.name, self.sample = desk, name, sample
         self.channels = len(desk.chambers.channels)
         self._open = False
+        vars(self).update(actions)
 
     def open(self) -> Identity:
         """From now on it streams."""
@@ -248,82 +283,3 @@ class DeskInstrument:
         return replace(self.sample, t=self.desk.clock.now())
 
     latest = read
-
-
-class DeskRegulators(DeskInstrument):
-    """See PressureRegulators."""
-
-    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        """Each chamber has its pressure at once."""
-        confirmed = tuple(map(float, pressures))
-        self.show(setpoint=confirmed, measured=confirmed)
-        self.desk.highest = max(self.desk.highest, *confirmed)
-        return confirmed
-
-    def vent(self) -> None:
-        """All at zero."""
-        self.set([0.0] * self.channels)
-
-
-class DeskLengthUnit(DeskInstrument):
-    """See LengthUnit."""
-
-    def home(self) -> None:
-        """The zero is found at once."""
-        self.show(length=0.0, goal=0.0, homed=True)
-
-    def move_to(self, length: float, speed: float) -> float:
-        """The length is reached at once."""
-        if not self.sample.homed:
-            raise NotReady(self.name, "is not homed; call home(bench) first")
-        self.show(length=float(length), goal=float(length))
-        return float(length)
-
-    def stop(self) -> None:
-        """Nothing moves."""
-
-
-class DeskValve(DeskInstrument):
-    """See JammingValve."""
-
-    def set(self, on: bool) -> bool:
-        """The gauge follows at once."""
-        self.show(on=on)
-        self.desk.gauge.show(absolute=AMBIENT - self.desk.supply * on)
-        return on
-
-
-class DeskArm(DeskInstrument):
-    """See Arm of the interfaces."""
-
-    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        """Reach the pose (m; rotation vector, rad; arm's base frame) at once.
-
-        Where the tool is past the stand's origin along the unit vector d of the push, by a depth h (m), the force sensor shows
-        -k h d in the tool's frame.
-        """
-        x, y, z, *turn = map(float, pose)
-        self.desk.arm_state.show(tcp_pose=(x, y, z, *turn))
-        stand = self.desk.stand
-        if stand is not None:
-            direction, tool = np.array(stand.push), rotation_from_vector(turn)
-            depth = sum((a - o) * d for a, o, d in zip((x, y, z), stand.origin, stand.push, strict=True))
-            force = -SPECIMEN_STIFFNESS * max(0.0, depth) * direction @ tool
-            self.desk.force.show(raw=(*force.tolist(), 0.0, 0.0, 0.0))
-
-    def moving(self) -> bool:
-        """It has arrived."""
-        return False
-
-    def stop(self) -> None:
-        """Nothing moves."""
-
-
-class DeskForce(DeskInstrument):
-    """See ForceSensor."""
-
-    def zero(self, samples: int) -> Vector6:
-        """What it shows now counts as nothing."""
-        self.show(zero=self.sample.raw)
-        found: Vector6 = self.sample.zero
-        return found

@@ -214,8 +214,7 @@ class Watch:
         return (timing.now() - looked) - (self._actuators.pulse.awake.now - awake)
 
     def recoverable(self, error: InstrumentError) -> bool:
-        """Whether a person can put right what an instrument complains of: an arm that its own safety system holds, a
-        pressure that is not held."""
+        """Whether a person can put it right: an arm that its own safety system holds, a pressure that is not held."""
         if error.instrument == "pressure":
             return self._vital.pause is not None
         state = self._streams.get("arm_state")
@@ -248,8 +247,7 @@ class Watch:
             )
 
     def _stream(self, name: str, now: float, strict: bool) -> None:
-        """Raise what is wrong with a stream: Suspended for a tip hidden longer than `max_hidden` (`strict`: at all) and an open
-        cell, StaleReading or BadReply once lateness exceeds GRACE, DeviceFault at once."""
+        """Raise what is wrong with a stream: Suspended for a tip hidden too long (`strict`: at all) and an open cell."""
         try:
             sample = self._streams[name].latest()
         except (StaleReading, DeviceFault, BadReply) as e:
@@ -355,8 +353,7 @@ class RigRecovery:
         self._actuators, self._watch, self._operator, self._limits, self._say = actuators, watch, operator, limits, say
 
     def __call__(self, cause: InstrumentError, ask: bool = True) -> None:
-        """Pause for `cause`, and return when the readings are good again; with `ask`, a person must confirm first. Raises the
-        cause, with the reason added, when the pause is not confirmed safe or the readings do not recover."""
+        """Pause for `cause` until readings are good again, with `ask` confirmed by a person; else raises `cause` and why."""
         self._say(f"Paused: {cause}")
         report = self._actuators.pause()
         if not report.confirmed:

@@ -8,7 +8,6 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -22,8 +21,8 @@ from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import draw_effect, list_effects
 
 from ..console import out, styled
-from ..files.all_drivers import found_drivers
 from ..files.config import ConfigError
+from ..files.rig_file import found_drivers
 from ..options import Result, Verb, option
 from ..priority import BEHIND
 from ..processes import processes
@@ -47,43 +46,8 @@ BENDING = [
 """Two repeats: the fewest from which a cause may be named. Every second length of the paper: a demo is short."""
 
 
-@dataclass(frozen=True)
-class Seal:
-    """An effect and its size, and the digest that was shown before anything was measured."""
-
-    effect: str
-    size: float
-    unit: str
-    physics: str
-    salt: str
-
-    @property
-    def amount(self) -> str:
-        """The size as a person reads it."""
-        number, unit = for_people(self.size, self.unit)
-        return f"{number:.4g} {unit}".rstrip()
-
-    @property
-    def text(self) -> str:
-        """What the digest is of."""
-        return json.dumps({"effect": self.effect, "size": self.size, "salt": self.salt})
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
-
-
-def draw(seed: int, chosen: str | None = None) -> Seal:
-    """One effect of a plausible size, or the chosen `ID[=SIZE]`; raises ConfigError when that is none."""
-    rng = np.random.default_rng(seed)
-    name, size = draw_effect(rng, WITHHELD) if chosen is None else next(iter(effects([chosen]).items()))
-    info = next(e for e in list_effects() if e.id == name)
-    return Seal(name, float(size), info.unit, info.physics, rng.bytes(16).hex())
-
-
 def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> Result:
-    """Do what a person would do on the first day, verb by verb; code 0 when each of them succeeded.
+    """Do what a person would do on the first day, verb by verb; code 0 unless one of them failed.
 
     `effect` as `ID[=SIZE]` is withheld instead of a drawn one. Raises ConfigError where the instruments' libraries are not
     installed: the fakes are reached by them.
@@ -91,17 +55,20 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     if missing := {why for name, why in found_drivers().broken.items() if name in OWN}:  # said before the fakes are started
         raise ConfigError("\n".join(sorted(missing)))
     seed = secrets.randbelow(10**6) if seed is None else seed
-    seal, began, codes = draw(seed, effect), time.monotonic(), list[int]()
+    rng = np.random.default_rng(seed)
+    name, size = draw_effect(rng, WITHHELD) if effect is None else next(iter(effects([effect]).items()))
+    seal = json.dumps({"effect": name, "size": float(size), "salt": rng.bytes(16).hex()})
+    digest = hashlib.sha256(seal.encode()).hexdigest()
+    began, codes = time.monotonic(), list[int]()
     _clear(folder)
-    (folder / SEALED).write_text(f"{seal.digest}\n")
-    out.print(f"One effect is switched on and withheld; sealed as sha256 {seal.digest}")
+    (folder / SEALED).write_text(f"{digest}\n")
+    out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
     def step(title: str, do: Callable[[], Result]) -> Result:
         """Say what comes, do it, show it."""
         out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - began:.0f} s", "dim"))
         result = do()
-        if result.show is not None:
-            result.show()
+        result.tell()
         if result.error is not None:
             raise result.error
         codes.append(result.code)
@@ -110,12 +77,12 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     rig, files = folder / "rig.yaml", list[Path]()
     with processes(len(PARTS), tuple(PARTS), BEHIND.process) as compiling:  # while the rig mostly waits
         out.print(f"\nFake instruments at {speed:g} times real speed")
-        with FakeRig(speed=speed, effects={seal.effect: seal.size}, seed=seed) as fakes:
+        with FakeRig(speed=speed, effects={name: size}, seed=seed) as fakes:
             write_rig(fakes, rig, PATIENT)
             if step("lab check", lambda: check(rig, 2.0)).code == 1:
                 return Result(code=1)
-            for name, settings in (("stiffness", STIFFNESS), ("bending", BENDING)):
-                about = step(f"lab run {name}", partial(run, name, rig, settings, folder, None)).data
+            for protocol, settings in (("stiffness", STIFFNESS), ("bending", BENDING)):
+                about = step(f"lab run {protocol}", partial(run, protocol, rig, settings, folder, None)).data
                 assert isinstance(about, dict)
                 files.append(Path(about["file"]))
         if not compiling.ready:
@@ -127,13 +94,15 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     answers = Outputs(folder / "diagnosis.json", folder / "report.html", folder / "next")
     step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    out.print(f"\nThe seal: {seal.text}")
-    out.print(styled(f"Withheld: {seal.effect}", "bold"), f"= {seal.amount} ({seal.physics})")
+    out.print(f"\nThe seal: {seal}")
+    withheld = next(e for e in list_effects() if e.id == name)
+    amount, unit = for_people(size, withheld.unit)
+    out.print(styled(f"Withheld: {name}", "bold"), f"= {amount:.4g} {unit}".rstrip(), f"({withheld.physics})")
     out.print(styled("Found:", "bold"), f"{answer.headline} The fakes' law is not the catalogue's, so the sizes need not agree.")
     out.print("The fakes have ended; to run a proposal, start others: lab fakes --speed 20 --rig rig/rig.yaml", soft_wrap=True)
     out.print(f"Open {folder / 'report.html'}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - began:.0f} s.")
-    return Result(code=next((code for code in codes if code), 0))
+    return Result(code=1 if 1 in codes else 0)
 
 
 def _clear(folder: Path) -> None:

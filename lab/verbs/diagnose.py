@@ -21,13 +21,12 @@ from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
-from diagnosis.errors import BadHoldout, DiagnosisError
+from diagnosis.errors import BadHoldout
 from diagnosis.findings import finding
 from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
 from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
-from model.errors import ModelError
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
@@ -97,8 +96,8 @@ def diagnose(
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
-        there = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
-        executor = Executor(remote_map=None if there is None else there.in_order)
+        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
+        executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if outputs.json is not None:
@@ -126,8 +125,8 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
     try:
         with Screen("weighing hypotheses") as screen:
             shown = replace(_shown(screen, executor), first_look=lambda look: _at_first_sight(screen, look))
-            found = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
-        answer = replace(found, findings=(*found.findings, *(finding("not_considered", why=why) for why in left_out)))
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
+        answer = replace(answer, findings=(*answer.findings, *(finding("not_considered", why=why) for why in left_out)))
         if comparisons.reference is None:
             return answer
         earlier = read_case([comparisons.reference], robot)
@@ -140,8 +139,6 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
             f"the fit has no unique solution ({str(e).lower()}): a number of robot.yaml is far from the data; check path_radius, "
             "the other radii, moduli and units, and what `lab compare` shows"
         ) from e
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
 
 
 def _of_robot(case: Case) -> Case:
@@ -165,15 +162,15 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
         if getattr(comparisons, name) is not None:
             raise ConfigError(f"--{asked[0]}: predicts the states of one campaign; leave --{name} out")
     if comparisons.baseline is not None:
-        made = from_table(comparisons.baseline, case)
+        predicted = from_table(comparisons.baseline, case)
     else:
-        name, own = simulator(str(comparisons.simulator), case.robot)
+        name, forward = simulator(str(comparisons.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
-            made = from_simulator(name, own, case, weighed, screen.progress)
-    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(made.tip).all(axis=1)).sum())
+            predicted = from_simulator(name, forward, case, weighed, screen.progress)
+    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.tip).all(axis=1)).sum())
     if lost:
-        note([f"{made.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
-    return made
+        note([f"{predicted.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
+    return predicted
 
 
 def _shown(screen: Screen, executor: Executor) -> Executor:
@@ -199,12 +196,10 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
     """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units; the states to apply as a
     table where no rig drives the robot."""
-    from ..files.all_protocols import (
-        found_protocols,
-    )  # protocols bring all drivers' interfaces, which an answer does not need
+    from ..files.all_protocols import found_protocols  # brings all drivers' interfaces, which an answer does not need
 
     folder.mkdir(parents=True, exist_ok=True)
-    known = found_protocols().usable
+    protocols = found_protocols().usable
     written = []
     for p in proposals:
         if not robot.actuators.words.by_rig:
@@ -212,7 +207,7 @@ def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -
             continue
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
-        experiment = known.get(p.protocol.get("protocol", ""))
+        experiment = protocols.get(p.protocol.get("protocol", ""))
         values = dict(p.protocol) if experiment is None else in_units(p.protocol, experiment.parameters)
         replaced(path, head + yaml.safe_dump(values, sort_keys=False))
         written.append(path)

@@ -26,10 +26,9 @@ from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
-from ..files.all_drivers import drivers, found_drivers
 from ..files.config import ConfigError, in_units, load, parse_yaml
-from ..files.packages import Registered, Unusable, installed
-from ..files.rig_file import RigFile
+from ..files.packages import Registered, installed, without
+from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
 from ..files.units import to_si, unit_text
 from ..options import Option, Result, Verb, option
@@ -108,14 +107,7 @@ def _demand_free(rig: Path | None) -> None:
 @functools.cache
 def found_fakes() -> Registered[Fake]:
     """All fakes by the name of their driver: the project's own and those of installed packages."""
-    return installed(GROUP, OWN, _fake)
-
-
-def _fake(name: str, thing: object) -> dict[str, Fake]:
-    if wrong := faults(thing):
-        raise Unusable(wrong)
-    assert isinstance(thing, Fake)
-    return {name: thing}
+    return installed(GROUP, OWN, without(faults))
 
 
 def _asked(option: str, role: str, driver: str) -> str:

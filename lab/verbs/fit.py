@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from diagnosis.answer.headline import sized
-from diagnosis.answer.result import Value
+from diagnosis.answer.result import Diagnosis, FittedRobot, Value
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
-from model.errors import BadEffect, ModelError
 from model.estimate import Estimate
 from model.robot import Robot
 from recordings.own_files import folder_in, replaced
@@ -35,6 +34,8 @@ from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
 
+SAME_FIT = 0.05
+"""Relative difference of two residuals of one robot."""
 OWN = ("robot.yaml", "samples")
 """What a fit writes, and replaces when it is repeated."""
 
@@ -64,11 +65,8 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace
             ["the effects in robot.yaml are left out, as this calibrates the model without any; to keep them: "
              f"--with {','.join(case.robot.effects)}"]
         )  # fmt: skip
-    try:
-        with Screen("calibrating") as screen:
-            result = calibrate(Case(case.robot.plain, case.table), screen.step)
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
+    with Screen("calibrating") as screen:
+        result = calibrate(Case(case.robot.plain, case.table), screen.step)
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(result.robot, place / "robot.yaml", case.robot_text)
@@ -96,23 +94,20 @@ def fit_with(
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    known, left_out = catalogue(case.robot, asked.file)
+    effects, left_out = catalogue(case.robot, asked.file)
     note(left_out)
-    try:
-        with Screen("fitting") as screen:
-            found = fit_effects(case, asked.effects, known, screen.step, asked.residual)
-    except BadEffect:
-        raise
-    except (DiagnosisError, ModelError) as e:
-        raise ConfigError(str(e)) from e
-    note(map(str, found.findings))
+    diagnosed = _diagnosed(inputs)
+    start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
+    with Screen("fitting") as screen:
+        fitted = fit_effects(case, asked.effects, effects, screen.step, asked.residual, start)
+    note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
-            write_robot(found.robot, place / "robot.yaml", case.robot_text)
+            write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
             if asked.samples:
-                names, values, robots = drawn(found.robot, known, asked.samples, asked.seed)
+                names, values, robots = drawn(fitted.robot, effects, asked.samples, asked.seed)
                 samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
                     for k, _ in enumerate(samples, 1):
@@ -120,11 +115,35 @@ def fit_with(
                 written.append(folder / "samples" / "samples.csv")
 
     def show() -> None:
-        out.print(effects_sheet(found))
-        for line in (*residual_lines(found), *(f"written: {path}" for path in written)):
+        out.print(effects_sheet(fitted))
+        for line in (*residual_lines(fitted), *(f"written: {path}" for path in written)):
             out.print(line)
 
-    return Result({**found.as_dict(), "files": [str(path) for path in written]}, show)
+    return Result({**fitted.as_dict(), "files": [str(path) for path in written]}, show)
+
+
+def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:
+    """The robot of the diagnosis.json in a case folder."""
+    try:
+        return (
+            Diagnosis.from_json((inputs[0] / "diagnosis.json").read_text(encoding="utf-8")).fitted if len(inputs) == 1 else None
+        )
+    except (OSError, ValueError, DiagnosisError):
+        return None
+
+
+def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
+    """What a fit does otherwise than the diagnosis.json of its case says."""
+    if {*f.effects} != {*d.effects}:
+        yield (
+            f"diagnosis.json names {', '.join(d.effects)}, which leaves {d.left_mm:.2f} mm; with "
+            f"{', '.join(f.effects) or 'no effect'} {f.fitted_mm:.2f} mm remain"
+        )
+    elif abs(f.fitted_mm - d.left_mm) > SAME_FIT * d.left_mm:
+        yield (
+            f"{f.fitted_mm:.2f} mm remain, and {d.left_mm:.2f} mm in diagnosis.json: table or robot.yaml have changed since; "
+            "diagnose the case again"
+        )
 
 
 def effects_sheet(f: Fitted) -> Sheet:
@@ -266,8 +285,8 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
-    stated, known = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
-    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in known.items() for p in spec.parameters}
+    stated, effects = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
+    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0

@@ -42,14 +42,14 @@ def import_files(
     robot = load(robot_path, Robot)
     demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import") as screen:
-        made = imported(inputs, wanted, robot, screen.progress)
-    found = implausible_values(robot, made.table)
-    if found:
-        raise ConfigError("\n".join(f"{map_path}: {text}" for text in found))
-    made = replace(made, notes=(*made.notes, *doubtful(robot, made.table, str(robot_path))))
+        result = imported(inputs, wanted, robot, screen.progress)
+    implausible = implausible_values(robot, result.table)
+    if implausible:
+        raise ConfigError("\n".join(f"{map_path}: {text}" for text in implausible))
+    result = replace(result, notes=(*result.notes, *doubtful(robot, result.table, str(robot_path))))
     with whole(folder, OWN, replace_all, inputs) as place:
-        write_case(made, robot, robot_path, map_path, place)
-    return told(made, folder)
+        write_case(result, robot, robot_path, map_path, place)
+    return told(result, folder)
 
 
 def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
@@ -126,31 +126,31 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
             "--robot: give the robot.yaml of this robot, whose length and actuators tell what the columns are; "
             "docs/tutorials/your-rig.md starts with one to copy"
         )
-    own = (MAP, PICTURE, "robot.yaml")
-    demand_free(folder, own, replace_all, inputs)
+    files = (MAP, PICTURE, "robot.yaml")
+    demand_free(folder, files, replace_all, inputs)
     robot = load(robot_path, Robot)
     series, proposed = _first_proposal(inputs, robot)
     checks = [*series.notes, *proposed.doubts]
-    made = None
-    with whole(folder, own, replace_all, inputs) as place:
+    result = None
+    with whole(folder, files, replace_all, inputs) as place:
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
-            made = imported(inputs, load(place / MAP, Map), robot)
-            checks += (*implausible_values(robot, made.table), *doubtful(robot, made.table, str(robot_path)))
-            checks += (*made.questions, *made.unread)
+            result = imported(inputs, load(place / MAP, Map), robot)
+            checks += (*implausible_values(robot, result.table), *doubtful(robot, result.table, str(robot_path)))
+            checks += (*result.questions, *result.unread)
             from ..pages.import_figure import draw
 
-            draw(made, robot, place / PICTURE)
+            draw(result, robot, place / PICTURE)
         except ConfigError as e:
             checks.append(str(e).replace(str(place), str(folder)))
-    states = len(made.table) if made is not None else 0
+    states = len(result.table) if result is not None else 0
 
     def show() -> None:
         for reason, keys in grouped(proposed).items():
             out.print(f"{', '.join(keys):24s} {reason}")
         note(f"check: {text}" for text in checks)
-        if made is not None:
+        if result is not None:
             look = f"look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
             out.print(f"{states} states; {look}", soft_wrap=True)
         words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")

@@ -18,9 +18,9 @@ from rich.table import Table as Sheet
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import split
-from recordings.campaign.replay import Comparison, replay_states
+from recordings.campaign.replay import ReplayComparison, replay_states
 from recordings.campaign.replay import compare as hold_against
-from recordings.campaign.shelf import Run
+from recordings.campaign.shelf import RecordedRun
 from recordings.campaign.shelf import runs as recorded
 from recordings.errors import BadMessage
 from recordings.events import Request
@@ -149,7 +149,7 @@ def said(request: Request) -> str:
     return f"{request.kind} {'done, ' if request.done else ''}asked for by {request.by}"
 
 
-def replayed(file: Path) -> tuple[Comparison, str]:
+def replayed(file: Path) -> tuple[ReplayComparison, str]:
     """Conclude every state of a recording again; the comparison with the live rows, and a digest of the rows."""
     recording = Recording.open(file)
     states = replay_states(recording)
@@ -245,15 +245,15 @@ def _show_recovered(r: Recovery) -> None:
 FILES = option("files", nargs="+", type=Path, metavar="FILE")
 
 
-def _states(run: Run) -> str:
+def _states(run: RecordedRun) -> str:
     """How many states were read, of those planned or, where that is not known, asked for."""
     return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}"
 
 
-def continued(listed: Sequence[Run]) -> list[tuple[Run, Run]]:
+def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, RecordedRun]]:
     """Return each run that resumed another one, behind that one; `listed` is in the order of time."""
-    last: dict[str, Run] = {}
-    pairs: list[tuple[Run, Run]] = []
+    last: dict[str, RecordedRun] = {}
+    pairs: list[tuple[RecordedRun, RecordedRun]] = []
     for run in listed:
         if run.campaign and run.campaign in last and not run.path.endswith("-recovered.mcap"):
             pairs.append((last[run.campaign], run))
@@ -278,7 +278,7 @@ def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Se
     return Result([run.to_dict() for run in found], partial(_show_runs, found))
 
 
-def _show_runs(listed: Sequence[Run]) -> None:
+def _show_runs(listed: Sequence[RecordedRun]) -> None:
     columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
     rows = [
         (run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol,

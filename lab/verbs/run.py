@@ -283,21 +283,21 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 
 def _rehearsed(j: Job) -> dict[str, Any]:
     """Do `run` at the desk; returns what it read, and where that differs from the plan. Raises BadProtocol."""
-    done = rehearse(j.experiment, j.parameters, j.plan, j.rig)
+    rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
     differs = []
     chambers = wiring(j.rig, j.rig.body).count
     if any(step.reads for step in j.plan.steps):
-        differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), done.rows))
-    elif done.rows:
+        differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), rows))
+    elif rows:
         differs.append("the plan's steps do not say which states they read: give each Step its reads")
     planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
-    if done.highest > planned * SLACK:
+    if highest > planned * SLACK:
         differs.append(
-            f"run asks for {done.highest / 1e3:.4g} kPa, its plan for at most {planned / 1e3:.4g} kPa; only the plan is checked "
+            f"run asks for {highest / 1e3:.4g} kPa, its plan for at most {planned / 1e3:.4g} kPa; only the plan is checked "
             "against the limits"
         )
     differs = [f"{j.experiment.name}: {text}" for text in differs if text]
-    return {"states": len(done.rows), "trials": len({row.trial for row in done.rows}), "differs": differs}
+    return {"states": len(rows), "trials": len({row.trial for row in rows}), "differs": differs}
 
 
 REPEAT = re.compile(r",? (?:repeat|cycle) \d+(?: of \d+)?")
@@ -307,15 +307,9 @@ REPEAT = re.compile(r",? (?:repeat|cycle) \d+(?: of \d+)?")
 def folded(steps: Sequence[Step]) -> tuple[Sequence[Step], int]:
     """Return the steps of the first repeat, and how many repeats alike the plan consists of."""
     labels = [REPEAT.sub("", step.label) for step in steps]
-    same = [0] * len(labels)
-    """How many labels up to each one are also the first ones."""
-    for i in range(1, len(labels)):
-        k = same[i - 1]
-        while k and labels[i] != labels[k]:
-            k = same[k - 1]
-        same[i] = k + (labels[i] == labels[k])
-    period = len(labels) - same[-1] if labels else 0
-    return (steps[:period], len(labels) // period) if period and not len(labels) % period else (steps, 1)
+    n = len(labels)
+    period = next((p for p in range(1, n) if n % p == 0 and labels[p:] == labels[:-p]), n)
+    return (steps[:period], n // period) if n else (steps, 1)
 
 
 def keys(protocol: str, rig_path: Path | None) -> Result:
@@ -405,18 +399,14 @@ def run(
     lossy = lost or result.displaced or result.table.doubtful.any()
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
-    return Result(data, lambda: _show_outcome(j, result, again), code, error)
+    return Result(data, lambda: _show_outcome(j, result), code, error, safe=result.safe, again=again)
 
 
-def _show_outcome(j: Job, result: Outcome, again: str | None) -> None:
+def _show_outcome(j: Job, result: Outcome) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
-    if not result.safe:
-        err.print("The safe state is not confirmed: use the vent valve and the emergency stop.", style="red")
-    if again is not None:
-        out.print(f"go on with: {again}", soft_wrap=True)
 
 
 def slower(speed: float) -> float:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..guard.door import Landed, land, names_of_path, owners
-from ..guard.report import SafeReport, SafeStep
+from ..guard.messages import SafeReport, SafeStep
 from ..options import JSON, OneOf, Result, Verb, option
 from ..priority import coming_first
 

@@ -190,9 +190,9 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
     if q.thrust_on_walls.any() or not all(same):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-            own = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
-            taken = own - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * own
-            out.add(element + col.REST_STRAIN + 2, taken / out[element + col.STRETCH + 2])
+            of_piece = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
+            stretching = of_piece - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * of_piece
+            out.add(element + col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
     uneven = q.thrust_on_walls * q.thrust_growth
     if not q.twist.any() and not uneven.any() and all(same):
         return
@@ -202,9 +202,9 @@ def _actuation(q: Quantities, out: RodColumns) -> None:
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
-        own = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
+        of_piece = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x; less what the tip carries.
-        turned = np.exp(1j * a0) * own / out[element + col.BEND]
+        turned = np.exp(1j * a0) * of_piece / out[element + col.BEND]
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
         b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * long / q.length**2,
                       uneven * 3 * (long / q.length) ** 2)  # fmt: skip

@@ -120,13 +120,13 @@ def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
     extra: list[int] = []
     rest = np.zeros(len(design.trial_id), np.int64)
     for k in range(len(rest)):
-        own = np.flatnonzero((design.trial == k) & ~design.stiffness)
-        if not own.size:
+        of_trial = np.flatnonzero((design.trial == k) & ~design.stiffness)
+        if not of_trial.size:
             continue
-        rest[k] = own[0]
-        if np.abs(design.pressure[own[0]]).max() > REST * design.pressure.max():
+        rest[k] = of_trial[0]
+        if np.abs(design.pressure[of_trial[0]]).max() > REST * design.pressure.max():
             rest[k] = len(design) + len(extra)
-            extra.append(int(own[0]))
+            extra.append(int(of_trial[0]))
     extended = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]
     extended.pressure[len(design) :] = 0.0
     extended.hold[len(design) :] = HOLD

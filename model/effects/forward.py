@@ -24,10 +24,10 @@ from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
 from model.effects.scales import Scales, scales
-from model.effects.solver import Solved, Steps, differentiate, integration_steps, look_inside, nudged, solve
+from model.effects.solver import SolvedRods, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
-from model.effects.tolerance import Source, single_sources, sources
+from model.effects.tolerance import VariationSource, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 from model.rods import columns as col
@@ -50,13 +50,13 @@ class _At:
     quantities: Quantities
     built: RodColumns
     """Rods of all states without memory."""
-    bare: Solved
+    bare: SolvedRods
     """The same solved, rest states included."""
     driven: Array
     """(1, full, DRIVES) what drives memory."""
     rest: Array
     """(1, full, columns) what memory adds to `rest_columns`."""
-    final: Solved
+    final: SolvedRods
     """With memory, without the rest states."""
     remembers: bool
     readings: Readings
@@ -66,7 +66,7 @@ class _At:
 
 
 @dataclass(frozen=True)
-class Change:
+class InputChange:
     """v small changes of what is done in n states."""
 
     pressure: Array
@@ -76,12 +76,12 @@ class Change:
     by: Array
     """(v,) what derivatives by them are counted per."""
 
-    def behind(self, more: int) -> Change | None:
+    def behind(self, more: int) -> InputChange | None:
         """The same behind `more` that change nothing; None where there is no change."""
         if not self.by.size:
             return None
         wide = [np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in (self.pressure, self.spine_length, self.by)]
-        return Change(*wide)
+        return InputChange(*wide)
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class ForwardModel:
         campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
         """
         self._steps: Steps | None
-        self._start: Solved | None
+        self._start: SolvedRods | None
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
@@ -173,16 +173,16 @@ class ForwardModel:
 
         A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
         """
-        made = cls.__new__(cls)
-        made.scales = scales(robot)
-        effects = {id: spec.of(made.scales) for id, spec in stated_effects(robot, catalogue).items()}
+        model = cls.__new__(cls)
+        model.scales = scales(robot)
+        effects = {id: spec.of(model.scales) for id, spec in stated_effects(robot, catalogue).items()}
         one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
-        made._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
+        model._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
             raise BadRobot(
                 f"robot {robot.name!r}: effects.contact needs obstacle_azimuth_deg, the direction in which the obstacle stands"
             )
-        return made
+        return model
 
     def at(self, design: States, arcs: Array) -> ForwardModel:
         """The model `of_single_states` for these, with markers at arc lengths (k,) m."""
@@ -199,7 +199,7 @@ class ForwardModel:
         full: States,
         area: Literal["one", "per_length"],
         catalogue: Mapping[str, EffectSpec],
-        varied: tuple[Source, ...],
+        varied: tuple[VariationSource, ...],
     ) -> None:
         """Lay out the parameters of `varied`."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
@@ -231,8 +231,8 @@ class ForwardModel:
             for k, p in enumerate(self._table.infos)
             if p.role == "size" and self._table.source_of(p.slot).spec.law.path is not None
         }
-        self._remembering: Solved | None = None
-        self._hard: tuple[tuple[Array, Solved, Solved], ...] = ()
+        self._remembering: SolvedRods | None = None
+        self._hard: tuple[tuple[Array, SolvedRods, SolvedRods], ...] = ()
         self._points: tuple[_At, ...] = ()
 
     def _place(self, design: States, full: States, factor: Array, arcs: Array) -> None:
@@ -281,7 +281,7 @@ class ForwardModel:
         """What instruments read of the design's rows at parameters (p,); NaN where a state has no equilibrium."""
         return self._solved(self._checked(theta)).readings.first(len(self.design))
 
-    def motions(self, theta: Array, quantities: Sequence[str], change: Change | None = None) -> tuple[Readings, Array]:
+    def motions(self, theta: Array, quantities: Sequence[str], change: InputChange | None = None) -> tuple[Readings, Array]:
         """What `read` gives, and its derivatives (k + v, n, `channels`), turns counted from where the tip is: by each of k
         quantities (its copies together, 0 for one that there is not), then by changes."""
         slots = {p.quantity: p.slot for p in self.parameters}
@@ -337,8 +337,8 @@ class ForwardModel:
         place[wanted] = np.arange(len(wanted))
         # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
         jacobian = np.zeros((len(self), len(wanted) + 1))
-        found = self._slopes(here, slots, self.observations.every)
-        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(found)
+        slopes = self._slopes(here, slots, self.observations.every)
+        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(slopes)
         return self.observations.of(here.readings)[0], jacobian[:, :-1]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
@@ -351,7 +351,7 @@ class ForwardModel:
         """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
         remembers stays."""
         spread = self._table.at(self._nominal)
-        q = self._quantities(spread, Change(change[None], np.zeros((1, 1)), np.ones(1)))
+        q = self._quantities(spread, InputChange(change[None], np.zeros((1, 1)), np.ones(1)))
         built = self._rows(rod_columns(q, self._shear))
         own = slice(0, self._moved_rows.size)
         here = self._solved(self._nominal)
@@ -384,7 +384,7 @@ class ForwardModel:
             elif self._every_law or known in spread.applied:
                 yield do, self._table.values(known, spread)
 
-    def _quantities(self, spread: Spread, change: Change | None = None) -> Quantities:
+    def _quantities(self, spread: Spread, change: InputChange | None = None) -> Quantities:
         """All laws before the rod."""
         q = copy.copy(self._baseline)
         if change is not None:
@@ -443,8 +443,8 @@ class ForwardModel:
         rods = self._rows(built)
         alone = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
-        known, plain = self._hard_nearby(theta), alone and not remembers
-        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, known[0])
+        hard, plain = self._hard_nearby(theta), alone and not remembers
+        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, hard[0])
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
@@ -453,7 +453,7 @@ class ForwardModel:
             rows = final.rows.copy()
             rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
-            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, known[1])
+            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, hard[1])
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         if not trial and (bare.hard or final.hard):
@@ -462,7 +462,7 @@ class ForwardModel:
         settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
 
-    def _hard_nearby(self, theta: Array) -> tuple[Solved | None, Solved | None]:
+    def _hard_nearby(self, theta: Array) -> tuple[SolvedRods | None, SolvedRods | None]:
         """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
         away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
         return self._hard[int(np.argmin(away))][1:] if away else (None, None)
@@ -487,7 +487,7 @@ class ForwardModel:
         return by_element(history, built)
 
     def _slopes(
-        self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: Change | None = None
+        self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: InputChange | None = None
     ) -> Array:
         """(slots + changes, full, channels) derivatives of `every` channel of readings in the parameters' units: the chain rule.
 
@@ -495,7 +495,7 @@ class ForwardModel:
         stage are varied together: what none of them changes is computed once.
         """
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
-        no_change = Change(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
+        no_change = InputChange(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
         parts = [(part, no_change) for part in self._by_stage(slots)]
         if change is not None:
             # Of single states all together: what changes is one number for all states.
@@ -503,11 +503,11 @@ class ForwardModel:
         batches = [self._beside(here, step, *part) for part in parts]
         read = every(here.readings)
         out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
-        for (own, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
+        for (indices, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
             if b.reads:
-                there = every(self._readings(b.quantities, here.final.result[None], b.spread))
-                moved = moved + (there - read) / b.by_row[..., None]
-            out[[slots.index(k) for k in own] + [len(slots) + k for k in range(len(varied.by))]] = moved
+                varied_read = every(self._readings(b.quantities, here.final.result[None], b.spread))
+                moved = moved + (varied_read - read) / b.by_row[..., None]
+            out[[slots.index(k) for k in indices] + [len(slots) + k for k in range(len(varied.by))]] = moved
         return out
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -518,7 +518,7 @@ class ForwardModel:
             found.setdefault((_moves(spec), spec.stage), []).append(k)
         return [tuple(own) for own in found.values()]
 
-    def _beside(self, here: _At, step: Array, slots: tuple[int, ...], change: Change) -> _Beside:
+    def _beside(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Beside:
         """Variants of `here`: one for each slot, that is a step away, and one for each change."""
         v, full = len(slots), len(self._full)
         spread = self._table.beside(here.spread, here.theta + step, slots, len(change.by))
@@ -605,7 +605,7 @@ def _moves(spec: EffectSpec) -> bool:
     return spec.law.before is not None or spec.law.path is not None
 
 
-def _by_columns(solved: Solved, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
+def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
     """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
     made = made_of(nudged(solved, NUDGE))
     by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)

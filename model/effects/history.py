@@ -211,15 +211,15 @@ def by_element(history: History, rods: RodColumns) -> Array:
     added: list[Array] = []
     walked = [np.zeros((1, 1)), np.zeros((1, 1))]  # m of the inner and of the outer part, behind the elements before
     for element, part in zip(rods.layout.elements, rods.layout.parts, strict=True):
-        own = list(np.moveaxis(history.rest[..., OF_PART * part : OF_PART * (part + 1)], -1, 0))
+        of_part = list(np.moveaxis(history.rest[..., OF_PART * part : OF_PART * (part + 1)], -1, 0))
         if history.quantities.robot.tendons is None:
-            added += own
+            added += of_part
             continue
         length, start = rods.length(part), walked[part]
         walked[part] = start + rods[element + col.LENGTH]
         begins, ends = (np.where(length > 0, x / np.where(length > 0, length, 1.0), 0.0) for x in (start, walked[part]))
         rises = list(np.moveaxis(history.rise[:, :, part], -1, 0))
-        added += [mean + rise * (begins - 0.5) for mean, rise in zip(own[:2], rises, strict=True)] + own[2:]
+        added += [mean + rise * (begins - 0.5) for mean, rise in zip(of_part[:2], rises, strict=True)] + of_part[2:]
         added += [rise * (ends - begins) for rise in rises]
     return np.stack(np.broadcast_arrays(*added), axis=-1)
 
@@ -277,8 +277,7 @@ def _lag(
 
 @numba.njit(cache=True)
 def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
-    """Jenkins elements j of equal weight: state += change of drive / yields[j], shortened to length 1 where it is longer (radial
-    return); `out` is their mean."""
+    """Jenkins elements of equal weight: state += change / yield, returned to length 1 beyond it; `out` is their mean."""
     count, wide = yields.shape[1], drive.shape[2]
     state = np.zeros((count, wide))
     for v in range(drive.shape[0]):
@@ -313,12 +312,12 @@ def _hold(pulls: Array, give: Array, before: Order, after: Order, first: NDArray
                 for i in range(count):
                     pull, mean, rise = pulls[v, row, i], 0.0, 0.0
                     for j in range(places):
-                        own = max(kept[part, j, i], pull / (1.0 + give[v, row, part, j]))
+                        tension = max(kept[part, j, i], pull / (1.0 + give[v, row, part, j]))
                         if give[v, row, part, j] < 1.0:
-                            own = min(own, pull / (1.0 - give[v, row, part, j]))
-                        kept[part, j, i] = own
-                        mean += own / places
-                        rise += (2 * j + 1 - places) * own
+                            tension = min(tension, pull / (1.0 - give[v, row, part, j]))
+                        kept[part, j, i] = tension
+                        mean += tension / places
+                        rise += (2 * j + 1 - places) * tension
                     means[v, row, part, i] = mean
                     rises[v, row, part, i] = rise * 2 * places / squares
 

@@ -83,24 +83,24 @@ def layout_of(body: Body, spine: bool) -> Layout:
     tied: dict[int, dict[int, float]] = {first + col.BEND: {}, first + col.STRETCH: {}, first + col.STRETCH + 2: {}}
     tied |= {first + col.SERIES: {}, first + col.SERIES + 1: {}, **{first + col.LOAD + k: {} for k in range(3)}}
     for e, (piece, part) in enumerate(order):
-        own = ELEMENTS + ELEMENT_WIDTH * e  # the element's first column
+        column = ELEMENTS + ELEMENT_WIDTH * e  # the element's first column
         twisting = float(body.polar[piece] / body.second[piece])  # J / I
         if part == INNER:
-            tied[own + col.BEND] = {own + col.BEND + 1: 1.0, own + col.BEND + 2: twisting}
-            tied[own + col.STRETCH] = {own + col.STRETCH + 1: 1.0}
-            tied[own + col.SERIES + 1] = {own + col.SERIES + 2: 0.5}
+            tied[column + col.BEND] = {column + col.BEND + 1: 1.0, column + col.BEND + 2: twisting}
+            tied[column + col.STRETCH] = {column + col.STRETCH + 1: 1.0}
+            tied[column + col.SERIES + 1] = {column + col.SERIES + 2: 0.5}
             continue
         bend, axial = (float(x[piece] / x[0]) for x in (body.second, body.area))
         strained = float(body.outer_radius[piece] / body.outer_radius[0]) ** 2
-        tied[first + col.BEND] |= {own + col.BEND: bend, own + col.BEND + 1: bend, own + col.BEND + 2: bend * twisting}
-        tied[first + col.STRETCH] |= {own + col.STRETCH: axial, own + col.STRETCH + 1: axial}
-        tied[first + col.STRETCH + 2] |= {own + col.STRETCH + 2: axial}
-        tied[first + col.SERIES] |= {own + col.SERIES: strained}
-        tied[first + col.SERIES + 1] |= {own + col.SERIES + 1: 1.0, own + col.SERIES + 2: 0.5}
+        tied[first + col.BEND] |= {column + col.BEND: bend, column + col.BEND + 1: bend, column + col.BEND + 2: bend * twisting}
+        tied[first + col.STRETCH] |= {column + col.STRETCH: axial, column + col.STRETCH + 1: axial}
+        tied[first + col.STRETCH + 2] |= {column + col.STRETCH + 2: axial}
+        tied[first + col.SERIES] |= {column + col.SERIES: strained}
+        tied[first + col.SERIES + 1] |= {column + col.SERIES + 1: 1.0, column + col.SERIES + 2: 0.5}
         if body.weight_area[0] > 0:
             weight = float(body.weight_area[piece] / body.weight_area[0])
             for k in range(3):
-                tied[first + col.LOAD + k] |= {own + col.LOAD + k: weight}
+                tied[first + col.LOAD + k] |= {column + col.LOAD + k: weight}
     tied[col.BASE_COMPLIANCE] = {col.BASE_COMPLIANCE + 1: 1.0}
     # no column is tied to itself
     others = {c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()}

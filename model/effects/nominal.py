@@ -31,21 +31,21 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     Raises `BadRobot` for an effect, tolerance, parameter or unit that is not known, and a value out of its bounds.
     """
     known = {**CATALOGUE, **catalogue}
-    sized = {id: spec.of(scales(robot)) for id, spec in known.items() if id in robot.effects}
-    found = [*_problems("effects", robot.effects, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
+    sized = {id: spec.of(scales(robot)) for id, spec in known.items() if id in robot.causes}
+    found = [*_problems("effects", robot.causes, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
     if found:
         raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in found))
-    return {id: spec for id, spec in known.items() if id in robot.effects}
+    return {id: spec for id, spec in known.items() if id in robot.causes}
 
 
 def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterable[str]:
-    for id, own in table.items():
+    for id, stated_values in table.items():
         if id not in known:
             own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
             yield f"{key}.{id}: is not known, {nearest(id, known)}{own_effect if key == 'effects' else ''}"
             continue
         parameters = {p.name: p for p in known[id].parameters}
-        for name, stated in own.items():
+        for name, stated in stated_values.items():
             place = f"{key}.{id}.{name}"
             p = parameters.get(name)
             if p is None:
@@ -59,7 +59,7 @@ def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterab
 def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> dict[str, tuple[Law, Values]]:
     """Laws and values (1, 1) of the robot's effects that are not in `catalogue`, by id; raises as `stated_effects`."""
     return {
-        id: (spec.law, values_of(robot.effects[id], spec))
+        id: (spec.law, values_of(robot.causes[id], spec))
         for id, spec in stated_effects(robot, catalogue).items()
         if id not in catalogue
     }

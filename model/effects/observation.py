@@ -78,8 +78,8 @@ def measured(o: Observations, columns: Columns) -> Array:
         every |= {name: turn[:, k] for k, name in enumerate(TURN)}
     value = np.empty(len(o))
     for name in np.unique(o.channel):
-        own = o.channel == name
+        of_channel = o.channel == name
         if name not in every or len(every[name]) != n:
             raise BadCondition(f"{name}: the table has no such column of {n} rows, the design observes it")
-        value[own] = every[name][o.row[own]]
+        value[of_channel] = every[name][o.row[of_channel]]
     return np.where(np.isfinite(value), value, np.nan)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from model.condition import States
 from model.effects.spec import EffectSpec, Sign, Values
-from model.effects.tolerance import Group, Scope, Source, mounts
+from model.effects.tolerance import Group, Scope, VariationSource, mounts
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class ParameterTable:
     """All parameters of a campaign."""
 
     infos: tuple[ParameterInfo, ...]
-    sources: tuple[Source, ...]
+    sources: tuple[VariationSource, ...]
     of_row: NDArray[np.int64]
     """(slots, n) which parameter a row takes for a slot; -1 where none exists."""
 
@@ -112,7 +112,7 @@ class ParameterTable:
         """(p,) the source of each parameter that is a size, -1 for others."""
         return np.array([self.source_index(p.slot) if p.role == "size" else -1 for p in self.infos], np.int64)
 
-    def source_of(self, slot: int) -> Source:
+    def source_of(self, slot: int) -> VariationSource:
         """The source a slot belongs to."""
         return self.sources[self.source_index(slot)]
 
@@ -137,7 +137,7 @@ class ParameterTable:
         return [i for i, info in enumerate(self.infos) if info.source == id]
 
 
-def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTable:
+def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> ParameterTable:
     """Lay out the parameters of all sources."""
     infos: list[ParameterInfo] = []
     of_row: list[NDArray[np.int64]] = []
@@ -145,33 +145,18 @@ def parameter_table(design: States, sources: tuple[Source, ...]) -> ParameterTab
         copies = _copies(design, source)
         for p in source.spec.parameters:
             rows = np.full(len(design), -1, np.int64)
-            for label, trial, own in copies:
-                rows[own] = len(infos)
-                infos.append(
-                    ParameterInfo(
-                        f"{source.spec.id}.{p.name}{label}",
-                        f"{source.spec.id}.{p.name}",
-                        source.spec.id,
-                        source.group,
-                        p.unit,
-                        p.scale,
-                        p.low,
-                        p.high,
-                        p.sign,
-                        p.role,
-                        p.starts,
-                        len(of_row),
-                        trial,
-                        source.scope,
-                        source.spec.tolerated,
-                        source.spec.exact,
-                    )  # fmt: skip
-                )
+            for label, trial, states_of_copy in copies:
+                rows[states_of_copy] = len(infos)
+                name = f"{source.spec.id}.{p.name}"
+                infos.append(ParameterInfo(
+                    f"{name}{label}", name, source.spec.id, source.group, p.unit, p.scale, p.low, p.high, p.sign, p.role,
+                    p.starts, len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact,
+                ))  # fmt: skip
             of_row.append(rows)
     return ParameterTable(tuple(infos), sources, np.array(of_row))
 
 
-def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
+def _copies(design: States, source: VariationSource) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
     """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
     if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]
@@ -181,15 +166,15 @@ def _copies(design: States, source: Source) -> list[tuple[str, int | None, NDArr
         return [(f"[spine_length={x:g}]", None, (rounded == x) & moved) for x in np.unique(rounded[moved])]
     if source.scope == "mount":
         turned = np.round(np.degrees(design.roll))
-        found = mounts(design)
-        several = len({roll for roll, _ in found}) < len(found)
+        mountings = mounts(design)
+        several = len({roll for roll, _ in mountings}) < len(mountings)
         return [
             (
                 f"[roll={roll:g} deg{f', sitting {sitting + 1}' if several else ''}]",
                 None,
                 (turned == roll) & (design.sitting == sitting) & ~design.stiffness,
             )
-            for roll, sitting in found[1:]
+            for roll, sitting in mountings[1:]
         ]
     if source.scope == "repeat":
         numbers = np.unique(design.repeat[~design.stiffness])

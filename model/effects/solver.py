@@ -31,7 +31,7 @@ PARTS = (2, 6)
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedRods:
     """Equilibria of n rows."""
 
     layout: at.Layout
@@ -57,10 +57,10 @@ class Solved:
         """(n,) see `Solution.converged`."""
         return self.solution.converged
 
-    def take(self, keep: slice) -> Solved:
+    def take(self, keep: slice) -> SolvedRods:
         """Some of the rows, of which no more is asked than tip and markers."""
         part = self.solution.take(keep)
-        return Solved(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
+        return SolvedRods(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
 def integration_steps(layout: at.Layout, rows: Array) -> Steps:
@@ -78,13 +78,13 @@ def solve(
     rows: Array,
     arcs: Array,
     steps: Steps,
-    start: Solved | None = None,
+    start: SolvedRods | None = None,
     inside: bool = True,
     trial: bool = False,
     plain: bool = False,
     whole: bool = False,
-    followed: Solved | None = None,
-) -> Solved:
+    followed: SolvedRods | None = None,
+) -> SolvedRods:
     """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
 
     With `start`, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that remain once one has no
@@ -97,20 +97,20 @@ def solve(
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
-    solved = Solved(layout, rows, arcs, steps, solution, result, False)
+    solved = SolvedRods(layout, rows, arcs, steps, solution, result, False)
     if inside or len(arcs):
         _fill_stations(solved, rods, inside)
     return replace(solved, inside=inside)
 
 
-def look_inside(solved: Solved) -> Solved:
+def look_inside(solved: SolvedRods) -> SolvedRods:
     """The same, with what is within the rods."""
     found = replace(solved, result=solved.result.copy(), inside=True)
     _fill_stations(found, sprung_rods(found.layout, found.rows), True)
     return found
 
 
-def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
+def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
     """Fill the results that are not at the tip, in one pass."""
     layout, result = solved.layout, solved.result
     places = _places(layout, rods, solved.arcs, inside)
@@ -118,31 +118,30 @@ def _fill_stations(solved: Solved, rods: rod.Rods, inside: bool) -> None:
     if inside:
         within, weights = rod.gauss_points(rods, STRAIN_POINTS)
         places = np.concatenate([places, within], axis=1)
-    found = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
-    at_arcs = found.position[:, marked - len(solved.arcs) : marked]
+    at_stations = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
+    at_arcs = at_stations.position[:, marked - len(solved.arcs) : marked]
     result[:, at.MARKERS :] = at_arcs.reshape(len(result), 3 * len(solved.arcs))
     if inside:
-        result[:, at.BASE : at.BASE + 4] = found.orientation[:, 0]
-        result[:, at.JOINT : at.JOINT + 4] = found.orientation[:, 1]
-        strain = found.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        result[:, at.BASE : at.BASE + 4] = at_stations.orientation[:, 0]
+        result[:, at.JOINT : at.JOINT + 4] = at_stations.orientation[:, 1]
+        strain = at_stations.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
 def _solve_from(
-    layout: at.Layout, rows: Array, steps: Steps, start: Solved, trial: bool, whole: bool, followed: Solved | None
+    layout: at.Layout, rows: Array, steps: Steps, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
-    """Solve from a solution close by. Where that misleads, from others that were followed, from nothing, by way of rods in
-    between, or as the load grows."""
+    """Solve from a close solution, else from others that were followed, from nothing, through rods between, or as loads grow."""
     rods = sprung_rods(layout, rows)
-    found = _nearby(rods, steps, start.solution)
-    unsolved = _unsolved(found)
+    solution = _nearby(rods, steps, start.solution)
+    unsolved = _unsolved(solution)
     if unsolved.size and followed is not None:
         here = _nearby(rods[unsolved], steps[unsolved], followed.solution.take(unsolved))
         here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
-        unsolved = _put(found, unsolved, here)
+        unsolved = _put(solution, unsolved, here)
     if unsolved.size:
-        unsolved = _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
+        unsolved = _put(solution, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
     for parts in PARTS:
         if not unsolved.size:
             break
@@ -150,19 +149,19 @@ def _solve_from(
         for k in range(1, parts + 1):
             between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
             here = _nearby(sprung_rods(layout, between), steps[unsolved], here)
-        unsolved = _put(found, unsolved, here)
+        unsolved = _put(solution, unsolved, here)
     if whole:
-        unsolved = _all_or_none(found, rods, steps, unsolved, start, followed)
+        unsolved = _all_or_none(solution, rods, steps, unsolved, start, followed)
     elif unsolved.size and not trial:
-        _put(found, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
+        _put(solution, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved])))
         unsolved = unsolved[:0]
     # Not trusted, so not to be read either: a step would be taken there that the next solve takes back.
-    found.values[unsolved] = np.nan
-    return found
+    solution.values[unsolved] = np.nan
+    return solution
 
 
 def _all_or_none(
-    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: Solved, followed: Solved | None
+    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: SolvedRods, followed: SolvedRods | None
 ) -> NDArray[np.intp]:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first
@@ -195,7 +194,7 @@ def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDA
     return rows[_unsolved(found)]
 
 
-def differentiate(solved: Solved, directions: Array) -> Array:
+def differentiate(solved: SolvedRods, directions: Array) -> Array:
     """(n, a, motions) derivatives of the results along `directions` (a, layout.width) of the rows.
 
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
@@ -211,7 +210,7 @@ def differentiate(solved: Solved, directions: Array) -> Array:
     return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
 
 
-def nudged(solved: Solved, step: float) -> Array:
+def nudged(solved: SolvedRods, step: float) -> Array:
     """(1 + motions, n, columns) the results, and the same a step along each motion of `differentiate`."""
     shifts = [at.TIP, at.TIP + 1, at.TIP + 2]
     markers = list(range(at.MARKERS, solved.result.shape[1]))

@@ -115,6 +115,9 @@ class EffectSpec:
     shown: Callable[[Robot, States], bool] | None = None
     """Whether states like these can show it at all; a diagnosis leaves it out where they cannot. Absent: any state can."""
 
+    each: Callable[[Robot, Values], Array] | None = None
+    """Factors (.., actuators) on what the actuators do, where the effect is no more than that."""
+
     def __post_init__(self) -> None:
         if not self.id.isidentifier():
             raise BadEffect(f"effect id {self.id!r}: letters, digits and _ only")

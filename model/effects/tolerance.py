@@ -27,7 +27,7 @@ Group = Literal["effect", "calibration", "nuisance"]
 
 
 @dataclass(frozen=True)
-class Source:
+class VariationSource:
     """An effect, tolerance or calibration and how many copies of its parameters there are."""
 
     spec: EffectSpec
@@ -104,8 +104,8 @@ def _zero(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
 
 
-def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> Source:
-    return Source(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
+def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> VariationSource:
+    return VariationSource(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
 
 
 def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
@@ -157,9 +157,8 @@ DRIFT = _tolerance(
 JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
-def _as_stated(source: Source, uncertainty: Mapping[str, float]) -> Source:
-    """A tolerance whose parameters have the standard deviation that robot.yaml states, if it does (`uncertainty`: id -> sd, in
-    their unit). Bounds are 10 sd; a relative change (unit 1) stays above -80 %, so that the quantity stays positive."""
+def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> VariationSource:
+    """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %."""
     sd = uncertainty.get(source.spec.id)
     if sd is None:
         return source
@@ -177,10 +176,10 @@ def mounts(design: States) -> list[tuple[float, int]]:
     return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
 
 
-def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Source, ...]:
+def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
-    found = [Source(spec, "effect") for spec in effects]
-    found += [*ALWAYS, Source(AREA, "calibration")]
+    found = [VariationSource(spec, "effect") for spec in effects]
+    found += [*ALWAYS, VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         found += [replace(source, scope="all") for source in BY_TRIAL]
     return (*found, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(found)
@@ -191,25 +190,25 @@ def sources(
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
     uncertainty: Mapping[str, float] = MappingProxyType({}),
-) -> tuple[Source, ...]:
+) -> tuple[VariationSource, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
     mounting and trial. `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
-    found = [Source(spec, "effect") for spec in catalogue]
+    chosen = [VariationSource(spec, "effect") for spec in catalogue]
     moved = bool((~design.stiffness).any())
-    found += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
+    chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
     if moved:
-        found.append(Source(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
-            found.append(DRIFT)
+            chosen.append(DRIFT)
     if len(mounts(design)) > 1:
-        found += MOUNT
+        chosen += MOUNT
     if len(np.unique(design.repeat[~design.stiffness])) > 1:
-        found += REPEATS
+        chosen += REPEATS
     if (design.spine_length > 0).any():
-        found += BY_TRIAL
+        chosen += BY_TRIAL
         spined = design.vacuum[design.spine_length > 0]
         if np.ptp(spined) > 0.05 * design.nominal_vacuum:
-            found.append(JAMMING)
+            chosen.append(JAMMING)
     if design.stiffness.any():
-        found += BY_PUSH
-    return tuple(found)
+        chosen += BY_PUSH
+    return tuple(chosen)

@@ -41,7 +41,7 @@ DAMPING = 1e-2
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReachLimits:
     """What may be asked of the robot."""
 
     max_pressure: float
@@ -76,17 +76,17 @@ def limits_of(
     groups: Sequence[Sequence[int]] | None = None,
     max_pressure: float | None = None,
     spine: tuple[float, float] | None = None,
-) -> Limits:
+) -> ReachLimits:
     """The robot's limits, or narrower ones; raises `BadCondition` for groups that its chambers do not make up.
 
     `groups`: chambers that share a regulator, each by itself unless given; chambers in none stay vented. `spine`: lengths
     (m), all from 0 to the longest in robot.yaml's table of moduli unless given.
     """
     count = len(robot.actuators.azimuths_deg)
-    own = tuple(tuple(g) for g in groups) if groups is not None else tuple((c,) for c in range(1, count + 1))
-    flat = [c for g in own for c in g]
+    chamber_groups = tuple(tuple(g) for g in groups) if groups is not None else tuple((c,) for c in range(1, count + 1))
+    flat = [c for g in chamber_groups for c in g]
     if not flat or len(set(flat)) < len(flat) or not all(1 <= c <= count for c in flat):
-        raise BadCondition(f"groups: {own}, must hold each chamber at most once, counted from 1 to {count}")
+        raise BadCondition(f"groups: {chamber_groups}, must hold each chamber at most once, counted from 1 to {count}")
     highest = robot.max_pressure if max_pressure is None else max_pressure
     if highest is None:
         words = robot.actuators.words
@@ -104,13 +104,13 @@ def limits_of(
         raise BadCondition(
             f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
         )
-    return Limits(highest, own, (low, high))
+    return ReachLimits(highest, chamber_groups, (low, high))
 
 
 def inverse(
     at: Predictor,
     targets: ArrayLike,
-    limits: Limits,
+    limits: ReachLimits,
     weights: ArrayLike | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Reached:
@@ -128,18 +128,18 @@ def inverse(
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
     if (weight < 0).any() or (weight.max(axis=1) <= 0).any():
         raise BadCondition("weights: must not be negative, and one of each row above 0")
-    search = _Search(at, limits, np.where(free, 0.0, wanted), weight)
+    search = _InverseSearch(at, limits, np.where(free, 0.0, wanted), weight)
     u = search.run(progress)
     pressures, lengths = search.inputs(u)
-    found = at(pressures, lengths, intervals=True)
-    miss = np.linalg.norm(np.where(free, 0.0, found.tip - wanted), axis=1)
-    return Reached(pressures, lengths, miss, found)
+    prediction = at(pressures, lengths, intervals=True)
+    miss = np.linalg.norm(np.where(free, 0.0, prediction.tip - wanted), axis=1)
+    return Reached(pressures, lengths, miss, prediction)
 
 
-class _Search:
+class _InverseSearch:
     """Targets and the scaled inputs u within 0 .. 1: the groups' pressures, then the spine's length."""
 
-    def __init__(self, at: Predictor, limits: Limits, wanted: Array, weight: Array) -> None:
+    def __init__(self, at: Predictor, limits: ReachLimits, wanted: Array, weight: Array) -> None:
         self._at, self._limits, self._wanted, self._weight = at, limits, wanted, weight
         count = len(at.robot.actuators.azimuths_deg)
         self._member = np.zeros((len(limits.groups), count))
@@ -169,12 +169,12 @@ class _Search:
                 break
             progress(k / ROUNDS)
             goal = self._steps(u[active], missed[active], slope[active], radius[active])
-            there, along, reached = self._linear(goal, row[active])
+            remaining, along, reached = self._linear(goal, row[active])
             better = reached < cost[active]
             gained, moved = cost[active] - reached, np.abs(goal - u[active]).max(axis=1)
             radius[active] = np.where(better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], moved))
-            taken = active[better]
-            u[taken], missed[taken], slope[taken], cost[taken] = (goal[better], there[better], along[better], reached[better])
+            kept = active[better]
+            u[kept], missed[kept], slope[kept], cost[kept] = (goal[better], remaining[better], along[better], reached[better])
             done = better & ((gained < COST_TOLERANCE) | (moved < STEP_TOLERANCE))
             active = active[~done & (radius[active] > LEAST_RADIUS)]
         reached = cost.reshape(m, tries)
@@ -199,13 +199,13 @@ class _Search:
             raise BadCondition("targets: the rod has no equilibrium at any state within the limits: check robot.yaml")
         total = u @ self._cost
         bands = np.minimum((BANDS * u[:, -1]).astype(int), BANDS - 1)
-        parts = [own for own in (np.flatnonzero(bands == b) for b in range(BANDS)) if own.size]
+        parts = [candidates for candidates in (np.flatnonzero(bands == b) for b in range(BANDS)) if candidates.size]
         out = np.empty((len(self._wanted), len(parts) + 1, u.shape[1]))
         for i, (wanted, weight) in enumerate(zip(self._wanted, self._weight, strict=True)):
             off = (((tips - wanted) * weight) ** 2).sum(axis=1)
             out[i, -1] = u[np.argmin(off)]
-            for k, own in enumerate(parts):
-                near = own[np.argsort(off[own])[:NEAREST]]
+            for k, candidates in enumerate(parts):
+                near = candidates[np.argsort(off[candidates])[:NEAREST]]
                 out[i, k] = u[near[np.argmin(total[near])]]
         return out
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
-from model.effects.forward import Change, ForwardModel
+from model.effects.forward import ForwardModel, InputChange
 from model.effects.spec import EffectSpec
 from model.errors import BadCondition
 from model.prediction.residual import LearntResidual, residual_of
@@ -132,8 +132,8 @@ class Predictor:
         alike = np.lexsort((asked.pressure.sum(axis=1), np.round(asked.spine_length / 0.02)))
         order = alike if n > BATCH else np.arange(n)
         batches = [order[k : k + BATCH] for k in range(0, n, BATCH)]
-        found = _joined(self._shared_out(part, batches), order)
-        return replace(found, outside=self._outside(asked.pressure))
+        joined = _joined(self._shared_out(part, batches), order)
+        return replace(joined, outside=self._outside(asked.pressure))
 
     def _outside(self, pressure: Array) -> NDArray[np.bool_]:
         """(n,) of pressures (n, chambers) Pa; warns where there are any."""
@@ -170,28 +170,28 @@ def predicted(
         r = forward.read(zero)
         return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0])
     names, covariance = uncertain(robot) if intervals else ((), np.zeros((0, 0)))
-    own = [name for name in names if name != PRESSURE]
+    parameters = [name for name in names if name != PRESSURE]
     chambers = states.pressure.shape[1] if gradient else 0
-    change = _changes(states, len(own) < len(names), gradient)
-    r, slopes = forward.motions(zero, ["area.excess" if name == AREA_FACTOR else name for name in own], change)
-    found: dict[str, Any] = {}
+    change = _changes(states, len(parameters) < len(names), gradient)
+    r, slopes = forward.motions(zero, ["area.excess" if name == AREA_FACTOR else name for name in parameters], change)
+    fields: dict[str, Any] = {}
     if intervals:
-        if AREA_FACTOR in own:
-            slopes[own.index(AREA_FACTOR)] /= forward.area_factor[:, None]
-        by = slopes[[len(own) if name == PRESSURE else own.index(name) for name in names]]
+        if AREA_FACTOR in parameters:
+            slopes[parameters.index(AREA_FACTOR)] /= forward.area_factor[:, None]
+        by = slopes[[len(parameters) if name == PRESSURE else parameters.index(name) for name in names]]
         wrong = robot.posterior is not None and robot.posterior.law_error > 0
         absent = [forward.read(_without(forward, id)) for id in robot.effects] if wrong else []
-        found |= standard_deviations(robot, covariance, r, by, absent, unexplained)
+        fields |= standard_deviations(robot, covariance, r, by, absent, unexplained)
     if gradient:
         tip = slopes[-chambers - 1 :, :, :3]
-        found["tip_by_pressure"], found["tip_by_length"] = tip[:-1].transpose(1, 2, 0), tip[-1]
+        fields["tip_by_pressure"], fields["tip_by_length"] = tip[:-1].transpose(1, 2, 0), tip[-1]
         if learnt is not None and learnt.by_pressure is not None and learnt.by_length is not None:
-            found["tip_by_pressure"] = found["tip_by_pressure"] + learnt.by_pressure
-            found["tip_by_length"] = found["tip_by_length"] + learnt.by_length
-    return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **found)
+            fields["tip_by_pressure"] = fields["tip_by_pressure"] + learnt.by_pressure
+            fields["tip_by_length"] = fields["tip_by_length"] + learnt.by_length
+    return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **fields)
 
 
-def _changes(states: States, together: bool, each: bool) -> Change:
+def _changes(states: States, together: bool, each: bool) -> InputChange:
     """Of the pressure of all chambers in use, where `together`; of each chamber, then of the spine's length, where `each`."""
     n, chambers = states.pressure.shape
     by = np.concatenate([[PRESSURE_STEP] * (together + each * chambers), [LENGTH_STEP] * each])
@@ -201,7 +201,7 @@ def _changes(states: States, together: bool, each: bool) -> Change:
     if each:
         pressure[range(len(by) - chambers - 1, len(by) - 1), :, range(chambers)] = PRESSURE_STEP
         length[-1] = LENGTH_STEP
-    return Change(pressure, length, by)
+    return InputChange(pressure, length, by)
 
 
 def _without(forward: ForwardModel, id: str) -> Array:

@@ -75,18 +75,18 @@ class LearntResidual:
 
     def __call__(self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False) -> ExpectedResidual:
         """At pressures (n, chambers) Pa and spine lengths (n,) m."""
-        own, u = self._own, section_sums(self._robot, pressure)
+        residual, u = self._own, section_sums(self._robot, pressure)
         k = self._correlation(u, length)
         mean = np.asarray(k @ self._weights)
         variance = by_pressure = by_length = None
         if intervals:
-            c = own.amplitude**2 * k
-            known = (c * cho_solve(self._factor, c.T).T).sum(axis=1)
-            variance = np.asarray(np.maximum(own.amplitude**2 - known, 0.0)[:, None])
+            c = residual.amplitude**2 * k
+            explained = (c * cho_solve(self._factor, c.T).T).sum(axis=1)
+            variance = np.asarray(np.maximum(residual.amplitude**2 - explained, 0.0)[:, None])
         if gradient:
             by_u = np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", mean, u)
-            by_pressure = np.asarray(by_u / own.pressure_scale**2 @ _directions(self._robot).T)
-            by_length = np.asarray(((k * (self._length - length[:, None])) @ self._weights) / own.length_scale**2)
+            by_pressure = np.asarray(by_u / residual.pressure_scale**2 @ _directions(self._robot).T)
+            by_length = np.asarray(((k * (self._length - length[:, None])) @ self._weights) / residual.length_scale**2)
         return ExpectedResidual(mean, variance, by_pressure, by_length)
 
 

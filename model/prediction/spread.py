@@ -50,8 +50,8 @@ def standard_deviations(
         turned = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
         turns = turns + (share * turned) ** 2
     tips, shapes = (
-        own + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
-        for own, open_, place in (
+        of_tip + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for of_tip, open_, place in (
             (tips, loose**2 if unexplained is None else unexplained, here.tip[0]),
             (shapes, loose**2, here.markers[0]),
         )

@@ -50,23 +50,23 @@ class Paper:
         shape = np.full((n, 0 if arcs is None else arcs.shape[1], 3), np.nan)
         status = np.full(n, Status.FAILED, np.int8)
         for i in range(n):
-            rod = _Rod(rods, i, self.steps)
+            rod = _EulerRod(rods, i, self.steps)
             wrench[i], _, flag, _ = fsolve(rod.error, np.zeros(6), full_output=True)
             path = np.zeros((self.steps + 1, 3))
             _, rotation, _, _ = rod.integrate(wrench[i], path)
             if flag == 1 and np.abs(rod.error(wrench[i])).max() < 1e-6:  # N, N m
                 status[i] = Status.SOLVED
                 tip[i], orientation[i] = path[-1], _nearest_quaternion(rotation)
-                at = np.linspace(0.0, rod.length, self.steps + 1)
+                grid = np.linspace(0.0, rod.length, self.steps + 1)
                 for k in range(3 if arcs is not None else 0):
-                    shape[i, :, k] = np.interp(arcs[i], at, path[:, k])  # type: ignore[index]
+                    shape[i, :, k] = np.interp(arcs[i], grid, path[:, k])  # type: ignore[index]
         return assembled(tip, orientation, wrench[:, :3], wrench[:, 3:], status, shape)
 
 
 PAPER = Paper()
 
 
-class _Rod:
+class _EulerRod:
     """One rod: the residual of eq. 7 at the tip for guessed n(0), m(0)."""
 
     def __init__(self, rods: Rods, i: int, steps: int) -> None:

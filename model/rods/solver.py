@@ -7,9 +7,7 @@
     found = solve(batch, PAPER)                        # explicit Euler and fsolve, as published
     found.tip, found.orientation, found.converged
 
-All methods solve the same static Cosserat rod (docs/explanations/model.md; eq. 1, 2, 4, 5 of the paper),
-
-    p' = R v   R' = R [u]   n' = -f   m' = -p' x n   v = K_se^-1 R^T n + v*   u = K_bt^-1 R^T m + u*
+All methods solve the same static Cosserat rod (docs/explanations/model.md and `fast.equations`; eq. 1, 2, 4, 5 of the paper).
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class PyElastica:
         return Readings(np.array([relaxed(rods, i, density, self._elements) for i in range(len(states))]))
 
 
-class _Loads(ea.NoForces):  # type: ignore[misc]
+class _PointLoads(ea.NoForces):  # type: ignore[misc]
     """Weight at the nodes, and a force and moment that turn with the tip."""
 
     def __init__(self, weight: Array, force: Array, moment: Array) -> None:
@@ -96,7 +96,7 @@ def relaxed(
     system = _System()
     system.append(rod)
     system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
-    system.add_forcing_to(rod).using(_Loads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
+    system.add_forcing_to(rod).using(_PointLoads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
     # 1/s; near critical for the first bending mode of a robot of half a metre of silicone
     system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=25.0, time_step=time_step)
     system.finalize()

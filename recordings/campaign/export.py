@@ -75,36 +75,36 @@ def export_streams(
     return written
 
 
-class _Column(NamedTuple):
+class _ExportColumn(NamedTuple):
     name: str
     values: NDArray[Any]
     unit: str
     meaning: str
 
 
-def _columns(recording: Recording, topic: str) -> list[_Column]:
+def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
     """The columns of a stream, those of arrays one by one."""
-    samples, units, out = recording.stream(topic), recording.units(topic), list[_Column]()
-    known = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
+    samples, units, out = recording.stream(topic), recording.units(topic), list[_ExportColumn]()
+    described = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
     for name in samples.dtype.names or ():
-        field = known.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
+        field = described.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
         unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
         if name == "t":
             since = ""
             if recording.metadata.get("recording", {}).get("start_wall_ns"):
                 start = datetime.fromtimestamp(recording.start_wall_ns / 1e9, UTC)
                 since = f"; t = 0 at {start.isoformat(timespec='milliseconds')}"
-            out.append(_Column(name, samples[name], unit, f"rig time{since}"))
+            out.append(_ExportColumn(name, samples[name], unit, f"rig time{since}"))
         elif samples[name].ndim == 1:
-            out.append(_Column(name, samples[name], unit, field.doc))
+            out.append(_ExportColumn(name, samples[name], unit, field.doc))
         else:
             several, count = unit.split(", "), values.shape[1]
             for i in range(count):
                 meaning = f"{_part(field, i)}; {field.doc}"
-                out.append(_Column(f"{name}_{i + 1}", values[:, i], several[i * len(several) // count], meaning))
+                out.append(_ExportColumn(f"{name}_{i + 1}", values[:, i], several[i * len(several) // count], meaning))
     if has_stamp(topic):
         meaning = "rig time at which the sample was taken, by the clock of the instrument"
-        out.append(_Column("t_aligned", aligned(recording, topic), "s", meaning))
+        out.append(_ExportColumn("t_aligned", aligned(recording, topic), "s", meaning))
     return out
 
 

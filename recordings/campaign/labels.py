@@ -1,4 +1,4 @@
-"""What a person says of a run beside its parameters: who ran it, which piece was mounted, and tags of the lab's own.
+"""Labels of a run that a person gives: who ran it, which piece was mounted, and tags of the lab's own.
 
 A metadata record `labels` of texts by name; `operator` and `specimen` are names like any other.
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import events
 from ..errors import Damaged, NotSettled, RecordingError
 from ..events import TrialEvent, marked
-from ..file.budget import Budget, Cost
+from ..file.budget import Cost, ReadingBudget
 from ..file.reader import Recording
 from ..states.concluding import conclude, of_sensor, sensor_column
 from ..states.zeros import Drift, Zeros, drift, unloaded, without_drift
@@ -32,7 +32,7 @@ class Replayed:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ReplayComparison:
     """Live rows against replayed ones. `equal`: every live row came out the same to the last bit."""
 
     live: int
@@ -88,7 +88,7 @@ class _Counted:
 
     def __init__(self, recording: Recording) -> None:
         self.recording, self.newest = recording, recording.newest
-        self.budget = Budget(str(recording.path), recording.contents.size)
+        self.budget = ReadingBudget(str(recording.path), recording.contents.size)
 
     def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
         samples = self.recording.window(topic, t0, t1)
@@ -96,7 +96,7 @@ class _Counted:
         return samples
 
     def average(self, count: int) -> None:
-        """So many samples are about to be averaged."""
+        """Take the cost of averaging `count` samples from the budget."""
         # averaging a sample costs twenty times what looking at it costs
         self.budget.take(Cost.LOOKED_AT, 20 * count)
 
@@ -142,7 +142,7 @@ def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
     return out
 
 
-def compare(recording: Recording, states: list[Replayed] | None = None) -> Comparison:
+def compare(recording: Recording, states: list[Replayed] | None = None) -> ReplayComparison:
     """Compare a recording's replayed rows with the live ones, bit by bit.
 
     `states`: the result of `replay_states` for this recording, if it is known already.
@@ -166,7 +166,7 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Compa
         if moved != zero.drift:
             text = f"drift of the zero was {zero.drift} live, is {moved} in replay"
             differences.append(f"trial {zero.zeros.trial}: {text}")
-    return Comparison(len(live), sum(replayed.row is not None for replayed in again.values()), tuple(differences))
+    return ReplayComparison(len(live), sum(replayed.row is not None for replayed in again.values()), tuple(differences))
 
 
 def _first_difference(live: TrialRow, replayed: TrialRow) -> str:

@@ -30,7 +30,7 @@ VERSION = 6
 
 
 @dataclass(frozen=True)
-class Run:
+class RecordedRun:
     """One recording. `path`: below the folder. `start`: wall time of its first message, ISO 8601 UTC. `spines`: lengths
     (m). `outcome`: completed, stopped, failed, finished (it does not state how), abrupt (its end is missing), or
     unreadable. `lost`: samples dropped or lost, as far as known."""
@@ -71,7 +71,7 @@ def runs(
     protocol: str = "",
     spine: float | None = None,
     where: Sequence[tuple[str, str]] = (),
-) -> list[Run]:
+) -> list[RecordedRun]:
     """The recordings below a folder, oldest first, after bringing the index up to date.
 
     `since`: ISO date or time (UTC); `protocol`: its name; `spine`: a length (m) that was set in the run;
@@ -81,7 +81,7 @@ def runs(
     place = folder / INDEX
     if place.is_symlink() or (place.exists() and not place.is_file()):
         raise RecordingError(f"{place}: is a symbolic link or not a regular file, and is not followed; remove it")
-    known, found = _read(place), dict[str, tuple[int, Run]]()
+    before, indexed = _read(place), dict[str, tuple[int, RecordedRun]]()
     for file in sorted(folder.rglob("*.mcap")):
         if file.name.startswith("."):
             continue
@@ -90,24 +90,24 @@ def runs(
             status = file.stat()
         except OSError:
             continue
-        changed, run = known.get(name, (0, None))
+        changed, run = before.get(name, (0, None))
         if run is None or (changed, run.size) != (status.st_mtime_ns, status.st_size):
             run = _entry(file, name, status)
-        found[name] = status.st_mtime_ns, run
-    if found != known:
-        lines = [{"changed": changed, **asdict(run)} for changed, run in found.values()]
+        indexed[name] = status.st_mtime_ns, run
+    if indexed != before:
+        lines = [{"changed": changed, **asdict(run)} for changed, run in indexed.values()]
         with contextlib.suppress(OSError):  # a folder that cannot be written has none
             replaced(place, json.dumps({"version": VERSION, "runs": lines}))
     return [
         run
-        for run in sorted((run for _, run in found.values()), key=lambda run: (run.start, run.path))
+        for run in sorted((run for _, run in indexed.values()), key=lambda run: (run.start, run.path))
         if run.start >= since and protocol in ("", run.protocol)
         if spine is None or any(abs(length - spine) <= 0.5e-3 for length in run.spines)
         if all(run.labels.get(key) == text for key, text in where)
     ]
 
 
-def _read(place: Path) -> dict[str, tuple[int, Run]]:
+def _read(place: Path) -> dict[str, tuple[int, RecordedRun]]:
     """The index by path: time of change (ns), and what is known; empty where there is none or it is of no use."""
     try:
         index = read_json(read_bounded(place, 100_000_000, ValueError))  # a recording has some 500 bytes
@@ -117,24 +117,24 @@ def _read(place: Path) -> dict[str, tuple[int, Run]]:
         return {}
 
 
-def _run(line: dict[str, Any]) -> Run:
+def _run(line: dict[str, Any]) -> RecordedRun:
     """A line of the index; ValueError or TypeError when it is none."""
-    run, hints = Run(**line | {"spines": tuple(map(float, line["spines"]))}), get_type_hints(Run)
+    run, hints = RecordedRun(**line | {"spines": tuple(map(float, line["spines"]))}), get_type_hints(RecordedRun)
     right = all(type(value) is hints[name] for name, value in vars(run).items() if hints[name] in (str, int, float))
     if not right or not all(isinstance(text, str) for text in run.labels.values()):
         raise TypeError(f"{run.path!r}: not a line of this index")
     return run
 
 
-def _entry(file: Path, name: str, status: os.stat_result) -> Run:
+def _entry(file: Path, name: str, status: os.stat_result) -> RecordedRun:
     """What there is to say of a file; one that cannot be read is listed as such."""
     try:
         summary, recording = info(file), Recording.open(file, truncated=True)
         states = [event.state for event in recording.states]
     except RecordingError as error:
         changed = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
-        return Run(name, status.st_size, changed, 0.0, "", (), "unreadable", str(error)[:2000], 0, 0, 0, "", {}, 0, 0)
-    return Run(
+        return RecordedRun(name, status.st_size, changed, 0.0, "", (), "unreadable", str(error)[:2000], 0, 0, 0, "", {}, 0, 0)
+    return RecordedRun(
         path=name, size=status.st_size, start=summary.start, duration=summary.duration,
         protocol=", ".join(sorted({state.protocol for state in states})) or planned_of(recording)[0],
         spines=tuple(sorted({float(state.spine_length) for state in states})),

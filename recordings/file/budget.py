@@ -69,7 +69,7 @@ def _most(cost: Cost, size: int) -> int:
 
 
 @dataclass
-class Budget:
+class ReadingBudget:
     """What is left for one pass over the file `name` of `size` bytes."""
 
     name: str

@@ -24,7 +24,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from ..errors import Damaged, Oversized
-from .budget import OPTION, Budget, Cost, largest_chunk
+from .budget import OPTION, Cost, ReadingBudget, largest_chunk
 
 HEAD = struct.Struct("<BQ")
 """Kind and length of a record."""
@@ -41,7 +41,7 @@ _PIECE = 2**16
 """Bytes of a chunk that are unpacked at a time when it is cut off."""
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """A record of kind `opcode` at byte `start` of the file, or of its chunk. Its content is source[body:end]."""
 
     opcode: int
@@ -63,7 +63,7 @@ class Record(NamedTuple):
 class _Fields(ReadDataStream):
     """A record's content, for the library to parse. Unlike the library's stream it never gives fewer bytes than asked for."""
 
-    def __init__(self, record: Record) -> None:
+    def __init__(self, record: McapRecord) -> None:
         super().__init__(None)  # type: ignore[arg-type]
         self._record = record
 
@@ -99,7 +99,7 @@ class Chunk:
     """(channel id, start and end of its (time, offset) pairs in the file)"""
 
     @classmethod
-    def of(cls, record: Record) -> Chunk:
+    def of(cls, record: McapRecord) -> Chunk:
         """The chunk of a record; raises what `UNPARSABLE` lists where there is none."""
         first, last, size, crc, letters = _CHUNK.unpack_from(record.source, record.body)
         at = record.body + _CHUNK.size
@@ -169,7 +169,7 @@ def _windows(data: bytes, size: int) -> NDArray[np.void]:
     return np.ndarray((max(len(data) - size + 1, 0),), np.dtype((np.void, size)), data, strides=(1,))
 
 
-def scan(data: bytes, budget: Budget) -> tuple[list[int], list[int], Exception | None]:
+def scan(data: bytes, budget: ReadingBudget) -> tuple[list[int], list[int], Exception | None]:
     """Where the messages and the other records of an unpacked chunk begin, counted against the budget; and what is wrong where
     they do not reach its end.
 
@@ -199,7 +199,7 @@ def scan(data: bytes, budget: Budget) -> tuple[list[int], list[int], Exception |
     return messages, others, error
 
 
-def unpacked(data: memoryview, chunk: Chunk, budget: Budget) -> bytes:
+def unpacked(data: memoryview, chunk: Chunk, budget: ReadingBudget) -> bytes:
     """The records of a chunk, or what can be had of them where the file ends before the chunk does. Raises `Damaged` when they
     are not what was written, `Oversized` when too many.
 
@@ -256,7 +256,7 @@ def _zstd() -> zstandard.ZstdDecompressor:
     return zstandard.ZstdDecompressor(max_window_size=min(1 << (largest_chunk(2**31).bit_length() - 1), 2**31))
 
 
-def _torn(packed: memoryview, chunk: Chunk, budget: Budget) -> bytes:
+def _torn(packed: memoryview, chunk: Chunk, budget: ReadingBudget) -> bytes:
     most, parts = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED)), list[bytes]()
     try:
         if chunk.compression == "zstd":

@@ -4,7 +4,7 @@ An instrument stamps a sample when it is taken, the host when it arrives: host =
 where the delay is never negative and now and then close to its smallest. The line under all points (device, host -
 device) that is closest to them is an edge of their lower convex hull: the one below their mean (S. B. Moon, P. Skelly,
 D. Towsley, "Estimation and removal of clock skew from network delay measurements", INFOCOM 1999). The smallest delay
-itself cannot be told from an offset and is part of it.
+itself cannot be distinguished from an offset and is part of it.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from ..bounded import regular
 from ..errors import Damaged, NotARecording
-from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Budget, Cost, largest_chunk
-from .chunks import HEAD, Chunk, Record
+from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Cost, ReadingBudget, largest_chunk
+from .chunks import HEAD, Chunk, McapRecord
 
 RUN = 2**20
 """Bytes of messages outside chunks that are read together."""
@@ -35,7 +35,7 @@ def mapped(path: str | os.PathLike[str]) -> memoryview:
             raise NotARecording(f"{path}: cannot be read ({error.strerror}); check the path") from error
 
 
-def attachment_crc(record: Record) -> tuple[int, int]:
+def attachment_crc(record: McapRecord) -> tuple[int, int]:
     """The checksum of an attachment, and the one that was written (0: none)."""
     at = record.body + 16
     for length in (_U32, _U32, _U64):  # of name, media type and data
@@ -62,13 +62,13 @@ class Contents:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.budget = Budget(self.name, self.size)
+        self.budget = ReadingBudget(self.name, self.size)
         self._seen: set[int] = set()
         """Of definitions: one that is repeated costs nothing."""
         self.indexed: Chunk | None = None
         """The chunk whose message indexes come next."""
 
-    def take(self, record: Record) -> None:
+    def take(self, record: McapRecord) -> None:
         """Take note of a record of the file; raises what `UNPARSABLE` lists, or a `RecordingError`."""
         opcode, indexed, self.indexed = record.opcode, self.indexed, None
         if opcode == Opcode.MESSAGE:
@@ -105,7 +105,7 @@ class Contents:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             self.define(record)
 
-    def define(self, record: Record) -> None:
+    def define(self, record: McapRecord) -> None:
         """Take note of a schema or channel, wherever in the file it stands; raises like `take`."""
         body = bytes(record.source[record.body : record.end])
         key = hash((record.opcode, body))
@@ -130,7 +130,7 @@ class Contents:
         lost = [c for c in self.channels.values() if c.schema_id and c.schema_id not in self.schemas]
         return [f"channel {c.topic} names the schema {c.schema_id}, which is missing" for c in lost]
 
-    def _message(self, record: Record) -> None:
+    def _message(self, record: McapRecord) -> None:
         """Add a message outside chunks to the run of those before it, or begin one."""
         (log_time,) = _U64.unpack_from(record.source, record.body + 6)
         run, begin = self.chunks[-1] if self.chunks else None, record.body - HEAD.size
@@ -157,5 +157,5 @@ def _unique(name: str, taken: dict[str, bytes] | dict[str, dict[str, str]]) -> s
 
 
 def _identity(known: Schema | Channel) -> object:
-    """What messages depend on; a channel's metadata may be told differently."""
+    """What messages depend on; a channel's metadata may differ."""
     return known if isinstance(known, Schema) else (known.topic, known.message_encoding, known.schema_id)

@@ -56,7 +56,7 @@ def timing(stamps: NDArray[np.float64]) -> Timing:
 
 @dataclass(frozen=True)
 class StreamCounts:
-    """What became of a topic's messages.
+    """Fate of a topic's messages.
 
     `generated` = `written` + `dropped`; `dropped` were refused here (malformed, out of order, queue full, disk failed);
     `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `timing`.
@@ -88,7 +88,7 @@ class StreamCounts:
 
 
 def _stated(metadata: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """By topic what a file tells, where it can be read."""
+    """The counts that a file states, by topic, where they can be read."""
     for topic, text in metadata.get("counts", {}).items():
         with contextlib.suppress(ValueError):
             if isinstance(stated := read_json(text), dict):
@@ -96,7 +96,7 @@ def _stated(metadata: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, di
 
 
 def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, int]]:
-    """The counts that a file tells, by topic; what is no count (text, below zero) is left out."""
+    """The counts that a file states, by topic; what is no count (text, below zero) is left out."""
     return {
         topic: {name: n for name, n in stated.items() if type(n) is int and 0 <= n <= LARGEST}
         for topic, stated in _stated(metadata)
@@ -104,7 +104,7 @@ def counted(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, in
 
 
 def below_zero(metadata: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """What is wrong with the counts that a file tells: nothing can have been lost less than never."""
+    """What is wrong with the counts that a file states: none can be below zero."""
     return [
         f"{topic}: {name} is given as {stated[name]}, which is not a count"
         for topic, stated in _stated(metadata)

@@ -1,6 +1,6 @@
 """The journal of a campaign: which steps and trials are finished, in which recording. It lets a run go on after a crash.
 
-One JSON object a line, in a file beside the first recording, appended and synced line by line. A trial is called done
+One JSON object a line, in a file next to the first recording, appended and synced line by line. A trial is called done
 only after its samples and rows are on the disk. The trial is the unit of resuming: what a sweep measures depends on
 the pressures before (hysteresis, creep), so one that was broken off is done again from its beginning.
 
@@ -33,7 +33,7 @@ LARGEST = 20_000_000
 
 @dataclass(frozen=True)
 class Progress:
-    """What a journal tells. `recordings`: file names in order, each with the number of its first trial."""
+    """Content of a journal. `recordings`: file names in order, each with the number of its first trial."""
 
     campaign: str
     protocol: str
@@ -169,7 +169,7 @@ def _opened(path: Path, flags: int) -> int:
 
 
 def read(path: Path) -> Progress:
-    """What a journal tells; its last line may be torn. Raises `BadJournal`."""
+    """Read a journal, whose last line may be torn. Raises `BadJournal`."""
     campaign, protocol = "", ""
     recordings: list[tuple[str, int]] = []
     done: dict[int, int] = {}

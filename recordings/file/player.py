@@ -83,17 +83,17 @@ def _played(recording: Recording, topic: str) -> tuple[NDArray[np.int64], Callab
         times = recording.log_times(topic, samples=True).astype(np.int64)
         return times, lambda row: {name: samples[row][name].tolist() for name in names}
     event = EVENTS[topic]
-    found = recording.payloads(event)
+    payloads = recording.payloads(event)
 
     def fields(row: int) -> Fields:
         # One at a time: as dictionaries all of them would be many times as large.
-        message = parse(event.message_class, found[row][1], topic)
+        message = parse(event.message_class, payloads[row][1], topic)
         try:
             return MessageToDict(message, preserving_proto_field_name=True)
         except (ValueError, SerializeToJsonError) as error:
             raise Damaged(f"{topic}: a message cannot be written as JSON ({error}); run `lab verify`") from error
 
-    return np.array([log_time for log_time, _ in found], dtype=np.int64), fields
+    return np.array([log_time for log_time, _ in payloads], dtype=np.int64), fields
 
 
 def plain_numbers(value: Any) -> Any:

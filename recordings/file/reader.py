@@ -19,7 +19,7 @@ from .. import events
 from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
 from ..events import EVENTS, EventType
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
-from .budget import Budget, Cost
+from .budget import Cost, ReadingBudget
 from .chunks import Messages
 from .contents import Contents, mapped
 from .records import Hole, gathered, holes, index, inside, records
@@ -56,7 +56,7 @@ class Recording:
         """What `salvaged` left out, and why; None of a recording of which everything is read."""
         self._loaded: set[int] = set()
         """Channels whose messages were read."""
-        self._budget = Budget(str(path), len(data))
+        self._budget = ReadingBudget(str(path), len(data))
         self._samples: dict[int, list[NDArray[np.void]] | None] = {}
         """Of channels of ours, batch by batch; None where some message has another layout."""
         self._payloads: dict[int, list[bytes]] = {}
@@ -177,7 +177,7 @@ class Recording:
         return self._streams[topic]
 
     def units(self, topic: str) -> dict[str, str]:
-        """Unit of each field of a stream, as the file's schema tells. Raises `Damaged`."""
+        """Unit of each field of a stream, as the file's schema states. Raises `Damaged`."""
         return {field.name: field.unit for field in self._message(self._channel(topic)).fields}
 
     def newest(self, topic: str) -> float:
@@ -264,19 +264,19 @@ class Recording:
         kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first = not self._loaded
         for batch in self._batches():
-            for number, found in batch.by_channel():
+            for number, messages in batch.by_channel():
                 if first:
-                    self._times.setdefault(number, []).append(found.heads[["sequence", "log"]].astype(_TIMES))
+                    self._times.setdefault(number, []).append(messages.heads[["sequence", "log"]].astype(_TIMES))
                 if number in layouts:
-                    parts, rows = self._samples[number], found.rows()
+                    parts, rows = self._samples[number], messages.rows()
                     if parts is None or rows is None or not layouts[number].fits(rows):
                         self._samples[number] = None
                     else:
                         parts.append(layouts[number].decode(rows.reshape(-1)))
                 elif number in kept:
                     if channels[number].topic in events.READ:
-                        self._budget.take(Cost.EVENTS, int(found.sizes.sum()))
-                    self._payloads.setdefault(number, []).extend(found.payloads())
+                        self._budget.take(Cost.EVENTS, int(messages.sizes.sum()))
+                    self._payloads.setdefault(number, []).extend(messages.payloads())
         self._loaded |= wanted
 
     def _decode(self, topic: str) -> NDArray[np.void]:
@@ -295,9 +295,9 @@ class Recording:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is None:
                 raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-            found = (held for carrier, _, held in self.messages({topic}) if carrier.id == channel.id)
+            payloads = (held for carrier, _, held in self.messages({topic}) if carrier.id == channel.id)
             count = sum(map(len, self._times.get(channel.id, [])))
-            samples = decode(message, schema, chain.from_iterable(found), count)
+            samples = decode(message, schema, chain.from_iterable(payloads), count)
         if not (np.diff(samples["t"]) > 0).all():
             samples = samples[self._order(channel, [samples["t"]], lambda i: bytes(samples[i].tobytes()))]
         samples.setflags(write=False)

@@ -24,8 +24,8 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
-from .budget import Budget
-from .chunks import HEAD, UNPARSABLE, Chunk, Messages, Record, scan, unpacked
+from .budget import ReadingBudget
+from .chunks import HEAD, UNPARSABLE, Chunk, McapRecord, Messages, scan, unpacked
 from .contents import Contents
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -83,35 +83,35 @@ def holes(data: memoryview, contents: Contents, *, unpack: bool = False) -> list
 
 def records(
     data: memoryview, contents: Contents, *, unpack: bool = False, growing: bool = False
-) -> Iterator[Record | Messages | Hole]:
-    """Every record of a file in its order, from `contents.end` on, with a hole for whatever is none; `contents` takes note
+) -> Iterator[McapRecord | Messages | Hole]:
+    """Every record of a file in its order, starting at `contents.end`, with a hole for what is none; `contents` takes note
     of each. Raises `NotARecording` for a file that is not an MCAP file.
 
     `data`: the file from byte `contents.end` on. `unpack`: each chunk is followed by the messages in it, and those outside
     chunks come together; else there are none. `growing`: the last record may still be on its way.
     """
     base = contents.end
-    at = 0 if base else len(MAGIC)
-    if not base and data[:at] != MAGIC:
-        if growing and len(data) < at:
+    offset = 0 if base else len(MAGIC)
+    if not base and data[:offset] != MAGIC:
+        if growing and len(data) < offset:
             return
-        raise NotARecording(f"{contents.name} is not an MCAP file: it begins with {bytes(data[:at])!r}")
+        raise NotARecording(f"{contents.name} is not an MCAP file: it begins with {bytes(data[:offset])!r}")
     if growing:
-        contents.end = base + at
+        contents.end = base + offset
     run: Chunk | None = None
     """Messages outside chunks, while more may follow."""
-    while at < len(data) and not contents.finished:
-        record: Record | None
+    while offset < len(data) and not contents.finished:
+        record: McapRecord | None
         hole: Hole | None = None
         try:
-            record = _record_at(data, at, base)
+            record = _record_at(data, offset, base)
             if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
                 break
             contents.take(record)
         except (*UNPARSABLE, RecordingError) as error:
-            if growing and _unfinished(data, at):
+            if growing and _unfinished(data, offset):
                 break
-            hole, record = _hole(data, at, base, error, contents)
+            hole, record = _hole(data, offset, base, error, contents)
         if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):
             yield from inside(data, run, contents)
             run = None
@@ -120,12 +120,12 @@ def records(
             if unpack and hole.torn is not None:
                 yield from (item for item in inside(data, hole.torn, contents) if isinstance(item, Messages))
             yield hole
-            at = hole.end - base
+            offset = hole.end - base
         if record is None:
             continue
-        at = record.end
-        contents.end = base + at
-        if record.opcode == Opcode.FOOTER and data[at : at + len(MAGIC)] == MAGIC:
+        offset = record.end
+        contents.end = base + offset
+        if record.opcode == Opcode.FOOTER and data[offset : offset + len(MAGIC)] == MAGIC:
             contents.finished, contents.end = True, contents.end + len(MAGIC)
         if record.opcode == Opcode.MESSAGE:
             run = contents.chunks[-1] if unpack else None
@@ -149,31 +149,31 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
         return
     starts, others, error = scan(raw, contents.budget)
     wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
-    found = Messages.at(raw, np.array(starts, np.int64), chunk)
-    if (short := found.sizes < 0).any():
-        wrong += [(at, struct.error("a message shorter than its head")) for at in found.starts[short].tolist()]
-        found = found.which(~short)
-    for at in others:
-        opcode, length = HEAD.unpack_from(raw, at)
+    messages = Messages.at(raw, np.array(starts, np.int64), chunk)
+    if (short := messages.sizes < 0).any():
+        wrong += [(offset, struct.error("a message shorter than its head")) for offset in messages.starts[short].tolist()]
+        messages = messages.which(~short)
+    for offset in others:
+        opcode, length = HEAD.unpack_from(raw, offset)
         try:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                contents.define(Record(opcode, at, at + HEAD.size, at + HEAD.size + length, raw))
+                contents.define(McapRecord(opcode, offset, offset + HEAD.size, offset + HEAD.size + length, raw))
             elif opcode in LAYOUT:
                 raise struct.error(f"it holds a record of kind {opcode}, which stands outside chunks only")
         except (*UNPARSABLE, Damaged) as problem:
-            wrong.append((at, problem))
+            wrong.append((offset, problem))
         except Oversized as problem:
-            wrong = [*(known for known in wrong if known[0] < at), (at, problem)]
-            found = found.which(found.starts < at)
+            wrong = [*(earlier for earlier in wrong if earlier[0] < offset), (offset, problem)]
+            messages = messages.which(messages.starts < offset)
             break
     begin = 0
-    for at, reason in sorted(wrong, key=itemgetter(0)):
-        end = int(np.searchsorted(found.starts, at))
-        yield found.which(slice(begin, end))
+    for offset, reason in sorted(wrong, key=itemgetter(0)):
+        end = int(np.searchsorted(messages.starts, offset))
+        yield messages.which(slice(begin, end))
         place = f"{contents.name}: the chunk at byte {chunk.start}"
         yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
         begin = end
-    yield found.which(slice(begin, None))
+    yield messages.which(slice(begin, None))
 
 
 def _named(error: Exception, place: str, remedy: str) -> RecordingError:
@@ -188,7 +188,7 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
 
     Chunks are unpacked by threads, one batch ahead of what is handed out.
     """
-    budget = Budget(contents.name, len(data))
+    budget = ReadingBudget(contents.name, len(data))
     ends = accumulate(chunk.size for chunk in contents.chunks)
     # bytes unpacked at a time; small enough for the allocator to use the same memory again
     groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // (4 * 2**20))
@@ -202,7 +202,7 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
                 yield _joined(chunks, [raw.result() for raw in raws], budget)
 
 
-def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
+def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Messages:
     starts, base = [], 0
     for chunk, raw in zip(batch, raws, strict=True):
         messages, _, error = scan(raw, budget)
@@ -216,7 +216,7 @@ def _joined(batch: list[Chunk], raws: list[bytes], budget: Budget) -> Messages:
     return found
 
 
-def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> Record:
+def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> McapRecord:
     """The record that begins at data[at], byte base + at of the file; raises what `UNPARSABLE` lists when it makes no sense.
 
     Where nothing makes sense behind it, its length is wrong if records are found in it (`search`).
@@ -231,7 +231,7 @@ def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) ->
         raise struct.error("its fields are longer than the record")
     if used < end and not _plausible(data, end) and not (search and _next(data, at + 1, end) == end):
         raise struct.error("no record follows where it ends")
-    return Record(opcode, base + at, body, end, data)
+    return McapRecord(opcode, base + at, body, end, data)
 
 
 def _used(data: memoryview | bytes, opcode: int, body: int) -> int:
@@ -285,7 +285,7 @@ def _unfinished(data: memoryview, at: int) -> bool:
     return bool(opcode == 0 or length > len(data) - at - HEAD.size)
 
 
-def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, Record | None]:
+def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, McapRecord | None]:
     """What is wrong at data[at] up to where the walk goes on, and a record whose stated length alone is wrong."""
     error = _named(error, f"{contents.name}: the record at byte {base + at}", "verify")
     end, chunk, record = len(data), None, None
@@ -294,14 +294,14 @@ def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Cont
         stated, used = at + HEAD.size + length, _used(data, opcode, at + HEAD.size)
     except UNPARSABLE:
         opcode, stated, used = 0, 0, 0
-    known = opcode in LAYOUT and opcode != Opcode.MESSAGE
-    if known and stated == used > len(data):
+    known_kind = opcode in LAYOUT and opcode != Opcode.MESSAGE
+    if known_kind and stated == used > len(data):
         if opcode == Opcode.CHUNK:
             with contextlib.suppress(*UNPARSABLE):
-                chunk = Chunk.of(Record(opcode, base + at, at + HEAD.size, stated, data))
-    elif known and stated != used and _begins(data, used):
+                chunk = Chunk.of(McapRecord(opcode, base + at, at + HEAD.size, stated, data))
+    elif known_kind and stated != used and _begins(data, used):
         end = at + HEAD.size
-        record = Record(opcode, base + at, end, used, data)
+        record = McapRecord(opcode, base + at, end, used, data)
         try:
             contents.take(record)
         except (*UNPARSABLE, RecordingError):

@@ -1,4 +1,4 @@
-"""A whole file out of a damaged or torn one: every message that can be read, indexed anew, and what is missing told.
+"""A whole file out of a damaged or torn one: every message that can be read, indexed anew, and a report of what is missing.
 
 The source is never touched. The new file appears under its name only when it is complete and verified.
 """
@@ -21,7 +21,7 @@ from mcap.writer import CompressionType, Writer
 from ..errors import Oversized, RecordingError, WriteFailed
 from ..messages import is_stream
 from ..own_files import replacing
-from .chunks import Record
+from .chunks import McapRecord
 from .contents import Contents, mapped
 from .counts import StreamCounts, counted, timing
 from .records import Hole, records
@@ -52,7 +52,7 @@ class Recovery:
     """Topics whose schema is missing in the file; their messages are kept without one."""
     seconds_kept: float
     seconds_lost: float
-    """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk tells."""
+    """Rig seconds between the messages before and behind each hole, and to the end that a torn chunk states."""
     bytes_skipped: int
     holes: int
     oversized: str
@@ -69,7 +69,7 @@ class Recovery:
 
 
 @dataclass
-class _Kept:
+class _KeptChannel:
     """One channel's messages on their way into the new file. `numbered`: their numbers count what there was; `schemaless`:
     the schema that the channel names is missing."""
 
@@ -88,7 +88,7 @@ class _Kept:
         """
         if not self.numbers or not self.numbered:
             return len(self.numbers)
-        if not is_stream(self.topic):  # events may be told later than they happened
+        if not is_stream(self.topic):  # events may be recorded later than they happened
             return max(self.numbers)
         numbers = np.array(self.numbers)[np.lexsort((self.numbers, self.log_times))]
         ends = np.append(np.flatnonzero(np.diff(numbers) < 0), len(numbers) - 1)
@@ -108,14 +108,14 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     source = Path(source)
     target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
     data = mapped(source)
-    found = Contents(str(source), len(data))
-    for _ in records(data, found, unpack=True):
+    contents = Contents(str(source), len(data))
+    for _ in records(data, contents, unpack=True):
         pass  # what describes the messages may stand behind them
     if target.exists():
         raise WriteFailed(f"{target} exists; recordings are never overwritten, choose another name with --out")
     try:
         with replacing(target) as (file, partial):
-            result = _write(data, found, target, file)
+            result = _write(data, contents, target, file)
             file.flush()
             if problems := check(partial).problems:
                 wrong = f"the recovered file is wrong: {problems[0].text}"
@@ -136,7 +136,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     before: float | None = None
     """Newest log time when a hole began, while no message has come behind it."""
     for item in records(data, Contents(found.name, found.size), unpack=True):
-        if isinstance(item, Record):
+        if isinstance(item, McapRecord):
             if item.opcode == Opcode.ATTACHMENT:
                 a = item.read(Attachment)
                 writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)
@@ -160,7 +160,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
                 if before is not None and math.isfinite(before):
                     seconds_lost += max(0.0, (log_time - before) / 1e9)
                 before, first, newest = None, min(first, log_time), max(newest, log_time)
-    topics: dict[str, list[_Kept]] = {}
+    topics: dict[str, list[_KeptChannel]] = {}
     for entry in kept.values():
         topics.setdefault(entry.topic, []).append(entry)
     counts = _counts(topics, found)
@@ -185,7 +185,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     return result
 
 
-def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
+def _register(writer: Writer, found: Contents) -> dict[int, _KeptChannel]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
     schemas = {0: 0}
     for number, schema in sorted(found.schemas.items()):
@@ -194,13 +194,12 @@ def _register(writer: Writer, found: Contents) -> dict[int, _Kept]:
     for number, c in sorted(found.channels.items()):
         channel = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
         numbered = ours(c, found.schemas.get(c.schema_id))
-        kept[number] = _Kept(c.topic, channel, numbered, c.schema_id not in schemas)
+        kept[number] = _KeptChannel(c.topic, channel, numbered, c.schema_id not in schemas)
     return kept
 
 
-def _counts(topics: dict[str, list[_Kept]], found: Contents) -> dict[str, StreamCounts]:
-    """Counts of the new file: the messages' numbers state how many there were before the last one that is kept. Topics that
-    are not numbered have none, unless the source states them."""
+def _counts(topics: dict[str, list[_KeptChannel]], found: Contents) -> dict[str, StreamCounts]:
+    """Counts of the new file by the messages' numbers; topics without numbers have none unless the source states them."""
     first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
     out, before = {}, counted(found.metadata)
     for topic, entries in topics.items():

@@ -107,24 +107,24 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
     """`count` messages to an array like `MessageType.decode`; sizes of arrays are those of the first message.
 
     Fields that the file's schema does not have yet are NaN (numbers) or 0 (everything else). Raises `OtherVersion` when
-    the schema has none of the fields beside `t`, has them of another type, or arrays change their size.
+    the schema has none of the fields except `t`, has them of another type, or arrays change their size.
     """
     kind = message_class(schema)
-    there = {field.name: field for field in kind.DESCRIPTOR.fields}
-    known = [field for field in message.fields if field.name in there]
-    if "t" not in there or len(known) < 2:
+    in_file = {field.name: field for field in kind.DESCRIPTOR.fields}
+    shared = [field for field in message.fields if field.name in in_file]
+    if "t" not in in_file or len(shared) < 2:
         raise OtherVersion(
-            f"{message.topic}: the file's schema {schema.name} describes another message, with the fields {sorted(there)[:50]}"
+            f"{message.topic}: the file's schema {schema.name} describes another message, with the fields {sorted(in_file)[:50]}"
         )
-    for field in known:
-        if there[field.name].type != field.type or there[field.name].is_repeated != bool(field.shape):
+    for field in shared:
+        if in_file[field.name].type != field.type or in_file[field.name].is_repeated != bool(field.shape):
             raise OtherVersion(f"{message.topic}: field {field.name} has another type in the file")
     out = None
     for row, payload in enumerate(payloads):
         parsed = parse(kind, payload, message.topic)
         if out is None:
-            out = _table(message, parsed, known, count)
-        for field in known:
+            out = _table(message, parsed, shared, count)
+        for field in shared:
             value = getattr(parsed, field.name)
             if field.shape:
                 place = out[field.name][row]

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
-from .chunks import UNPARSABLE, Chunk, Messages, Record
+from .chunks import UNPARSABLE, Chunk, McapRecord, Messages
 from .contents import Contents, attachment_crc, mapped
 from .counts import below_zero, counted
 from .reader import Recording
@@ -40,7 +40,7 @@ _FOOTER = struct.Struct("<QQI")
 
 
 @dataclass(frozen=True)
-class Problem:
+class FileProblem:
     """What is wrong, and at which byte of the file."""
 
     at: int
@@ -60,7 +60,7 @@ class Verification:
     """Checksums that were there and were compared."""
     uncovered: tuple[str, ...]
     """Parts that no checksum covers."""
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
 
     @property
     def ok(self) -> bool:
@@ -79,11 +79,11 @@ class Verification:
 
 @dataclass
 class _Check:
-    """A walk over a file, with what it has found so far."""
+    """A walk over a file, with its findings up to here."""
 
     data: memoryview
     contents: Contents
-    problems: list[Problem] = field(default_factory=list)
+    problems: list[FileProblem] = field(default_factory=list)
     checksums: int = 0
     bare: Counter[str] = field(default_factory=lambda: Counter(outside=1))
     """Parts that no checksum covers."""
@@ -94,7 +94,7 @@ class _Check:
     places: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Byte -> kind and length of the records that the summary may list."""
     chunks: dict[int, Chunk] = field(default_factory=dict)
-    summary: list[Record] = field(default_factory=list)
+    summary: list[McapRecord] = field(default_factory=list)
     data_end: int | None = None
     """Where the data section ends."""
     chunk: Chunk | None = None
@@ -102,7 +102,7 @@ class _Check:
     held: Messages | None = None
 
     def problem(self, at: int, text: str) -> None:
-        self.problems.append(Problem(at, text))
+        self.problems.append(FileProblem(at, text))
 
     def walk(self) -> None:
         for item in records(self.data, self.contents, unpack=True):
@@ -129,14 +129,14 @@ class _Check:
             self.problem(0, str(self.oversized))
         for number in self.messages.keys() - self.contents.channels.keys():
             self.problem(0, f"messages of channel {number}, which is not described")
-        self.problems += [Problem(0, text) for text in self.contents.schemaless]
+        self.problems += [FileProblem(0, text) for text in self.contents.schemaless]
         if not self.contents.finished:
             end = self.contents.end
-            left = f"{len(self.data) - end} bytes are left and the file was not finished"
-            self.problem(end, f"no complete record follows; {left}")
+            rest = f"{len(self.data) - end} bytes are left and the file was not finished"
+            self.problem(end, f"no complete record follows; {rest}")
 
     # -- records
-    def _record(self, record: Record) -> None:
+    def _record(self, record: McapRecord) -> None:
         if record.opcode != Opcode.MESSAGE_INDEX:
             self._close_chunk()
         if record.opcode == Opcode.FOOTER:
@@ -184,25 +184,25 @@ class _Check:
         self.chunk = self.held = None
         if chunk is None or held is None:
             return
-        there = dict(held.by_channel())
+        by_channel = dict(held.by_channel())
         for channel, start, end in chunk.indexes:
-            own = there.pop(channel, held.which(slice(0)))
+            messages = by_channel.pop(channel, held.which(slice(0)))
             pairs = np.frombuffer(self.data[start:end], "<u8").reshape(-1, 2)
             pairs = pairs[np.argsort(pairs[:, 1], kind="stable")]
-            if not np.array_equal(pairs, np.column_stack([own.heads["log"], own.starts.astype(np.uint64)])):
-                at = start - _INDEX_HEAD
-                self.problem(at, f"the index of channel {channel} lists other messages than its chunk holds")
+            if not np.array_equal(pairs, np.column_stack([messages.heads["log"], messages.starts.astype(np.uint64)])):
+                index_start = start - _INDEX_HEAD
+                self.problem(index_start, f"the index of channel {channel} lists other messages than its chunk holds")
         times = held.heads["log"]
         if not whole:
             return
         if len(times) and (times.min(), times.max()) != (chunk.first_time, chunk.last_time):
             self.problem(chunk.start, "the times of the chunk differ from those of its messages")
-        if there and chunk.indexes:
-            missing = ", ".join(map(str, there))
+        if by_channel and chunk.indexes:
+            missing = ", ".join(map(str, by_channel))
             self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
 
     # -- the end
-    def _footer(self, record: Record) -> None:
+    def _footer(self, record: McapRecord) -> None:
         end, size = record.end, record.end - record.body
         if self.data[end : end + len(MAGIC)] != MAGIC:
             self.problem(end, "the end mark is missing")
@@ -227,12 +227,12 @@ class _Check:
             except UNPARSABLE as error:
                 self.problem(item.start, f"the record of kind {item.opcode} cannot be parsed: {error}")
         for opcode, count in listed.items():
-            there = sum(kind == INDEXES[opcode][1] for kind, _ in self.places.values())
-            if count != there:
+            counted = sum(kind == INDEXES[opcode][1] for kind, _ in self.places.values())
+            if count != counted:
                 kind = Opcode(opcode).name.lower().replace("_", " ")
-                self.problem(self.summary[0].start, f"the summary lists {count} of {there} ({kind})")
+                self.problem(self.summary[0].start, f"the summary lists {count} of {counted} ({kind})")
 
-    def _listed(self, record: Record) -> None:
+    def _listed(self, record: McapRecord) -> None:
         """Compare a record of the summary with what it counts or points to."""
         if record.opcode == Opcode.STATISTICS:
             stated, total = record.read(Statistics), self.messages.total()
@@ -246,16 +246,16 @@ class _Check:
             kind, target = INDEXES[record.opcode]
             index = record.read(kind)
             of_chunk = target == Opcode.CHUNK
-            at, length = (index.chunk_start_offset, index.chunk_length) if of_chunk else (index.offset, index.length)
-            if self.places.get(at) != (target, length):
+            place, length = (index.chunk_start_offset, index.chunk_length) if of_chunk else (index.offset, index.length)
+            if self.places.get(place) != (target, length):
                 what = f"no {target.name.lower()} of {length} bytes is"
-                self.problem(record.start, f"the summary points to byte {at}, where {what}")
+                self.problem(record.start, f"the summary points to byte {place}, where {what}")
             elif of_chunk:
-                chunk, what = self.chunks[at], f"for the chunk at byte {at}"
+                chunk, what = self.chunks[place], f"for the chunk at byte {place}"
                 times = (index.message_start_time, index.message_end_time)
                 sizes = (index.uncompressed_size, index.compressed_size)
-                there = (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start)
-                if (*times, *sizes) != there:
+                of_file = (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start)
+                if (*times, *sizes) != of_file:
                     self.problem(record.start, f"the summary has other times or sizes {what}")
                 places = {channel: begin - _INDEX_HEAD for channel, begin, _ in chunk.indexes}
                 if index.message_index_offsets.items() - places.items():
@@ -294,7 +294,7 @@ def verify(path: str | os.PathLike[str]) -> Verification:
     found = check(Path(path))
     if found.problems:
         return found
-    return replace(found, problems=tuple(Problem(0, text) for text in _said(Path(path))))
+    return replace(found, problems=tuple(FileProblem(0, text) for text in _said(Path(path))))
 
 
 def _said(path: Path) -> list[str]:

@@ -195,7 +195,7 @@ class Recorder:
         """A function that records samples: objects with `t` and attributes named like the stream's fields.
 
         It never raises, because it runs in the driver's thread: a sample that cannot be recorded is dropped and
-        counted, the first one of a topic is told on /log. Body markers that were not seen are filled up with NaN.
+        counted, the first one of a topic is reported on /log. Body markers that were not seen are filled up with NaN.
         """
         message = self.messages[topic]
         rows = {f.name: f.shape[0] for f in message.fields if len(f.shape) == 2}
@@ -252,8 +252,8 @@ class Recorder:
             number = self._states
         parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
         limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
-        own = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
-        self._event(events.STATE, t, state, **own, **limits)
+        fields = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
+        self._event(events.STATE, t, state, **fields, **limits)
         return number
 
     def trial(self, t: float, number: int, row: TrialRow, repeats: int = 0) -> None:
@@ -485,7 +485,7 @@ class Recorder:
         return {name: json.dumps(asdict(model)) for name, model in models.items() if model is not None}
 
     def counts(self) -> dict[str, StreamCounts]:
-        """What became of each topic's messages so far."""
+        """Fate of each topic's messages up to here."""
         with self.buffers.lock:
             waiting = Counter(topic for topic, _, _ in self._not_taken())
             generated = {name: topic.generated + waiting[name] for name, topic in self._topics.items()}

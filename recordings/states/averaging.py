@@ -23,42 +23,42 @@ SAME_AXES = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Average:
     """A value and the standard deviation of the samples about it; NaN where there are too few to tell."""
 
     value: float
     sd: float
 
 
-Estimator = Callable[[Numbers, Numbers], Estimate]
+Estimator = Callable[[Numbers, Numbers], Average]
 """How one number is made of a quantity's stamps (s) and values, both shape (n,); samples that are NaN do not count."""
 
 
-def mean(t: Numbers, x: Numbers) -> Estimate:
+def mean(t: Numbers, x: Numbers) -> Average:
     """The mean, for a quantity at rest."""
     values = x[np.isfinite(x)].tolist()
     n = len(values)
     if not n:
-        return Estimate(math.nan, math.nan)
+        return Average(math.nan, math.nan)
     middle = math.fsum(values) / n
     squares = math.fsum((v - middle) ** 2 for v in values)
-    return Estimate(middle, math.sqrt(squares / (n - 1)) if n > 1 else math.nan)
+    return Average(middle, math.sqrt(squares / (n - 1)) if n > 1 else math.nan)
 
 
-def line(at: float, t: Numbers, x: Numbers) -> Estimate:
+def line(at: float, t: Numbers, x: Numbers) -> Average:
     """The least-squares line through the samples, taken at time `at` (s), for a quantity that ramps."""
     use = np.isfinite(x)
     values, times = x[use].tolist(), [stamp - at for stamp in t[use].tolist()]
     n = len(values)
     if not n:
-        return Estimate(math.nan, math.nan)
+        return Average(math.nan, math.nan)
     mean, middle = math.fsum(values) / n, math.fsum(times) / n
     spread = math.fsum((s - middle) ** 2 for s in times)
     slope = 0.0
     if spread > 0:
         slope = math.fsum((s - middle) * (v - mean) for s, v in zip(times, values, strict=True)) / spread
     residual = math.fsum((v - mean - slope * (s - middle)) ** 2 for s, v in zip(times, values, strict=True))
-    return Estimate(mean - slope * middle, math.sqrt(residual / (n - 2)) if n > 2 else math.nan)
+    return Average(mean - slope * middle, math.sqrt(residual / (n - 2)) if n > 2 else math.nan)
 
 
 def mean_quaternion(quaternions: Sequence[Sequence[float]]) -> Quaternion:

@@ -96,7 +96,7 @@ class Buffers:
     """The buffers of all streams: `Streams` of a run in progress.
 
     `waiting`: topic -> samples (stamp s, payload) on their way into its buffer, oldest first; who looks sees them too.
-    `lock` is held while somebody looks and while a sample goes from there into its buffer. Who brings samples never takes it.
+    `lock` is held by readers, and while a sample goes from there into its buffer. Producers never take it.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
 from ..trials import TrialRow
-from .averaging import Estimate, Estimator, along_push, line, line_quaternion, mean, mean_quaternion
+from .averaging import Average, Estimator, along_push, line, line_quaternion, mean, mean_quaternion
 from .buffer import Streams
 from .demands import jumped, left_band, places_of, too_far
 from .rules import LARGEST, Crossing, Probe, Settled, State, Window
@@ -45,8 +45,8 @@ def sensor_column(topic: str, quantity: str) -> str:
 
 
 def conclude(streams: Streams, state: State, count: Callable[[int], object] = lambda _: None) -> TrialRow | None:
-    """Read a state: its row, or None while samples are missing that may still come. `count` is told how many samples are about to
-    be averaged.
+    """Read a state: its row, or None while samples are missing that may still come. `count` gets the number of samples to be
+    averaged.
 
     Depends on the samples up to the end of the window only: the same row whenever it is asked for, live or from a file.
     Raises `NotSettled` when the rule can no longer be met, `TooFewSamples` when its window holds too few, `VacuumLost` as
@@ -88,10 +88,7 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
 
 
 def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark: float) -> None:
-    """Raises VacuumLost when the vacuum left its band before the window's end, or before `watermark` while it may still come.
-
-    It does not matter how often one asks: a window that is not complete yet ends after `watermark`.
-    """
+    """Raise VacuumLost when the vacuum left its band before the window's end, or before `watermark` without one."""
     band = state.vacuum
     if band is None:
         return
@@ -100,8 +97,8 @@ def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark:
     else:
         samples = streams.window("/vacuum", band.begin(span.t1), span.t1 + SLOW_OLDEST)
         samples = samples[: int(np.searchsorted(samples["t"], span.t1, side="right")) + 1]
-    if said := left_band(samples, state.ambient, band):
-        raise VacuumLost(f"{said}; check pump, valve and hoses")
+    if loss := left_band(samples, state.ambient, band):
+        raise VacuumLost(f"{loss}; check pump, valve and hoses")
 
 
 def _demand_places(streams: Streams, state: State, span: Span) -> None:
@@ -122,8 +119,8 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
     """Average every stream that the state relies on over the span."""
     rule = state.rule
     estimate: Estimator = partial(line, span.at) if isinstance(rule, Crossing) else mean
-    own = tuple(filter(of_sensor, state.topics))
-    slow = own if isinstance(rule, Settled) else SLOW + own
+    of_sensors = tuple(filter(of_sensor, state.topics))
+    slow = of_sensors if isinstance(rule, Settled) else SLOW + of_sensors
     starts = {topic: min(span.t0, span.t1 - SLOW_BACK) if topic in slow else span.t0 for topic in state.topics}
     samples = {topic: streams.window(topic, start, span.t1) for topic, start in starts.items()}
     for topic in slow:
@@ -132,16 +129,16 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
             samples[topic] = streams.window(topic, starts[topic], span.t1)[-1:]
     if "/tip" in samples:
         samples["/tip"] = tracked(samples["/tip"])
-    for topic, found in samples.items():
+    for topic, usable in samples.items():
         needed = 1 if topic in slow else rule.min_samples
-        if len(found) < needed:
+        if len(usable) < needed:
             raise TooFewSamples(
-                f"{len(found)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
+                f"{len(usable)} usable samples of {topic} from {starts[topic]:.2f} to {span.t1:.2f} s, needed {needed}; "
                 "check the instrument's rate, or average longer"
             )
-        _demand_numbers(topic, found)
-    count(sum(len(found) for found in samples.values()))
-    measured: dict[str, Estimate] = {}
+        _demand_numbers(topic, usable)
+    count(sum(len(usable) for usable in samples.values()))
+    measured: dict[str, Average] = {}
     pressures = state.targets
     if (pressure := samples.get("/pressure")) is not None:
         of_chambers = _each(estimate, pressure, "measured")
@@ -154,8 +151,8 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
         measured["spine_length"] = mean(spine["t"], spine["length"])
     if (vacuum := samples.get("/vacuum")) is not None:
         absolute = mean(vacuum["t"], vacuum["absolute"])
-        measured["vacuum"] = Estimate(state.ambient - absolute.value, absolute.sd)
-    for topic in own:
+        measured["vacuum"] = Average(state.ambient - absolute.value, absolute.sd)
+    for topic in of_sensors:
         for name in (samples[topic].dtype.names or ())[1:]:
             measured[sensor_column(topic, name)] = mean(samples[topic]["t"], samples[topic][name])
     if state.probe is not None:
@@ -180,8 +177,7 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
 
 
 def _demand_numbers(topic: str, samples: Samples) -> None:
-    """Raises NotSettled when a sample holds NaN or a value beyond all measure: an average that leaves it out would hide a
-    fault."""
+    """Raise NotSettled for a sample with NaN or a value beyond all measure, which an average would hide."""
     averaged = (samples.dtype.names or ())[1:] if of_sensor(topic) else AVERAGED.get(topic, ())
     for name in (*averaged, *SEEN.get(topic, ())):
         values = np.abs(samples[name].reshape(len(samples), -1))
@@ -195,7 +191,7 @@ def _demand_numbers(topic: str, samples: Samples) -> None:
             )
 
 
-def _each(estimate: Estimator, samples: Samples, field: str) -> list[Estimate]:
+def _each(estimate: Estimator, samples: Samples, field: str) -> list[Average]:
     """One estimate for each column of an array field."""
     return [estimate(samples["t"], samples[field][:, i]) for i in range(samples[field].shape[1])]
 
@@ -215,7 +211,7 @@ def _markers(estimate: Estimator, tip: Samples) -> tuple[Any, ...]:
     return tuple(tuple(estimate(tip["t"], places[:, i, axis]).value for axis in range(3)) for i in range(places.shape[1]))
 
 
-def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Estimate, Estimate]:
+def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tuple[Average, Average]:
     """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
     along = along_push(probe.direction, force["raw"] - force["zero"], arm["tcp_pose"], probe.sensor_rotation)
     pushed = estimate(force["t"], along - probe.force_offset)

@@ -3,7 +3,7 @@
 Pure, for the live run and for replay alike.
 
 Cameras tell bodies by the pattern of their markers, and take one for another where patterns are alike. A robot's body gives that
-away: no point of it is farther from another one than the stretched body between them is long, and none moves at once.
+away: no two points of it are farther apart than the stretched body between them is long, and none moves at once.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def places_of(samples: NDArray[np.void]) -> NDArray[np.float64]:
 
 def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
-    is. `places` (samples, bodies, 3) m; the worst distance of all is told."""
+    is. `places` (samples, bodies, 3) m; the message names the worst distance."""
     places = places[:, : len(bodies.arcs)]
     worst, said = 0.0, ""
     points = [(_name(i), arc, places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
@@ -112,10 +112,10 @@ def jumped(samples: NDArray[np.void]) -> str:
     places = places_of(samples)
     for body in range(places.shape[1]):
         seen = np.isfinite(places[:, body]).all(axis=1)
-        at, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
-        if len(at) < 2:
+        position, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
+        if len(position) < 2:
             continue
-        steps, lasted = np.diff(at, axis=0), np.diff(t)
+        steps, lasted = np.diff(position, axis=0), np.diff(t)
         lasted = np.clip(np.nan_to_num(np.diff(stamp)), lasted, lasted + LATEST)
         # m/s: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less
         sudden = np.linalg.norm(steps, axis=1) > 3.0 * lasted + SLACK

@@ -26,7 +26,7 @@ PROTOCOL_IS = "must be letters, digits, _ and -, at most 40"
 BRANCHES = ("load", "unload")
 SPECIMENS = ("spine", "body")
 LARGEST = 1e15
-"""No number of a state is larger, in whatever unit; squares of such numbers are numbers still."""
+"""No number of a state is larger, in any unit; squares of such numbers are still finite."""
 LONGEST_AVERAGE = 10_000
 """Samples of a moving average."""
 BESIDE_JSON = ("clipped", "vacuum", "least_force", "bodies")
@@ -153,14 +153,14 @@ class State:
                 _one_of("topic", topic, tuple(STREAMS))
         if self.specimen is not None:
             _one_of("specimen", self.specimen, SPECIMENS)
-        for what, there, needed in (
+        for what, demanded, needed in (
             ("rule settled needs", isinstance(self.rule, Settled), ("/pressure", "/tip")),
             ("rule crossing needs", isinstance(self.rule, Crossing), ("/pressure",)),
             ("a probe needs", self.probe is not None, ("/force", "/arm")),
             ("a vacuum to keep needs", self.vacuum is not None, ("/vacuum",)),
             ("bodies to judge need", self.bodies is not None, ("/tip",)),
         ):
-            if there and not set(needed) <= set(self.topics):
+            if demanded and not set(needed) <= set(self.topics):
                 of = f"state {self.trial}/{self.step}"
                 raise BadMessage(f"{of}: {what} {' and '.join(needed)} among the topics")
         if self.least_force is not None and self.probe is None:
@@ -201,9 +201,9 @@ _T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBan
 def checked(value: _T) -> _T:
     """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
     for name, hint in _HINTS[type(value)].items():
-        found = getattr(value, name)
-        if not _is(found, hint):
-            raise BadMessage(f"{name} = {repr(found)[:80]}: must be {hint}")
+        given = getattr(value, name)
+        if not _is(given, hint):
+            raise BadMessage(f"{name} = {repr(given)[:80]}: must be {hint}")
     if isinstance(value, Settled | Window | Crossing):
         for name, number in vars(value).items():
             if isinstance(number, int | float) and name != "level" and number < 0:

@@ -77,8 +77,8 @@ def settled_window(
         good &= too_far[last] == too_far[first]
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
     if good.any():
-        at = int(np.argmax(good))
-        t0, t1 = float(begins[at]), float(ends[at])
+        first_good = int(np.argmax(good))
+        t0, t1 = float(begins[first_good]), float(ends[first_good])
         return Span(t0, t1, (t0 + t1) / 2)
     if watermark > end:
         raise NotSettled(_why_not(pressure, tip, stamps, targets, rule, end))
@@ -119,12 +119,12 @@ def crossing_window(pressure: Samples, rule: Crossing, t_start: float, ramp_end:
             "check supply and ramp, or raise the time-out"
         )
     share = (rule.level - mean[i - 1]) / (mean[i] - mean[i - 1])
-    at = float(t[i - 1] + share * (t[i] - t[i - 1]))
-    t0, t1 = max(t_start, at - rule.average / 2), at + rule.average / 2
-    if ramp_end > at:
+    crossing = float(t[i - 1] + share * (t[i] - t[i - 1]))
+    t0, t1 = max(t_start, crossing - rule.average / 2), crossing + rule.average / 2
+    if ramp_end > crossing:
         t1 = min(t1, ramp_end)
     # The crossing itself is known from the sample after it, which the window need not hold.
-    return Span(t0, t1, at) if max(t1, float(t[i])) < watermark else None
+    return Span(t0, t1, crossing) if max(t1, float(t[i])) < watermark else None
 
 
 def _pause(rule: Settled, topic: str) -> float:

@@ -1,6 +1,6 @@
 """The controller without any wire: safety, program, registers, and what it reports each cycle.
 
-One cycle lasts 8 ms (CB3) or 2 ms (e-Series) of host time whatever the speed factor; the arm and the controller's own
+One cycle lasts 8 ms (CB3) or 2 ms (e-Series) of host time at any speed factor; the arm and the controller's own
 time stamp advance by `speed` cycles meanwhile.
 """
 
@@ -171,8 +171,7 @@ class FakeController:
         self._measure()
 
     def _watch(self, lasted: float) -> None:
-        """The watchdog counts the controller's own cycles, so a late host does not trip it; nor do cycles that the host makes
-        up faster than they should come, in which a client has less time than it knows."""
+        """The watchdog counts the controller's own cycles: a late host does not trip it, nor cycles made up too quickly."""
         if self._watchdog is None or self.runtime == Runtime.PAUSED:
             return
         self._starving += lasted
@@ -226,17 +225,17 @@ class FakeController:
             return True
         if self.safety not in (Safety.NORMAL, Safety.REDUCED):
             return False
-        at = self.t
+        due = self.t
         if self.robot_mode in (RobotMode.POWER_OFF, RobotMode.POWER_ON):
-            at += POWERING
+            due += POWERING
             self.robot_mode = RobotMode.POWER_ON
-            self._steps.append((at, RobotMode.IDLE))
+            self._steps.append((due, RobotMode.IDLE))
         if release and self.robot_mode != RobotMode.RUNNING:
-            self._steps.append((at + RELEASING, RobotMode.RUNNING))
+            self._steps.append((due + RELEASING, RobotMode.RUNNING))
         return True
 
     def unlock(self) -> bool:
-        """Enable the arm again after a protective stop; False where nobody can have looked at it yet."""
+        """Enable the arm again after a protective stop; False before a person can have checked it."""
         if self.safety == Safety.PROTECTIVE_STOP and self.t - self._stopped_at < INSPECTED:
             return False
         if self.safety == Safety.PROTECTIVE_STOP:

@@ -59,7 +59,7 @@ def answer(controller: FakeController, request: str) -> str:
     if key in _SINCE and controller.version[:2] < _SINCE[key][0 if major == 3 else 1]:
         return f"could not understand: '{request}'"
     running = controller.runtime == Runtime.PLAYING
-    told = {
+    answers = {
         "polyscopeversion": "URSoftware {}.{}.{}.{} (Sep 05 2022)".format(*controller.version),
         "robotmode": f"Robotmode: {_MODE[controller.robot_mode]}",
         "safetymode": f"Safetymode: {SAFETY_MODE[controller.safety][1]}",
@@ -71,7 +71,7 @@ def answer(controller: FakeController, request: str) -> str:
         "get robot model": controller.model,
         "is in remote control": str(controller.remote).lower(),
     }
-    return told[key] if key in told else _act(controller, request, key)
+    return answers[key] if key in answers else _act(controller, request, key)
 
 
 def _act(controller: FakeController, request: str, key: str) -> str:

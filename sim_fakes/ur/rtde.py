@@ -105,8 +105,8 @@ class RtdeConnection(Connection):
         if kind == VERSION and len(body) == 2:
             asked = struct.unpack(">H", body)[0]
             self.version = asked if asked in (V1, V2) else self.version
-            if said := self.hub.controller.starting:
-                self._send(TEXT, b"\0" + said.encode())
+            if message := self.hub.controller.starting:
+                self._send(TEXT, b"\0" + message.encode())
             self._send(kind, bytes([asked in (V1, V2)]))
         elif kind == CONTROLLER_VERSION and not body:
             self._send(kind, struct.pack(">4I", *self.hub.controller.version))
@@ -149,9 +149,9 @@ class RtdeConnection(Connection):
         self._send(OUTPUTS, bytes([accepted] * len(head)) + ",".join(types).encode())
 
     def _set_inputs(self, names: bytes) -> None:
-        known = variables.inputs()
+        offered = variables.inputs()
         wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
-        types = [known.get(name, "NOT_FOUND") for name in wanted]
+        types = [offered.get(name, "NOT_FOUND") for name in wanted]
         types = [
             "IN_USE" if self.hub.owner.get(name, self) is not self else kind for name, kind in zip(wanted, types, strict=True)
         ]
@@ -167,7 +167,7 @@ class RtdeConnection(Connection):
         self._send(INPUTS, bytes([len(self.recipes)]) + ",".join(types).encode())
 
     def _write(self, number: int, body: bytes) -> None:
-        """A data package: recipe number and values. A bad one is noted and ignored, as its sender cannot be told."""
+        """A data package: recipe number and values. A bad one is noted and ignored, as RTDE has no error reply."""
         recipe = self.recipes[number - 1] if 1 <= number <= len(self.recipes) else None
         if recipe is None:
             self.hub.violation(f"rtde: data for recipe {number} of {len(self.recipes)}")
@@ -179,8 +179,8 @@ class RtdeConnection(Connection):
         values = list(struct.unpack(layout, body))
         for name, kind in recipe:
             count = variables.COUNT.get(kind, 1)
-            taken, values = values[:count], values[count:]
-            self.hub.controller.write(name, taken if count > 1 else taken[0])
+            numbers, values = values[:count], values[count:]
+            self.hub.controller.write(name, numbers if count > 1 else numbers[0])
 
     def publish(self, values: dict[str, list[float]]) -> None:
         """Send this cycle's package when it is due; `values` is shared by all clients of the cycle."""

@@ -1,7 +1,7 @@
 """The control script of ur_rtde as the controller runs it: a machine that takes commands from input registers.
 
 The URScript text itself is not interpreted. Output int 0 says 1 = ready and 2 = done; the client writes a command code
-to input int 0, waits for 2, and clears with code 0. Output int 2 tells how an asynchronous motion fares: bit 15
+to input int 0, waits for 2, and clears with code 0. Output int 2 is the state of an asynchronous motion: bit 15
 running, bits 16-22 count of writes, bits 24-30 number of the operation.
 """
 

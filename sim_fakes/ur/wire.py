@@ -40,7 +40,7 @@ class Hub:
             connection.transport.abort()
 
     def freeze(self, seconds: float) -> None:
-        """For `seconds` of host time nothing is sent and nothing that arrives is looked at; the arm goes on."""
+        """For `seconds` of host time nothing is sent and nothing that arrives is read; the arm goes on."""
         self.frozen = True
         self._frozen_until = asyncio.get_running_loop().time() + seconds
         asyncio.get_running_loop().call_later(seconds, self._thaw)

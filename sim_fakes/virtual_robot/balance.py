@@ -14,9 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import add_skew, cross_matrix, matrix_cross, rotation, solve_chain, turn
+from .blocks import add_skew, cross_matrix, kernel, matrix_cross, rotation, solve_chain, turn
 from .chain import Chain, ChainLoads, relative_rotation, segment_strain
-from .kernels import kernel
 from .material import Sections, SliderHistory, respond
 
 Array = NDArray[np.float64]
@@ -144,10 +143,10 @@ def _external(
         row = loads.contacts[c]
         k = int(row[0])
         w = row[1]
-        at = 0.0
+        distance = 0.0
         for i in range(3):
-            at += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
-        force, slope = contact_force(row[5] - at, row[6], row[7], row[8])
+            distance += row[2 + i] * ((1 - w) * chain.r[k, i] + w * chain.r[k + 1, i])
+        force, slope = contact_force(row[5] - distance, row[6], row[7], row[8])
         for i in range(3):
             g[k, i] -= (1 - w) * force * row[2 + i]
             g[k + 1, i] -= w * force * row[2 + i]

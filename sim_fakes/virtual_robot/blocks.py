@@ -2,10 +2,36 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import numba
 import numpy as np
+from llvmlite import binding
+from numba.core import config
+from numba.core.codegen import get_host_cpu_features
 from numpy.typing import NDArray
 
-from .kernels import kernel
+# Numba asks for the processor's features once, at the first decorator of a process, and machine code on disk is good for those
+# only. As in the rod kernels: else a process with both compiles one of them anew, depending on which was imported first.
+_numba: Any = config
+if _numba.CPU_FEATURES is None and binding.get_host_cpu_features().get("avx512f", False):
+    _numba.CPU_FEATURES = get_host_cpu_features() + ",-prefer-256-bit"
+
+kernel = numba.njit(cache=True, nogil=True, error_model="numpy")
+"""Decorator: compiled once and cached, runs without the interpreter lock; strictly rounded, so that bits repeat."""
+
+
+def forget_stale_cache(folder: Path) -> None:
+    """Delete the cache indices in `folder` that are older than any of its sources: Numba watches a function's own file only."""
+    newest = max(source.stat().st_mtime for source in folder.glob("*.py"))
+    for index in (folder / "__pycache__").glob("*.nbi"):
+        if index.stat().st_mtime < newest:
+            index.unlink(missing_ok=True)
+
+
+forget_stale_cache(Path(__file__).parent)
+
 
 Array = NDArray[np.float64]
 
@@ -74,10 +100,7 @@ def add_skew(v: Array, factor: float, out: Array) -> None:
 
 @kernel
 def _divide(b: Array, a: Array, g: Array) -> None:
-    """a <- b^-1 a and g <- b^-1 g by elimination in place (b 6 x 6, destroyed).
-
-    Not pivoted: the free end of a chain leaves b near the stiffness of one segment, well away from singular.
-    """
+    """a <- b^-1 a and g <- b^-1 g by elimination in place (b 6 x 6, destroyed), without pivots: b is far from singular."""
     for p in range(6):
         inv = 1.0 / b[p, p]
         for i in range(p + 1, 6):

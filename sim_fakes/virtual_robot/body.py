@@ -47,9 +47,9 @@ class VirtualBody:
         # from this relative jamming on, the spine has fully taken its share of the section
         x = min(jamming / 0.3, 1.0)
         volume_share = truth.spine_area / (truth.area + truth.spine_area)
-        taken = (1 - laws.area_moment) * volume_share * x * x * (3 - 2 * x)
+        share_taken = (1 - laws.area_moment) * volume_share * x * x * (3 - 2 * x)
         shape = np.array([truth.area * truth.shear_ratio] * 2 + [truth.area] + [self._inertia] * 2 + [2 * self._inertia])
-        silicone = truth.youngs_modulus * (1 - taken * self._cover)
+        silicone = truth.youngs_modulus * (1 - share_taken * self._cover)
         slip_moment = np.zeros((n, len(SLIP_CURVATURES)))
         slip_force = np.zeros((n, len(SLIP_STRAINS)))
         if laws.spine_slip and spine.jammed:

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import rotation
-from .kernels import kernel
+from .blocks import kernel, rotation
 
 Array = NDArray[np.float64]
 

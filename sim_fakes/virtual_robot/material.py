@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import kernel
+from .blocks import kernel
 
 Array = NDArray[np.float64]
 
@@ -72,10 +72,7 @@ def approach(dt: float, settling_time: float) -> float:
 
 @kernel
 def _friction(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
-    """Add the sliders' stress and consistent tangent; with `commit` their positions are kept.
-
-    Without friction force (spine not jammed, or none here) a slider follows the strain.
-    """
+    """Add the sliders' stress and consistent tangent, and keep their positions with `commit`; without friction they follow."""
     for j in range(len(SLIP_CURVATURES)):
         moment = s.slip_moment[k, j]
         limit = SLIP_CURVATURES[j]

@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..plant import AMBIENT, Plant
-from .blocks import rotation
+from .blocks import kernel, rotation
 from .body import VirtualBody
 from .chain import Chain
 from .effects import Laws, draw_directions, laws
-from .kernels import kernel
 from .rod import NoEquilibrium
 from .spine import VirtualSpine
 from .stand import NO_CONTACT, BareSpine, VirtualStand
@@ -130,7 +129,7 @@ place (m)."""
 
 @dataclass
 class Hands:
-    """What is set by hand or by the arm, beside chambers and spine."""
+    """What is set by hand or by the arm, in addition to chambers and spine."""
 
     mount: str = "robot"
     tip_mass: float = 0.053

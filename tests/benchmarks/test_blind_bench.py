@@ -445,23 +445,3 @@ def test_the_budget_is_read_from_an_answer() -> None:
     budget = [{"effect": "contact", "role": "named", "mm": 2.0, "low95_mm": 1.0, "high95_mm": 3.0}]
     a = answer_from("1", {"attribute": {"verdict": "effect", "effects": ["contact"]}, "budget": budget})
     assert a.budget == {"contact": (1.0, 3.0)}
-
-
-def test_a_set_is_scored_by_mm_as_well(small_set: Path) -> None:
-    folder = SetFolder(small_set)
-    truths = open_seal(folder)
-    for name, truth in truths.items():
-        verdict = {"verdict": "effect" if truth["effects"] else "none", "effects": list(truth["effects"])}
-        folder.answers(name).mkdir(parents=True)
-        rounds = [{"asked": [], "seconds": 1.0, "diagnosis": {"attribute": {**verdict, "probability": 0.9}}}]
-        (folder.answers(name) / "rounds.json").write_text(json.dumps(rounds))
-    result = score(small_set)
-    found = {m.key: m.found.value for m in result.figures}
-    alone = [
-        t["calibrated_mm"][cause] >= max(t["floor_mm"], max(t["calibrated_mm"].values()) / 2)
-        for t in truths.values()
-        for cause in t["effects"]
-    ]
-    assert found["named"] == found["clean.exact"] == found["none.right"] == 1.0
-    assert len(alone) == 2 and found["clean.right"] == np.mean(alone)
-    assert sheet(result).row_count > 10

@@ -9,8 +9,8 @@ import pytest
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import Options, diagnose
-from diagnosis.inference.prepare import prepare
-from model.effects import CATALOGUE, EffectSpec
+from diagnosis.inference.prepare import table_columns
+from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 
 LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
@@ -35,11 +35,12 @@ def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **ef
     """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
     rng = np.random.default_rng(seed)
     rows = sweep(repeats, lengths)
-    p = prepare(ROBOT, states(case(rows))[0])
-    theta = np.zeros(len(p.problem.parameters.names))
-    for name, value in effects.items():
-        theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
-    tips = p.tip(p.problem.forward.predict(theta)) + 0.3e-3 * rng.normal(size=(len(rows), 3))
+    values = {name.replace("__", "."): value for name, value in effects.items()}
+    own = {effect: CATALOGUE[effect] for effect in (name.partition(".")[0] for name in values) if effect in CATALOGUE}
+    forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table_columns(states(case(rows))[0])), "one", own)
+    theta = np.array([values.pop(p.name, 0.0) for p in forward.parameters])
+    assert not values
+    tips = forward.predict(theta).reshape(len(rows), 3) + 0.3e-3 * rng.normal(size=(len(rows), 3))
     return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
 
 

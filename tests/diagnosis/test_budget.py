@@ -10,7 +10,7 @@ from diagnosis.diagnose import diagnose
 from diagnosis.inference import budget as module
 from diagnosis.inference.budget import Budget
 from diagnosis.inference.fit import Fit
-from diagnosis.inference.posterior import Posterior
+from diagnosis.inference.posterior import EffectPosterior
 from diagnosis.inference.prepare import prepare
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
@@ -109,7 +109,7 @@ def test_the_answer_is_what_is_named_in_most_draws(
     draws, n = np.zeros((len(named), 3)), len(named)
     sizes = dict.fromkeys(EFFECTS, 1.0)
     b = Budget(EFFECTS, draws, draws, np.array(weight), np.zeros(n), np.zeros(n, bool), sizes, names(named))
-    found = module.by_what_is_carried(b, Posterior((((), 1.0),), {(): None}))  # type: ignore[dict-item]
+    found = module.by_what_is_carried(b, EffectPosterior((((), 1.0),), {(): None}))  # type: ignore[dict-item]
     counted = [set(expected) <= set(n) if expected else not n for n in named]
     assert found.ranking[0] == (expected, pytest.approx(float(np.array(weight) @ counted)))
     assert sum(p for _, p in found.ranking) == pytest.approx(1.0)
@@ -162,7 +162,8 @@ def test_thrust_that_the_side_walls_balance_is_named(catalogue: Catalogue) -> No
     assert d.attribute.ranking[0].parameters["chamber_thrust.share"].value == pytest.approx(1.0, abs=0.05)
 
 
-def test_thrust_in_walls_that_it_hardly_stretches_is_named_alone() -> None:
+@few_and_all
+def test_thrust_in_walls_that_it_hardly_stretches_is_named_alone(catalogue: Catalogue) -> None:
     """Without a shape for it, a marker out of place is named, of which the thrust is none."""
     thrust = {"chamber_thrust__share": 0.6, "chamber_thrust__borne": 0.9, "chamber_thrust__growth": -0.4}
-    assert diagnose(measured(3, 5, **thrust), quick(CATALOGUE)).attribute.effects == ("chamber_thrust",)
+    assert diagnose(measured(3, 5, **thrust), quick(catalogue)).attribute.effects == ("chamber_thrust",)

@@ -6,7 +6,7 @@ import pytest
 from diagnosis.compare_campaigns import compare_campaigns, sentence, what_is_told
 from diagnosis.errors import TooLittle
 from diagnosis.inference.evidence import NONE
-from diagnosis.inference.posterior import UNKNOWN, Posterior
+from diagnosis.inference.posterior import UNKNOWN, EffectPosterior
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured
 from tests.diagnosis.test_case import ROBOT, Measured
@@ -32,7 +32,7 @@ def test_silicone_as_soft_as_a_warmer_day_makes_it_is_no_change(catalogue: Catal
 def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> None:
     def told(nothing: float) -> str:
         ranking = ((("contact",), 0.95 - nothing), (NONE, nothing), (UNKNOWN, 0.05))
-        found = Posterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
+        found = EffectPosterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
         sizes = {"contact.stiffness (change)": 30.0, "contact.distance (change)": -0.002}
         return sentence(found, what_is_told(found), sizes, CATALOGUE)
 

@@ -12,7 +12,7 @@ from diagnosis.data.noise import Lasting, Noise
 from diagnosis.inference.columns import Columns
 from diagnosis.inference.evidence import Grid, weigh
 from diagnosis.inference.linear import Linear, SizePrior
-from diagnosis.inference.problem import Parameters
+from diagnosis.inference.problem import FitParameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
 from tests.diagnosis import toy
 from tests.diagnosis.toy import toy_problem
@@ -29,7 +29,7 @@ def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
     return Linear(RNG.normal(size=n), effects, Columns.of(nuisance), discrepancy, 1.7, np.zeros((n, 0)))
 
 
-def parameters(p: int, lower: float = -np.inf) -> Parameters:
+def parameters(p: int, lower: float = -np.inf) -> FitParameters:
     return toy.parameters(*(toy.parameter(f"e{i}", f"e{i}", low=lower) for i in range(p)))
 
 

@@ -53,9 +53,21 @@ def test_an_effect_in_robot_yaml_is_part_of_the_baseline_that_is_diagnosed(fitte
     some = {e: CATALOGUE[e] for e in ("chamber_azimuth", "base_tilt", "precurvature", "pressure_offset")}
     before, after = answer(SOME), diagnose(Case(fitted.robot, campaign.table), quick(some))
     assert before.attribute.effects == ("chamber_azimuth",)
-    alone = fit_effects(campaign, []).calibrated_area_factor
-    assert before.calibration is not None and before.calibration.area_factor == pytest.approx(alone, rel=1e-6)
+    assert before.calibration is not None
+    assert before.calibration.area_factor == pytest.approx(fitted.parameters["area_factor"].value, rel=1e-3)
     assert after.attribute.verdict == "none" and after.locate.gap_rmse_mm < 0.3 * before.locate.gap_rmse_mm
+
+
+def test_a_diagnosis_quotes_the_robot_that_the_fit_writes(fitted: Fitted, campaign: Measured) -> None:
+    found = answer(SOME)
+    robot = found.fitted
+    assert robot is not None and robot.left_mm == pytest.approx(fitted.fitted_mm, rel=0.05)
+    assert f"misses the tip by {robot.left_mm:.2f} mm (in-sample" in found.statement
+    (angle,) = [r.parameters["chamber_azimuth.angle"] for r in found.attribute.ranking if r.effects == ("chamber_azimuth",)]
+    assert angle.value == robot.parameters["chamber_azimuth.angle"].value
+    assert angle.value == pytest.approx(fitted.parameters["chamber_azimuth.angle"].value, rel=0.02)
+    start = {name: v.value for name, v in robot.parameters.items()} | {"chamber_azimuth.angle": -0.4}
+    assert fit_effects(campaign, ["chamber_azimuth"], start=start).fitted_mm == pytest.approx(fitted.fitted_mm, rel=0.02)
 
 
 def test_fitting_again_begins_without_what_is_fitted(fitted: Fitted, campaign: Measured) -> None:

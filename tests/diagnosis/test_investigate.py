@@ -89,7 +89,7 @@ def _once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None:
     start, rounds = loading(1), list[Round]()
     laboratory = Made(start)
-    found = investigate(start, laboratory, OPTIONS, 120.0, 3, rounds.append)
+    found = investigate(start, laboratory, OPTIONS, 120.0, 2, rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
     assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability > 0.8
     for r, foretold in zip(found.rounds, laboratory.asked, strict=False):
@@ -137,7 +137,7 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next() -> None:
 
 def test_what_no_rival_foretold_is_told() -> None:
     start = loading(1)
-    found = investigate(start, Made(start, shifted=0.05), OPTIONS, 120.0, 1)
+    found = investigate(start, Made(start, shifted=0.02), OPTIONS, 120.0, 1)
     assert found.rounds[0].unforeseen and all(j.failed for j in found.rounds[0].judged)
 
 

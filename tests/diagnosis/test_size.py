@@ -24,11 +24,12 @@ def test_quantiles_of_a_cut_normal_keep_their_digits_however_far_out_the_bounds_
 
 def test_no_payload_takes_more_off_the_tip_than_hangs_there() -> None:
     case = measured(3, 1, tip_payload__mass=-0.2)
+    p = prepare(ROBOT, states(case)[0]).problem.parameters
+    assert p.lower[p.names.index("tip_payload.mass")] == -case.robot.tip_mass
     found = diagnose(case, quick({e: CATALOGUE[e] for e in ("tip_payload", "pressure_offset", "base_tilt")}))
-    (mass,) = [x for x in found.detail["sizes"] if x["name"] == "tip_payload.mass"]
-    assert mass["low"] == -case.robot.tip_mass <= mass["low90"] and mass["impossible"]
-    (said,) = [r.parameters["tip_payload.mass"] for r in found.attribute.ranking if r.effects == ("tip_payload",)]
-    assert -case.robot.tip_mass <= said.value < 0
+    assert found.attribute.effects != ("tip_payload",) or found.attribute.conclusion != "cause"
+    said = [r.parameters.get("tip_payload.mass") for r in found.attribute.ranking]
+    assert all(v.value >= -case.robot.tip_mass for v in said if v is not None)
 
 
 TWO = {effect: CATALOGUE[effect] for effect in ("body_modulus", "chamber_azimuth")}

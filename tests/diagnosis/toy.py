@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.data.noise import Noise
 from diagnosis.inference.discrepancy import bases, settings
-from diagnosis.inference.problem import Parameters, Problem
+from diagnosis.inference.problem import FitParameters, Problem
 from model.effects.parameters import ParameterInfo
 from model.effects.tolerance import Group
 
@@ -50,8 +50,8 @@ def parameter(
     return ParameterInfo(name, name, effect or name, group, "1", sd, low, high, "both", role, (0.0,), 0)
 
 
-def parameters(*infos: ParameterInfo) -> Parameters:
-    return Parameters(infos, np.array([i.sd for i in infos]))
+def parameters(*infos: ParameterInfo) -> FitParameters:
+    return FitParameters(infos, np.array([i.sd for i in infos]))
 
 
 class ToyForward:

@@ -8,13 +8,12 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from drivers.ft300s.rest import unrest
 from pymodbus.framer import FramerRTU
 
 import timing
 from drivers.errors import DeviceFault, NotReady, StaleReading, Unreachable, WrongDevice
 from drivers.ft300s.driver import FT300S, Config
-from drivers.ft300s.stream import FrameParser, GapCounter
+from drivers.ft300s.stream import FrameParser, GapCounter, unrest
 from drivers.interfaces import WrenchSample
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant

@@ -11,7 +11,7 @@ from drivers.configs import known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
 from lab.driver_contract import DriverOnFake, answers, unit
-from lab.files.all_drivers import drivers
+from lab.files.rig_file import drivers
 
 __all__ = ["unit"]
 POSE = {"position": (0, 0, 0), "quaternion": (1, 0, 0, 0)}

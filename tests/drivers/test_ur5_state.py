@@ -144,4 +144,4 @@ def test_the_arms_timeout_is_also_that_of_its_states() -> None:
     arm = DRIVER.config(host="127.0.0.1", timeout=3.0, max_age=0.7)
     stream = DRIVER.make_state("arm_state", arm, RigClock(), lambda sample: None)
     assert isinstance(stream, UR5State)
-    assert (stream.config.timeout, stream.config.max_age) == (3.0, 0.7)
+    assert (stream.controller.timeout, stream.max_age) == (3.0, 0.7)

@@ -11,6 +11,7 @@ import pytest
 from commands import Cli
 from diagnosed_case import EULER, ROBOT, campaign, folder
 
+from diagnosis.errors import BadCase
 from lab.files.baseline import from_simulator, from_table, simulator
 from lab.files.config import ConfigError
 from lab.files.inputs import Case, read_case
@@ -84,7 +85,7 @@ def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_pa
         ([{"x": 0.0, "y": 0.0, "z": 0.4}], "neither trial and step nor p1"),
         ([{**by_state()[2], "p1": 200.0, "p2": 200.0, "p9": 200.0}], "highest pressure is 200 Pa, .* are in Pa"),
         ([{**by_state()[2], "spine_length": 200.0}], "predicts none of the .* lengths in m"),
-        ([{"trial": 1, "step": 1, "x": "left", "y": 0, "z": 0.4}], "p.csv:2: x = 'left' is not a finite number"),
+        ([{"trial": 1, "step": 1, "x": "left", "y": 0, "z": 0.4}], "p.csv line 2, x: 'left' is not a number"),
     ],
 )
 def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[dict[str, object]], told: str) -> None:
@@ -93,7 +94,7 @@ def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[d
 
 
 def test_a_prediction_in_millimetres_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="mm"):
+    with pytest.raises(BadCase, match="mm"):
         from_table(written(tmp_path / "p.csv", by_step(case, scale=1e3)), case)
 
 

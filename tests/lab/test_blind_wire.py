@@ -55,19 +55,6 @@ def driven(effects: dict[str, float], seed: int) -> list[VirtualReading]:
     return [r for r, (_, hold) in zip(read, levels, strict=True) if hold is not None]
 
 
-def test_rows_are_those_that_the_protocol_states(wired: Table) -> None:
-    branches = ["load"] * 4 + ["unload"] * 3
-    assert [(r.trial, r.step, r.branch, r.hold > 0) for r in wired] == [
-        (1, k, branch, hold > 0) for k, (branch, (_, hold)) in enumerate(zip(branches, STATES, strict=True), 1)
-    ]
-    assert {(r.protocol, r.repeat, round(r.spine_length, 9), r.roll_deg, r.tip_mass) for r in wired} == {
-        ("bending", 1, SPINE, 0.0, 0.053)
-    }
-    assert {"qw", "vacuum", "sd_x", "p9"} <= set(wired.columns)
-    assert np.abs(wired["p1"] - [p for p, _ in STATES]).max() < 2e3
-    assert np.all(np.diff(wired["t"]) > 0.2 * np.diff([r.t for r in driven(SEALED, 0)]))
-
-
 def test_readings_scatter_as_the_cameras_do(wired: Table) -> None:
     for column in ("sd_x", "sd_y", "sd_z"):
         assert 0.7 < np.median(wired[column]) / CAMERA < 1.8
@@ -80,7 +67,7 @@ def test_the_tip_is_where_the_robot_puts_it_and_not_where_one_without_the_effect
 
     def beyond(effects: dict[str, float]) -> np.ndarray:
         """(7, 3) distance of the tip in tolerances: the scatter of spines that are jammed anew, the ramp, the cameras."""
-        many = np.array([[r.position for r in driven(effects, seed)] for seed in range(10)])
+        many = np.array([[r.position for r in driven(effects, seed)] for seed in range(6)])
         mean, spread = many.mean(axis=0), np.maximum(many.std(axis=0, ddof=1), 0.15e-3)
         steep = np.abs(np.diff(mean, axis=0)) / np.maximum(np.abs(np.diff(asked)), 1e3)[:, None]
         found = np.stack([wired["x"], wired["y"], wired["z"]], axis=1)

@@ -26,7 +26,7 @@ EVERY_WAY = {
         {"protocol": "bending", "parameters": {**SHORT, "spine_lengths": [0.0], "reading": "hold", "hold_times": [4.0, 12.0],
                                                "unload": False, "zero_state": False}},
         {"protocol": "bending", "parameters": {**SHORT, "spine_lengths": [0.0], "reading": "sweep", "repeats": 2,
-                                               "rate": "2 kPa/s", "settle": {"average": "12 s"}}},
+                                               "rate": "5 kPa/s", "settle": {"average": "4.8 s"}}},
         {"protocol": "elongation", "parameters": {**SHORT, "spine_lengths": [0.0], "tip_mass": "80 g"}},
     ],
 }  # fmt: skip

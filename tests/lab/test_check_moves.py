@@ -34,7 +34,7 @@ ROUNDING = 1.01
 
 @pytest.fixture(autouse=True)
 def _few_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lab.rig.moves.FRAMES", FRAMES)
+    monkeypatch.setattr("lab.verbs.check.FRAMES", FRAMES)
 
 
 @pytest.fixture

@@ -118,7 +118,7 @@ PROGRAMS = {
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", ["processes", pytest.param("spread", marks=pytest.mark.long)])
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_a_program_that_is_ended_leaves_no_process_behind(tmp_path: Path, program: str, how: signal.Signals) -> None:
     file = tmp_path / "program.py"

@@ -98,12 +98,14 @@ def test_page_json_statement_and_command_give_the_same_headline_and_numbers(answ
     assert f'<p class="lead">{found.headline}</p>' in page and len(found.headline.split()) <= 20
     assert " ".join(answered.said.split()).startswith(found.headline)
     assert f"(p = {found.attribute.probability:.2f})" in found.headline and "area_moment" not in found.headline
-    assert [name for name, _, _ in gap_numbers(found)] == ["uncalibrated", "calibrated", "with cause", "noise floor"]
+    assert [name for name, _, _ in gap_numbers(found)] == [
+        "uncalibrated", "calibrated", "with cause", "the robot of lab fit --with", "noise floor",
+    ]  # fmt: skip
     shown = read_as_text(page)
     for name, value, how in gap_numbers(found):
         assert f"<dt>{name}</dt><dd>{value}</dd><dd>{how}</dd>" in shown
         assert value in found.statement
-        assert name == "noise floor" or "unseen" in how
+        assert name in ("noise floor", "the robot of lab fit --with") or "unseen" in how
     once = replace(found, waterfall=None)
     assert [(name, how) for name, _, how in gap_numbers(once)][0] == ("calibrated", "rms, in-sample")
 

@@ -18,7 +18,7 @@ from diagnosis.diagnose import Options, diagnose
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
 from lab.imports.headings import heading, tendon
-from lab.pages.diagnosis_figures import Group
+from lab.pages.diagnosis_figures import StateGroup
 from lab.pages.diagnosis_report import write
 from lab.verbs.diagnose import show, write_protocols
 from model.effects import CATALOGUE
@@ -401,7 +401,7 @@ def test_groups_of_tendons_are_no_clock_times() -> None:
 def test_the_map_of_gaps_lists_single_tendons_first_and_the_rest_last() -> None:
     nothing = np.zeros(30, bool)
     names = ["24 other settings", "tendons 1, 2", "tendon 10", "nothing pulled", "tendon 2", "tendons 1, 3", "tendon 1"]
-    made = [Group(name, nothing, np.zeros(3), np.zeros(1)) for name in names]
+    made = [StateGroup(name, nothing, np.zeros(3), np.zeros(1), name.endswith("settings")) for name in names]
     assert [g.name for g in sorted(made, key=lambda g: g.order)] == [
         "nothing pulled", "tendon 1", "tendon 2", "tendon 10", "tendons 1, 2", "tendons 1, 3", "24 other settings",
     ]  # fmt: skip

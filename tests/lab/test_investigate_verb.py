@@ -14,7 +14,7 @@ from commands import SOUND, Cli
 from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab, settings
 
-from diagnosis.answer.experiments import Experiment, candidate_experiments, columns
+from diagnosis.answer.experiments import CandidateExperiment, candidate_experiments, columns
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round
@@ -132,14 +132,14 @@ MENU = {
 
 
 @functools.cache
-def offered() -> dict[str, Experiment]:
+def offered() -> dict[str, CandidateExperiment]:
     """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
     robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
     rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
     return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table.of(rows)))[0])}
 
 
-def written(folder: Path, e: Experiment, **changes: object) -> Path:
+def written(folder: Path, e: CandidateExperiment, **changes: object) -> Path:
     """The protocol file of an experiment, some of its parameters changed."""
     (path,) = write_protocols([Proposal(e.id, e.do, (), 0.1, e.minutes, {**e.parameters, **changes})], folder, ROBOT)
     return path

@@ -219,12 +219,12 @@ class Answers:
             return {"gaps": [{"tip": [0.0] * 3, "gap": [0.0] * 3, **none} for _ in question["rows"]]}
         return {"tip": expected(question["now"]["pressures"][0]), "low": None, "high": None}
 
-    async def stop(self) -> None:
+    def stop(self) -> None:
         pass
 
 
 def test_a_late_answer_of_the_model_comes_with_the_tip_that_it_is_about(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shown, "Model", Answers)
+    monkeypatch.setattr(shown, "ModelProcess", Answers)
     monkeypatch.setattr(shown, "ASK", 0.0)
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18, attachments={"robot.yaml": b"name: r"}) as recorder:
         recorder.state(0.0, ASKED)
@@ -280,7 +280,7 @@ def test_a_prediction_has_no_tip_where_none_was_seen_at_its_moment(tmp_path: Pat
 def test_the_page_of_a_run_that_ends_waits_for_what_the_model_says_of_its_last_state(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shown, "Model", Answers)
+    monkeypatch.setattr(shown, "ModelProcess", Answers)
     over = timing.Event()
     monkeypatch.setattr(Answers, "until", staticmethod(over.is_set), raising=False)
     at = place()

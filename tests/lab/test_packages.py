@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from commands import Cli
 
-from lab.files.all_drivers import found_drivers
 from lab.files.all_protocols import found_protocols
 from lab.files.own_effects import catalogue, effects_from_file
 from lab.files.packages import Unusable, installed, python_file
+from lab.files.rig_file import found_drivers
 from lab.verbs.fakes import found_fakes
 from model.robot import load_robot
 

@@ -78,11 +78,11 @@ def test_every_state_is_in_the_panel_of_its_chambers_and_the_worst_group_comes_f
     found = Diagnosis.from_json(made[1].read_text())
     drawn = groups(found)
     assert {g.name for g in drawn} == {"chamber 1", "chamber 2", "chamber 3", "chambers 2, 3"}
-    assert np.array_equal(sum(g.own.astype(int) for g in drawn), np.ones(len(GROUPS) * len(PRESSURES) * 2))
+    assert np.array_equal(sum(g.selected.astype(int) for g in drawn), np.ones(len(GROUPS) * len(PRESSURES) * 2))
     missed = np.linalg.norm(np.subtract(found.detail["states"]["tip"], found.detail["states"]["calibrated"]), axis=1)
-    assert drawn[0].own[np.argmax(missed)]
+    assert drawn[0].selected[np.argmax(missed)]
     for g in drawn:
-        bent = np.array(found.detail["states"]["tip"])[g.own & (np.array(found.detail["states"]["pressure"]) > 60e3)]
+        bent = np.array(found.detail["states"]["tip"])[g.selected & (np.array(found.detail["states"]["pressure"]) > 60e3)]
         assert (bent @ g.side > 0.95 * np.linalg.norm(bent[:, :2], axis=1)).all()
     shown = {tuple(s["chambers"]) for s in found.detail["shapes"]}
     assert len(shown) == 4 and "chambers 2, 3, 70 kPa" in made[2].read_text()

@@ -46,6 +46,15 @@ def test_azimuths_in_rad_are_refused(paper_robot: Robot) -> None:
         robot_from_dict(data)
 
 
+def test_tendons_have_no_thrust(paper_robot: Robot) -> None:
+    data = paper_robot.model_dump() | {"thrust": "walls"}
+    tendons = {"path_radius": 0.04, "azimuths_deg": (0, 120, 240)}
+    with pytest.raises(BadRobot, match="thrust: says nothing of a robot with tendons"):
+        robot_from_dict(data | {"chambers": None, "tendons": tendons})
+    walls = robot_from_dict(data)
+    assert walls.causes["chamber_thrust"]["share"].value == 1.0 and not walls.effects and not paper_robot.causes
+
+
 def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> None:
     given = {**paper_robot.model_dump(), "length": 0, "tip_mass": -1}
     del given["density"]
@@ -55,7 +64,7 @@ def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> N
 
 UNITLESS = {
     "name", "chambers", "spine", "base_to_world", "effects", "tolerances", "posterior", "residual", "uncertainty", "states",
-    "noise", "parameters", "unit", "value", "sd", "sections", "tendons",
+    "noise", "parameters", "unit", "value", "sd", "sections", "tendons", "thrust",
 }  # fmt: skip
 """Fields that are no numbers, and those whose unit stands beside them."""
 

@@ -5,16 +5,12 @@ from pathlib import Path
 import pytest
 
 from lab.cli import main
-from lab.files.all_protocols import found_protocols, protocol_from_file
+from lab.files.all_protocols import protocol_from_file
 from lab.files.config import ConfigError
 
 ROOT = Path(__file__).parents[2]
 CREEP = ROOT / "examples/protocol/creep.py"
 RIG = str(ROOT / "examples/rig/rig.yaml")
-
-
-def test_the_project_s_own_are_known() -> None:
-    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles"}
 
 
 def test_a_file_is_a_protocol_of_its_name() -> None:

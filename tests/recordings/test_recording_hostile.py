@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_files import MAGIC, chunk, whole, written
 
 from recordings.errors import Damaged, OtherVersion, Oversized
-from recordings.file.budget import MAX_CHUNK, SMALL_CHUNK, Budget, Cost, largest_chunk
+from recordings.file.budget import MAX_CHUNK, SMALL_CHUNK, Cost, ReadingBudget, largest_chunk
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
@@ -195,7 +195,7 @@ def test_every_way_of_reading_stays_within_memory_and_answers_with_our_own_error
 
 
 def test_a_budget_refuses_what_goes_beyond_the_share_of_the_files_size() -> None:
-    budget = Budget("a.mcap", 1000)
+    budget = ReadingBudget("a.mcap", 1000)
     budget.take(Cost.UNPACKED, budget.left(Cost.UNPACKED))
     with pytest.raises(Oversized, match=r"a\.mcap.*file of 1000 bytes"):
         budget.take(Cost.UNPACKED, 1)

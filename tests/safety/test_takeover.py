@@ -25,8 +25,7 @@ from lab.guard.guard import Guard
 from lab.guard.instruments import exclusive, owned_names
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
-from lab.guard.messages import RigLanded
-from lab.guard.report import SafeReport, SafeStep
+from lab.guard.messages import RigLanded, SafeReport, SafeStep
 from lab.rig.assembly import Rig
 from timing import RigClock
 
@@ -469,7 +468,7 @@ def test_all_rigs_are_landed_that_are_in_use_or_were_left_unsafe(
 ANOTHER_USER = """
 import os, sys
 from lab import cli
-from lab.files.all_drivers import found_drivers
+from lab.files.rig_file import found_drivers
 import lab.console, lab.guard.latch, lab.guard.new_guard, lab.rig.interrupts, lab.rig.real_time, lab.verbs.safe
 import serial, rich.text, getpass, concurrent.futures.thread, multiprocessing.connection
 found_drivers()

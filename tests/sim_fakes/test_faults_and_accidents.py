@@ -6,8 +6,7 @@ import pytest
 import serial
 
 import timing
-from sim_fakes.accidents import ACCIDENTS
-from sim_fakes.faults import FAULTS, INSTRUMENTS
+from sim_fakes.faults import ACCIDENTS, FAULTS, INSTRUMENTS
 from sim_fakes.pty_fake import Faults
 from sim_fakes.rig import FakeRig
 

@@ -8,7 +8,7 @@ import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
-from sim_fakes.virtual_robot.kernels import forget_stale_cache
+from sim_fakes.virtual_robot.blocks import forget_stale_cache
 from tests.model.rods.cases import PRESSURES, REFERENCE
 
 PUBLISHED = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, draw_effect, list_effects, walk
+from tests.sim_fakes.test_virtual_robot import bend
 
 ALONG_X = RobotTruth(canonical_directions=True)
 SCALES = {info.id: info.scale for info in list_effects()}
-
-
-def bend(pressure: float) -> tuple[float, ...]:
-    """Chambers 9, 1 and 2 at a pressure in Pa."""
-    return tuple(pressure if i in (8, 0, 1) else 0.0 for i in range(9))
 
 
 def up(length: float = 0.2, hold: float = 5.0, rate: float = 20e3) -> list[Condition]:

@@ -78,8 +78,7 @@ def seeing(lanes: Lanes, changes: Mapping[str, Change]) -> Seeing:
 
 # ------------------------------------------------------------------ time_offset
 def _at(path: Path, when: Array) -> Path:
-    """The path's readings taken at times (R, n) instead. Where a ramp begins or ends the path has a corner: a curve across it
-    would swing on into the hold, where nothing moves."""
+    """The path's readings at times (R, n); ramps and holds are interpolated apart, as the path has corners between them."""
     tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
     flat = np.concatenate([a.reshape(len(path.times), -1) for a in (tip, turns, markers)], axis=1)
     edges = _corners(path)

@@ -12,6 +12,7 @@ from model.condition import USED
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers, chambers_apart, directions_apart, set_points
 from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.robot import Robot
 
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
@@ -112,13 +113,17 @@ def _chamber_order(q: Quantities, v: Values) -> None:
     q.pressure = q.pressure + v["blend"][..., None] * (mixed - q.pressure)
 
 
-def _chamber_gain(q: Quantities, v: Values) -> None:
+def _areas(robot: Robot, v: Values) -> np.ndarray:
     """From one side to the other (peak 0), or one chamber that differs from the others (strong above 0, weak below)."""
     x, y, peak = (v[name][..., None] for name in ("x", "y", "peak"))
-    along = np.cos(np.deg2rad(q.robot.actuators.azimuths_deg) - np.arctan2(y, x))
+    along = np.cos(np.deg2rad(robot.actuators.azimuths_deg) - np.arctan2(y, x))
     sharp = np.where(peak == 0, 1.0, peak)
     shape = np.where(peak == 0, along, np.expm1(sharp * along) / np.sinh(sharp))
-    q.area_factor = q.area_factor * (1 + np.hypot(x, y) * (shape - shape.mean(axis=-1, keepdims=True)))
+    return np.asarray(1 + np.hypot(x, y) * (shape - shape.mean(axis=-1, keepdims=True)))
+
+
+def _chamber_gain(q: Quantities, v: Values) -> None:
+    q.area_factor = q.area_factor * _areas(q.robot, v)
 
 
 def _chamber_azimuth(q: Quantities, v: Values) -> None:
@@ -236,6 +241,7 @@ SPECS = (
             Parameter("peak", "1", 1.0, -3.0, 3.0, role="shape"),
         ),
         law=Law(before=_chamber_gain),
+        each=_areas,
         citation="moulded rubber, ISO 3302-1 class M3: 0.3 mm on 10 mm, 6 % of the area; as much again for walls (estimate)",
         shown=chambers_apart,
         seen_best_in="chambers of different sides inflated one after another; all chambers at once",

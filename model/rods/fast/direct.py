@@ -12,8 +12,8 @@ from model.rods.fast.compiler import inline, kernel, routine
 from model.rods.fast.group import (
     ROD,
     Counts,
-    Group,
     Rod,
+    RodGroup,
     Six,
     cut,
     each_rod,
@@ -21,7 +21,7 @@ from model.rods.fast.group import (
     gather,
     new_group,
 )  # fmt: skip
-from model.rods.fast.lanes import LANES, Record
+from model.rods.fast.lanes import LANES, LaneRecord
 from model.rods.fast.newton import (
     NEAR,
     buckling_margin,
@@ -123,7 +123,7 @@ def solve_direct(
     for first in range(0, n, LANES):
         own = min(LANES, n - first)
         # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
-        group = Group(room.work, room.elements, room.parts, springs, room.linear, own if own <= FEW else LANES)
+        group = RodGroup(room.work, room.elements, room.parts, springs, room.linear, own if own <= FEW else LANES)
         gather(rods, group, first)
         if warm:
             for l in range(group.active):
@@ -181,7 +181,7 @@ def carry_rows(rows: list[Six], count: int, memory: Array, row: int, at: int, ke
 
 
 @inline
-def carry(numbers: Record, count: int, memory: Array, row: int, at: int, keep: bool) -> int:
+def carry(numbers: LaneRecord, count: int, memory: Array, row: int, at: int, keep: bool) -> int:
     """Carry numbers to or from the columns of a memory from `at` on; returns the next."""
     for k in range(count):
         if keep:

@@ -31,11 +31,11 @@ from typing import NamedTuple
 
 from model.rods.fast.algebra import Quaternion, Vector, add, along, cross, dot, plus_cross, scaled, times
 from model.rods.fast.compiler import fused, inline
-from model.rods.fast.lanes import Record, record
+from model.rods.fast.lanes import LaneRecord, record
 
 
 @record
-class Terms(Record):
+class Terms(LaneRecord):
     """What makes a section hyperelastic or its rest curvature graded, in the order of `columns`."""
 
     law: Vector
@@ -47,7 +47,7 @@ class Terms(Record):
 
 
 @record
-class Section(Record):
+class RodSection(LaneRecord):
     """An element and its section."""
 
     length: float
@@ -69,7 +69,7 @@ class Section(Record):
     """Into how many steps this rod wants the element to be cut."""
 
 
-class State(NamedTuple):
+class RodState(NamedTuple):
     """The unknown functions."""
 
     q: Quaternion
@@ -93,16 +93,16 @@ class Strains(NamedTuple):
 
 
 @inline
-def state_along(y: State, h: float, k: State) -> State:
+def state_along(y: RodState, h: float, k: RodState) -> RodState:
     """y + h k."""
     w, x = fused(h, k.q[0], y.q[0]), fused(h, k.q[1], y.q[1])
-    return State((w, x, fused(h, k.q[2], y.q[2]), fused(h, k.q[3], y.q[3])), along(y.m, h, k.m), along(y.r, h, k.r))
+    return RodState((w, x, fused(h, k.q[2], y.q[2]), fused(h, k.q[3], y.q[3])), along(y.m, h, k.m), along(y.r, h, k.r))
 
 
 @inline
-def slope(y: State, n: Vector, s: Strains) -> State:
+def slope(y: RodState, n: Vector, s: Strains) -> RodState:
     """dy/dt of a section that carries n."""
-    return State(turning(y.q, s.u), plus_cross(cross(s.u, y.m), s.v, n), plus_cross(s.v, s.u, y.r))
+    return RodState(turning(y.q, s.u), plus_cross(cross(s.u, y.m), s.v, n), plus_cross(s.v, s.u, y.r))
 
 
 @inline
@@ -114,7 +114,7 @@ def turning(q: Quaternion, u: Vector) -> Quaternion:
 
 
 @inline
-def strains(m: Vector, n: Vector, section: Section, z: float, near: Soft | None, linear: bool) -> Strains:
+def strains(m: Vector, n: Vector, section: RodSection, z: float, near: Soft | None, linear: bool) -> Strains:
     """u, v and softness of a section that carries m and n, at the share z of its element; `near` is how soft it is close by.
     `linear`: no section of the group is hyperelastic, which saves two thirds of the time."""
     u, v, terms = times(section.inv_bend, m), times(section.inv_stretch, n), section.terms
@@ -124,7 +124,7 @@ def strains(m: Vector, n: Vector, section: Section, z: float, near: Soft | None,
     return Strains(add(u, rest), add(v, section.v_rest), soft)
 
 
-class Law(NamedTuple):
+class SectionLaw(NamedTuple):
     """What D and e follow from: b, c, and what a load makes of the section if it were linear."""
 
     bending: float
@@ -138,17 +138,17 @@ class Law(NamedTuple):
 
 
 @inline
-def law_of(m: Vector, n: Vector, section: Section) -> Law:
+def law_of(m: Vector, n: Vector, section: RodSection) -> SectionLaw:
     """The law of a section that carries m and n."""
     a, b, c = section.terms.law
     ix, iy, _ = section.inv_bend
     axial = section.inv_stretch[2]
     energy = m[0] * (ix * m[0]) + m[1] * (iy * m[1])
-    return Law(a * energy * math.sqrt(ix * iy), 0.5 * energy * axial, axial * n[2], b, c)
+    return SectionLaw(a * energy * math.sqrt(ix * iy), 0.5 * energy * axial, axial * n[2], b, c)
 
 
 @inline
-def softened(law: Law, near: Soft | None) -> Soft:
+def softened(law: SectionLaw, near: Soft | None) -> Soft:
     """D and e by Newton: three rounds from a stage close by come as near as five from an unstrained section. (Written out, since
     loops within keep the compiler from making vectors of the lanes.)"""
     if near is not None:
@@ -158,7 +158,7 @@ def softened(law: Law, near: Soft | None) -> Soft:
 
 
 @inline
-def newton_round(law: Law, y: Soft) -> Soft:
+def newton_round(law: SectionLaw, y: Soft) -> Soft:
     """Nearer to F1 = F2 = 0."""
     f = balance(law, y)
     scale = 1.0 / (f.f1_by_d * f.f2_by_e - f.f1_by_e * f.f2_by_d)
@@ -191,7 +191,7 @@ class Balance(NamedTuple):
 
 
 @inline
-def balance(law: Law, y: Soft) -> Balance:
+def balance(law: SectionLaw, y: Soft) -> Balance:
     """Both equations at D and e."""
     be, ce = law.b * y.e, law.c * y.e
     inverse = 1.0 / y.d

@@ -13,8 +13,8 @@ from model.rods import columns
 from model.rods.description import MOST_SPRINGS
 from model.rods.fast.algebra import Quaternion, Vector, dot
 from model.rods.fast.compiler import allocating, inline, routine
-from model.rods.fast.equations import Section, Terms
-from model.rods.fast.lanes import LANES, Record, new_numbers, record
+from model.rods.fast.equations import RodSection, Terms
+from model.rods.fast.lanes import LANES, LaneRecord, new_numbers, record
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -22,7 +22,7 @@ More = ParamSpec("More")
 
 
 @record
-class Spring(Record):
+class Spring(LaneRecord):
     """A spring at the tip, in the order of `columns`."""
 
     direction: Vector
@@ -33,7 +33,7 @@ class Spring(Record):
 
 
 @record
-class Point(Record):
+class BasePoint(LaneRecord):
     """A point that the walk has come to."""
 
     q: Quaternion
@@ -47,7 +47,7 @@ class Point(Record):
 
 
 @record
-class Pose(Record):
+class RodPose(LaneRecord):
     """The unknowns of the tip."""
 
     turn: Quaternion
@@ -57,7 +57,7 @@ class Pose(Record):
 
 
 @record
-class Six(Record):
+class Six(LaneRecord):
     """By how much a pose changes or is missed."""
 
     turn: Vector
@@ -67,7 +67,7 @@ class Six(Record):
 
 
 @record
-class Found(Record):
+class FoundTip(LaneRecord):
     """What comes of a tip."""
 
     residual: Six
@@ -77,7 +77,7 @@ class Found(Record):
 
 
 @record
-class Matrix(Record):
+class Matrix(LaneRecord):
     """d residual / d change, row by row."""
 
     turn: Annotated[list[Six], 3]
@@ -85,21 +85,21 @@ class Matrix(Record):
 
 
 @record
-class Rod(Record):
+class Rod(LaneRecord):
     """A rod that is being solved."""
 
-    here: Point
+    here: BasePoint
     """Where the walk stands."""
-    beside: Point
+    beside: BasePoint
     """A point within the step that it takes next."""
     share: float
     """Of that step, up to there; negative where there is none."""
-    tip: Pose
-    found: Found
+    tip: RodPose
+    found: FoundTip
     change: Six
     """The last change of the tip's pose."""
-    tip_before: Pose
-    found_before: Found
+    tip_before: RodPose
+    found_before: FoundTip
     """As they were before it."""
     jacobian: Matrix
     """Its first three by three numbers only, without springs."""
@@ -129,18 +129,18 @@ class Rod(Record):
 
 
 # Numba takes sizes as constants of a module.
-ROD, SECTION, TERMS, SPRING = Rod.size, Section.size, Terms.size, Spring.size
-POSE, SIX, FOUND = Pose.size, Six.size, Found.size
+ROD, SECTION, TERMS, SPRING = Rod.size, RodSection.size, Terms.size, Spring.size
+POSE, SIX, FOUND = RodPose.size, Six.size, FoundTip.size
 BLOCK = columns.BLOCK
 
 
-class Group(NamedTuple):
+class RodGroup(NamedTuple):
     """Rods side by side, and how they are cut."""
 
     work: Array
     """Of `Rod`."""
     elements: Array
-    """(count) of `Section`, tip first."""
+    """(count) of `RodSection`, tip first."""
     parts: Counts
     """(count,) steps of each element."""
     springs: int
@@ -150,21 +150,21 @@ class Group(NamedTuple):
     """Lanes in use."""
 
 
-def each_rod(of_one: Callable[Concatenate[Rod, More], None]) -> Callable[Concatenate[Group, More], None]:
+def each_rod(of_one: Callable[Concatenate[Rod, More], None]) -> Callable[Concatenate[RodGroup, More], None]:
     """Make what is done with one rod something that is done with all of a group."""
     one: Any = inline(of_one)
 
-    def each(group: Group, *more: Any) -> None:
+    def each(group: RodGroup, *more: Any) -> None:
         for l in range(group.active):
             one(Rod(group.work, l), *more)
 
-    return cast(Callable[Concatenate[Group, More], None], inline(each))
+    return cast(Callable[Concatenate[RodGroup, More], None], inline(each))
 
 
 @inline
-def section_of(group: Group, e: int, l: int) -> Section:
+def section_of(group: RodGroup, e: int, l: int) -> RodSection:
     """Element e, counted from the tip, of lane l."""
-    return Section(group.elements, l, e * SECTION)
+    return RodSection(group.elements, l, e * SECTION)
 
 
 @inline
@@ -180,7 +180,7 @@ def three(rods: Array, row: int, column: int) -> Vector:
 
 
 @routine
-def gather_rod(rods: Array, row: int, group: Group, l: int) -> None:
+def gather_rod(rods: Array, row: int, group: RodGroup, l: int) -> None:
     """Copy rod `row` into lane l: its ends, and its elements tip first."""
     rod = Rod(group.work, l)
     gather_ends(rods, row, rod)
@@ -218,7 +218,7 @@ def gather_ends(rods: Array, row: int, rod: Rod) -> None:
 
 
 @inline
-def gather_section(rods: Array, row: int, o: int, section: Section) -> None:
+def gather_section(rods: Array, row: int, o: int, section: RodSection) -> None:
     """Copy the element that begins at column o."""
     section.length = rods[row, o + columns.LENGTH]
     x, y, z = three(rods, row, o + columns.BEND)
@@ -233,25 +233,25 @@ def gather_section(rods: Array, row: int, o: int, section: Section) -> None:
 
 
 @allocating
-def new_group(rods: Array, springs: int, size: int) -> Group:
+def new_group(rods: Array, springs: int, size: int) -> RodGroup:
     """Room for a group of such rods, `size` quantities for each besides its elements; all lanes in use."""
     count = elements_of(rods, springs)
     parts = np.empty(count, np.int64)
     linear = True
     for o in range(rods.shape[1] - count * BLOCK + columns.SERIES, rods.shape[1], BLOCK):
         linear = linear and not rods[:, o : o + 3].any()
-    return Group(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), parts, springs, linear, LANES)
+    return RodGroup(new_numbers(size * LANES), new_numbers(count * SECTION * LANES), parts, springs, linear, LANES)
 
 
 @inline
-def gather(rods: Array, group: Group, first: int) -> None:
+def gather(rods: Array, group: RodGroup, first: int) -> None:
     """The rods from row `first` on into the lanes in use; those without a rod hold the last one."""
     for l in range(group.active):
         gather_rod(rods, min(first + l, len(rods) - 1), group, l)
 
 
 @routine
-def fixed_cut(group: Group, steps: Counts, first: int) -> None:
+def fixed_cut(group: RodGroup, steps: Counts, first: int) -> None:
     """Cut as `steps` (n, elements base to tip) says, where it has rows: the most that any rod of the group is to have."""
     if steps.shape[0] == 0:
         return
@@ -268,7 +268,7 @@ FINEST = 5.0
 
 
 @routine
-def cut(group: Group, divisions: float) -> None:
+def cut(group: RodGroup, divisions: float) -> None:
     """Into how many steps each element (tip first) of the group is cut.
 
     No step is longer than the rod's length over `divisions`. Where the largest moment bends an element by b radian over

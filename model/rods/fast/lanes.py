@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from model.rods.fast.compiler import allocating, inline
 
 Array = NDArray[np.float64]
-Made = TypeVar("Made", bound=type["Record"])
+Made = TypeVar("Made", bound=type["LaneRecord"])
 
 LANES = 16
 """Two AVX-512 or four AVX2 vectors; with fewer the compiler unrolls the loops instead of vectorising them."""
 
 
-class Record:
+class LaneRecord:
     """The numbers of one lane from quantity `first` of a flat array on, in the order in which a subclass annotates them: floats,
     tuples of floats, other records, or Annotated[list[one of these], how many]. Lives in compiled code only."""
 
@@ -200,7 +200,7 @@ def new_numbers(count: int) -> Array:
 
 
 @inline
-def copy(source: Record, into: Record, count: int) -> None:
+def copy(source: LaneRecord, into: LaneRecord, count: int) -> None:
     """The first numbers of a record into another."""
     for k in range(count):
         into[k] = source[k]
@@ -216,5 +216,5 @@ def _copy_lanes(typing: Any, source: Any, into: Any, count: Any) -> Any:
     return types.void(source, into, types.int64), written
 
 
-copy_lanes = cast(Callable[[Record, Record, int], None], intrinsic(_copy_lanes))
+copy_lanes = cast(Callable[[LaneRecord, LaneRecord, int], None], intrinsic(_copy_lanes))
 """The first numbers of a record into another, of all lanes; the records are those of lane 0."""

@@ -15,7 +15,7 @@ from model.rods.fast import direct
 from model.rods.fast.batches import Steps, share_out, steps_of
 from model.rods.fast.compiler import inline, kernel
 from model.rods.fast.direct import exchange, write_result
-from model.rods.fast.group import ROD, Group, Rod, cut, gather, new_group
+from model.rods.fast.group import ROD, Rod, RodGroup, cut, gather, new_group
 from model.rods.fast.lanes import LANES, copy, new_numbers
 from model.rods.fast.newton import buckling_margin, correct, difference_jacobian, expected_residual, first_guess, improve
 from model.rods.fast.passes import WHOLE, evaluate
@@ -52,7 +52,7 @@ def follow_load(
     """
     divisions, close, least_margin = settings
     room = new_group(rods, springs, ROD)
-    group = Group(room.work, room.elements, room.parts, springs, room.linear, 1)
+    group = RodGroup(room.work, room.elements, room.parts, springs, room.linear, 1)
     kept = new_numbers(ROD * LANES)
     for i in range(rows.shape[0]):
         row = rows[i]

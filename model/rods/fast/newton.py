@@ -17,7 +17,7 @@ import math
 
 from model.rods.fast.algebra import Vector, along, conjugate, dot, minus, product, scaled, unit
 from model.rods.fast.compiler import inline, routine
-from model.rods.fast.group import FOUND, POSE, SIX, Group, Rod, Six, each_rod
+from model.rods.fast.group import FOUND, POSE, SIX, Rod, RodGroup, Six, each_rod
 from model.rods.fast.lanes import copy, copy_lanes
 from model.rods.fast.passes import WHOLE, change_tip, evaluate, orientation
 
@@ -34,7 +34,7 @@ LEAST_LEFT, LEAST_LEFT_OF_TURNED = 0.01, 0.1
 
 
 @inline
-def first_guess(group: Group) -> None:
+def first_guess(group: RodGroup) -> None:
     """Set the unknowns to what they would be without dead loads and springs."""
     guess_base(group)
     evaluate(group, 0, 0.0)
@@ -56,7 +56,7 @@ def guess_tip(rod: Rod) -> None:
 
 
 @routine
-def difference_jacobian(group: Group) -> None:
+def difference_jacobian(group: RodGroup) -> None:
     """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
     all_rods = Rod(group.work, 0)
     evaluate(group, group.springs, WHOLE)
@@ -112,7 +112,7 @@ def with_entry(a: Vector, k: int, x: float) -> Vector:
 
 
 @inline
-def newton_step(group: Group) -> None:
+def newton_step(group: RodGroup) -> None:
     """change = -J^-1 residual."""
     if group.springs > 0:
         step_by_six(group)
@@ -192,7 +192,7 @@ def shorten(rod: Rod) -> None:
 
 
 @inline
-def broyden(group: Group) -> None:
+def broyden(group: RodGroup) -> None:
     """Make the Jacobian explain the last step: J += (residual - residual_before - J change) change^T / |change|^2."""
     if group.springs > 0:
         broyden_six(group)
@@ -257,7 +257,7 @@ def expected_residual(rod: Rod) -> float:
 
 
 @inline
-def worst_residual(group: Group) -> float:
+def worst_residual(group: RodGroup) -> float:
     """The largest expected residual in the group."""
     most = 0.0
     for l in range(group.active):
@@ -266,7 +266,7 @@ def worst_residual(group: Group) -> float:
 
 
 @inline
-def correct(group: Group) -> None:
+def correct(group: RodGroup) -> None:
     """A Newton step, not yet followed by a pass."""
     newton_step(group)
     shorten(group)
@@ -274,7 +274,7 @@ def correct(group: Group) -> None:
 
 
 @routine
-def improve(group: Group, close: float, most_rounds: int) -> int:
+def improve(group: RodGroup, close: float, most_rounds: int) -> int:
     """Newton steps with Broyden's updates from an evaluated point until the expected residual is below `close` in every lane
     (the step that `expected_residual` counts on is the caller's); returns the rounds used."""
     all_rods = Rod(group.work, 0)

@@ -21,8 +21,8 @@ from model.rods.fast.algebra import (
     turned_back,
 )  # fmt: skip
 from model.rods.fast.compiler import inline, routine
-from model.rods.fast.equations import Section, Soft, State, slope, state_along, strains
-from model.rods.fast.group import Group, Point, Rod, Spring, each_rod, section_of
+from model.rods.fast.equations import RodSection, RodState, Soft, slope, state_along, strains
+from model.rods.fast.group import BasePoint, Rod, RodGroup, Spring, each_rod, section_of
 from model.rods.fast.lanes import LANES
 from model.rods.fast.runge_kutta import Stage, keep_stage, stage_of, step
 
@@ -31,7 +31,7 @@ WHOLE = 1.0
 
 
 @routine
-def evaluate(group: Group, springs: int, dead: float) -> None:
+def evaluate(group: RodGroup, springs: int, dead: float) -> None:
     """Shoot from the present unknowns and read what comes out at the base; dead loads count `dead` times, and this many
     springs pull."""
     start_at_tip(group, springs, dead)
@@ -46,7 +46,7 @@ def evaluate(group: Group, springs: int, dead: float) -> None:
 
 
 @inline
-def start_at_tip(group: Group, springs: int, dead: float) -> None:
+def start_at_tip(group: RodGroup, springs: int, dead: float) -> None:
     """The state at the tip under the wrench there, springs included."""
     set_tip(group, dead)
     for j in range(springs):
@@ -90,7 +90,7 @@ def add_spring(rod: Rod, j: int) -> None:
 class Way(NamedTuple):
     """A step of a rod along an element."""
 
-    section: Section
+    section: RodSection
     linear: bool
     h: float
     """m along the rod."""
@@ -107,7 +107,7 @@ class Way(NamedTuple):
 
 
 @inline
-def rod_slope(y: State, i: int, share: float, weight: float, way: Way, near: Soft | None) -> tuple[State, Soft]:
+def rod_slope(y: RodState, i: int, share: float, weight: float, way: Way, near: Soft | None) -> tuple[RodState, Soft]:
     """dy/dt of the rod at stage i, and how soft it is there."""
     n = turned_back(y.q, along(way.force, share * way.h, way.load))
     s = strains(y.m, n, way.section, way.z + share * way.dz, near, way.linear)
@@ -117,19 +117,19 @@ def rod_slope(y: State, i: int, share: float, weight: float, way: Way, near: Sof
 
 @inline
 def advance(
-    rod: Rod, section: Section, linear: bool, z: float, dz: float, dead: float, stages: list[Stage] | None, to: Point
+    rod: Rod, section: RodSection, linear: bool, z: float, dz: float, dead: float, stages: list[Stage] | None, to: BasePoint
 ) -> None:
     """One step of a rod within an element, from the place z by dz (a negative share of the element), and where it leads."""
     here, h = rod.here, -dz * section.length
     load = scaled(dead * rod.load_share, section.load)
     way = Way(section, linear, h, z, dz, here.force, load, stages)
-    y = step(rod_slope, state_along, State(here.q, here.m, here.r), h, way)
+    y = step(rod_slope, state_along, RodState(here.q, here.m, here.r), h, way)
     to.force, to.peak = along(here.force, h, load), max(here.peak, y.m[0] * y.m[0] + y.m[1] * y.m[1] + y.m[2] * y.m[2])
     to.q, to.m, to.r = y.q, y.m, y.r
 
 
 @inline
-def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> None:
+def advance_group(group: RodGroup, e: int, z: float, dz: float, dead: float) -> None:
     """One step of all lanes within element e."""
     if group.active == LANES:
         for l in range(LANES):
@@ -141,14 +141,14 @@ def advance_group(group: Group, e: int, z: float, dz: float, dead: float) -> Non
 
 
 @routine
-def advance_alone(group: Group, e: int, z: float, dz: float, l: int, dead: float) -> None:
+def advance_alone(group: RodGroup, e: int, z: float, dz: float, l: int, dead: float) -> None:
     """`advance` compiled once by itself, for where lanes are not side by side."""
     rod = Rod(group.work, l)
     advance(rod, section_of(group, e, l), group.linear, z, dz, dead, None, rod.here)
 
 
 @inline
-def orientation(at: Point) -> Quaternion:
+def orientation(at: BasePoint) -> Quaternion:
     """The orientation, freed from the drift of its norm."""
     a, b, c, d = at.q
     size = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
@@ -156,7 +156,7 @@ def orientation(at: Point) -> Quaternion:
 
 
 @inline
-def read_base(group: Group) -> None:
+def read_base(group: RodGroup) -> None:
     """By which rotation the base misses its place, and where the tip is seen from it."""
     miss_base(group)
     for l in range(group.active):
@@ -196,7 +196,7 @@ def read_gap(rod: Rod) -> None:
 
 
 @inline
-def change_tip(group: Group) -> None:
+def change_tip(group: RodGroup) -> None:
     """Turn the tips by `change`; with springs move them, too."""
     turn_tip(group)
     if group.springs > 0:

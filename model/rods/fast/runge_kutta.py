@@ -10,8 +10,8 @@ from typing import Annotated, TypeVar
 
 from model.rods.fast.algebra import Vector
 from model.rods.fast.compiler import inline
-from model.rods.fast.equations import Section, State, Strains, balance, law_of
-from model.rods.fast.lanes import Record, record
+from model.rods.fast.equations import RodSection, RodState, Strains, balance, law_of
+from model.rods.fast.lanes import LaneRecord, record
 
 Y = TypeVar("Y")
 Here = TypeVar("Here")
@@ -52,7 +52,7 @@ def step(
 
 
 @record
-class Softening(Record):
+class Softening(LaneRecord):
     """How D and e answer where F1 and F2 of `equations.balance` change, and by what these change with the section, Q / D^2 at
     the same load being T = m1^2 / EI1 + m2^2 / EI2."""
 
@@ -76,7 +76,7 @@ class Softening(Record):
 
 
 @record
-class Stage(Record):
+class Stage(LaneRecord):
     """What goes on at a stage."""
 
     rows: Annotated[list[Vector], 3]
@@ -99,7 +99,7 @@ def stage_of(stages: list[Stage] | None, i: int) -> Stage | None:
 
 
 @inline
-def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Section) -> None:
+def keep_stage(stage: Stage | None, y: RodState, n: Vector, s: Strains, section: RodSection) -> None:
     """Keep what goes on, where there is room for it."""
     if stage is not None:
         w, a, b, c = y.q
@@ -111,7 +111,7 @@ def keep_stage(stage: Stage | None, y: State, n: Vector, s: Strains, section: Se
 
 
 @inline
-def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: Section) -> None:
+def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: RodSection) -> None:
     """Keep how D and e of a hyperelastic section answer at its solution F1 = F2 = 0: d(D, e) = -J^-1 d(F1, F2) with
     J = d(F1, F2) / d(D, e), and the derivatives of F1 and F2 by the numbers of the section at the same D and e."""
     law = law_of(m, n, section)

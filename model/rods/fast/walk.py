@@ -9,12 +9,12 @@ from model.rods.description import Rods
 from model.rods.fast.algebra import add, scaled, turned, turned_back
 from model.rods.fast.compiler import kernel, routine
 from model.rods.fast.direct import put_three
-from model.rods.fast.equations import Section, strains
+from model.rods.fast.equations import RodSection, strains
 from model.rods.fast.group import (
     ROD,
     Counts,
-    Group,
     Rod,
+    RodGroup,
     cut,
     fixed_cut,
     gather,
@@ -41,7 +41,7 @@ def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, ste
 
 
 @routine
-def write_station(rod: Rod, section: Section, solved: Array, row: int, out: Array, s: int) -> None:
+def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: Array, s: int) -> None:
     """The state beside a rod as its station s."""
     there = rod.beside
     q = orientation(there)
@@ -75,7 +75,7 @@ def walk(rods: Array, springs: int, grid: tuple[float, Counts], solved: Array, a
 
 
 @routine
-def stand_at_tip(rods: Array, group: Group, solved: Array, grid: tuple[float, Counts], first: int) -> None:
+def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float, Counts], first: int) -> None:
     """Gather the solved rods from row `first` on and cut them as their solve was cut."""
     gather(rods, group, first)
     for l in range(LANES):
@@ -93,7 +93,9 @@ def stand_at_tip(rods: Array, group: Group, solved: Array, grid: tuple[float, Co
 
 
 @routine
-def visit_station(group: Group, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array) -> None:
+def visit_station(
+    group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array
+) -> None:
     """Write down station s of the rods where the next step passes it."""
     (e, j, pieces), last = step, arcs.shape[0] - 1
     z, dz = 1.0 - j / pieces, -1.0 / pieces
@@ -109,7 +111,7 @@ def visit_station(group: Group, step: tuple[int, int, int], arcs: Array, first: 
 
 
 @routine
-def passes(group: Group, step: tuple[int, int, int], arcs: Array, first: int, s: int) -> bool:
+def passes(group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int) -> bool:
     """Whether any rod passes station s in a step, and at which share of it each does; the others' has no meaning."""
     some = False
     for l in range(LANES):
@@ -120,7 +122,7 @@ def passes(group: Group, step: tuple[int, int, int], arcs: Array, first: int, s:
 
 
 @routine
-def share_at(group: Group, step: tuple[int, int, int], arc: float, l: int) -> float:
+def share_at(group: RodGroup, step: tuple[int, int, int], arc: float, l: int) -> float:
     """Share of the step at which lane l passes the arc length (m from the base); negative if it does not."""
     e, j, pieces = step
     below = 0.0

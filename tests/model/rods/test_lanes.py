@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from benchmarks.rod_cases import wild_rods
 from model.rods.fast.compiler import fused
 from model.rods.fast.direct import COARSE_DIVISIONS
-from model.rods.fast.group import ROD, SECTION, Group, cut, gather
+from model.rods.fast.group import ROD, SECTION, RodGroup, cut, gather
 from model.rods.fast.lanes import LANES
 from model.rods.fast.newton import first_guess
 
@@ -29,7 +29,7 @@ def test_a_fused_operation_rounds_once() -> None:
 def first_pass(rods: Array, springs: int, work: Array, elements: Array) -> None:
     """The first pass of one group whose arrays are these."""
     parts = np.empty(elements.size // (SECTION * LANES), np.int64)
-    group = Group(work, elements, parts, springs, True, LANES)
+    group = RodGroup(work, elements, parts, springs, True, LANES)
     gather(rods, group, 0)
     cut(group, COARSE_DIVISIONS)
     first_guess(group)

@@ -1,11 +1,8 @@
 """One call, several methods: they agree where they must, and refuse what they do not know."""
 
-import doctest
-
 import numpy as np
 import pytest
 
-import model.rods.solver
 from benchmarks.rod_cases import wild_rods
 from model.errors import BadCondition, SolveFailed
 from model.rods import FAST, FINE, PAPER, Fast, Form, Method, Paper, Rods, Status, rods, solve
@@ -98,7 +95,3 @@ def test_what_did_not_converge_holds_nan_and_says_why() -> None:
     assert set(found.status) <= {Status.OTHER_BRANCH, Status.FAILED}
     with pytest.raises(SolveFailed, match="of the load"):
         found.trusted()
-
-
-def test_the_documented_example_runs() -> None:
-    assert doctest.testmod(model.rods.solver).failed == 0

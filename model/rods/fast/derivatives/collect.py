@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from model.rods.fast.algebra import Vector, add, along, dot, plus_times, scaled, times
 from model.rods.fast.compiler import fused, inline
-from model.rods.fast.derivatives.tangent import NOTHING, Walk, step_of
+from model.rods.fast.derivatives.tangent import NOTHING, ColumnWalk, step_of
 from model.rods.fast.lanes import LANES, Array
 from model.rods.fast.runge_kutta import B1, B3, B4, B5, B6, B7, C3, C4, C5, C6
 
@@ -19,7 +19,7 @@ Sums = TypeVar("Sums")
 
 
 @inline
-def over_stages(more: Callable[[Sums, Walk, int, float, float], Sums], sums: Sums, walk: Walk) -> Sums:
+def over_stages(more: Callable[[Sums, ColumnWalk, int, float, float], Sums], sums: Sums, walk: ColumnWalk) -> Sums:
     """Sums over the stages that have a weight: `more`(sums, walk, i, B_i, C_i) adds what is found at stage i."""
     sums = more(more(sums, walk, 0, B1, 0.0), walk, 2, B3, C3)
     sums = more(more(sums, walk, 3, B4, C4), walk, 4, B5, C5)
@@ -28,7 +28,7 @@ def over_stages(more: Callable[[Sums, Walk, int, float, float], Sums], sums: Sum
 
 @inline
 def more_moments(
-    sums: tuple[float, Vector, float], walk: Walk, i: int, weight: float, share: float
+    sums: tuple[float, Vector, float], walk: ColumnWalk, i: int, weight: float, share: float
 ) -> tuple[float, Vector, float]:
     """dm . u, dm, dm3 m3."""
     dm, stage = walk.answers[i].dm, walk.stages[i]
@@ -36,7 +36,7 @@ def more_moments(
 
 
 @inline
-def collect_moments(walk: Walk, z: float, dz: float) -> None:
+def collect_moments(walk: ColumnWalk, z: float, dz: float) -> None:
     """T by dm: on length, rest curvature, and torsional stiffness."""
     (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_bend
     along_it, dm, twist = over_stages(more_moments, (0.0, NOTHING, 0.0), walk)
@@ -47,7 +47,7 @@ def collect_moments(walk: Walk, z: float, dz: float) -> None:
 
 @inline
 def more_forces(
-    sums: tuple[float, float, Vector, Vector], walk: Walk, i: int, weight: float, share: float
+    sums: tuple[float, float, Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float
 ) -> tuple[float, float, Vector, Vector]:
     """dv3, dn . v, dn, dn n."""
     answer, stage = walk.answers[i], walk.stages[i]
@@ -56,7 +56,7 @@ def more_forces(
 
 
 @inline
-def collect_forces(walk: Walk, z: float, dz: float) -> None:
+def collect_forces(walk: ColumnWalk, z: float, dz: float) -> None:
     """Mean strain, and T by dn: on length, rest strain, and shear stiffness."""
     (share, h), work, inverse = step_of(walk, dz), walk.column.work, walk.section.inv_stretch
     strain, along_it, dn, sheared = over_stages(more_forces, (0.0, 0.0, NOTHING, NOTHING), walk)
@@ -68,7 +68,7 @@ def collect_forces(walk: Walk, z: float, dz: float) -> None:
 
 
 @inline
-def more_shift(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
+def more_shift(sums: tuple[Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
     """dp/dt in the mount frame, and by the share of the step that is still to come."""
     moved, stage = scaled(-1.0, walk.answers[i].moved), walk.stages[i]
     slope = (dot(stage.rows[0], moved), dot(stage.rows[1], moved), dot(stage.rows[2], moved))
@@ -76,7 +76,7 @@ def more_shift(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, s
 
 
 @inline
-def collect_shift(walk: Walk, z: float, dz: float) -> None:
+def collect_shift(walk: ColumnWalk, z: float, dz: float) -> None:
     """p, and T by it: on the load, and with it on length."""
     (share, h), column, load = step_of(walk, dz), walk.column, walk.section.load
     slopes, slopes_left = over_stages(more_shift, (NOTHING, NOTHING), walk)
@@ -89,7 +89,7 @@ def collect_shift(walk: Walk, z: float, dz: float) -> None:
 
 @inline
 def more_rises(
-    sums: tuple[float, float, Vector, Vector, Vector], walk: Walk, i: int, weight: float, share: float
+    sums: tuple[float, float, Vector, Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float
 ) -> tuple[float, float, Vector, Vector, Vector]:
     """z dm, z^2 dm, z^3 dm, behind z at the start of the step and by how much it shrinks."""
     start, fall, first, second, third = sums
@@ -98,7 +98,7 @@ def more_rises(
 
 
 @inline
-def collect_rises(walk: Walk, z: float, dz: float) -> None:
+def collect_rises(walk: ColumnWalk, z: float, dz: float) -> None:
     """T on what a rest curvature rises by."""
     (share, h), work = step_of(walk, dz), walk.column.work
     _, _, first, second, third = over_stages(more_rises, (z, share, NOTHING, NOTHING, NOTHING), walk)
@@ -106,7 +106,7 @@ def collect_rises(walk: Walk, z: float, dz: float) -> None:
 
 
 @inline
-def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
+def more_terms(sums: tuple[Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
     """T by both bending stiffnesses and the axial one, without the factors of `collect_terms`, and by a, b, c of the softening.
 
     F1, F2 and what they balance, D and e, are those of `equations.balance`; `Softening` holds how one answers the other.
@@ -127,7 +127,7 @@ def more_terms(sums: tuple[Vector, Vector], walk: Walk, i: int, weight: float, s
 
 
 @inline
-def collect_terms(walk: Walk, z: float, dz: float) -> None:
+def collect_terms(walk: ColumnWalk, z: float, dz: float) -> None:
     """T on the hyperelastic terms, and on the stiffnesses that they change: bending and axial."""
     h, work, (x, y, _), axial = (step_of(walk, dz)[1], walk.column.work, walk.section.inv_bend, walk.section.inv_stretch[2])
     stiff, series = over_stages(more_terms, (NOTHING, NOTHING), walk)
@@ -137,10 +137,10 @@ def collect_terms(walk: Walk, z: float, dz: float) -> None:
 
 
 @inline
-def each(one: Callable[[Walk, float, float], None], work: Array, z: float, dz: float) -> None:
+def each(one: Callable[[ColumnWalk, float, float], None], work: Array, z: float, dz: float) -> None:
     """For each lane."""
     for l in range(LANES):
-        one(Walk(work, l), z, dz)
+        one(ColumnWalk(work, l), z, dz)
 
 
 @inline

@@ -23,14 +23,14 @@ from model.rods.fast.derivatives.tangent import (
     PLACED,
     TIP_COLUMNS,
     TURNS,
-    Column,
-    Walk,
+    ColumnWalk,
+    TangentColumn,
     load_column,
     step_column,
 )  # fmt: skip
 from model.rods.fast.equations import strains
-from model.rods.fast.group import BLOCK, SECTION, Group, Point, Rod, each_rod, section_of
-from model.rods.fast.lanes import LANES, Record, copy, copy_lanes, record
+from model.rods.fast.group import BLOCK, SECTION, BasePoint, Rod, RodGroup, each_rod, section_of
+from model.rods.fast.lanes import LANES, LaneRecord, copy, copy_lanes, record
 from model.rods.fast.passes import WHOLE, advance, orientation, read_base, start_at_tip
 from model.rods.fast.walk import passes
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 @record
-class SectionChange(Record):
+class SectionChange(LaneRecord):
     """What a change does to a section, mount frame."""
 
     turn: Vector
@@ -47,7 +47,7 @@ class SectionChange(Record):
 
 
 @record
-class TipChange(Record):
+class TipChange(LaneRecord):
     """One number for each column that starts at the tip: a change of the wrench there, or what else belongs to each."""
 
     turn: Vector
@@ -56,7 +56,7 @@ class TipChange(Record):
 
 
 @record
-class Station(Record):
+class Station(LaneRecord):
     """What was seen of the columns at a station, or at the base."""
 
     by: Annotated[list[SectionChange], TIP_COLUMNS]
@@ -67,7 +67,7 @@ class Station(Record):
 
 
 @record
-class Done(Record):
+class Done(LaneRecord):
     """What a direction does within the rod up to a station."""
 
     work: TipChange
@@ -79,15 +79,15 @@ class Done(Record):
 SECTION_CHANGE, TIP_CHANGE, STATION, DONE = SectionChange.size, TipChange.size, Station.size, Done.size
 
 
-class Columns(NamedTuple):
+class GroupColumns(NamedTuple):
     """The columns of a group, and what was seen of them at its stations."""
 
     x: Array
-    """(elements, columns of `Column`)."""
+    """(elements, columns of `TangentColumn`)."""
     beside: Array
-    """(columns of `Column`) where a station is passed."""
+    """(columns of `TangentColumn`) where a station is passed."""
     passed: Array
-    """(stations, elements, columns of `Column`): x there."""
+    """(stations, elements, columns of `TangentColumn`): x there."""
     walked: Array
     """(stations + 1, elements, LANES): share of each element between the tip and a station; the base last."""
     stations: Array
@@ -110,7 +110,7 @@ class Direction(NamedTuple):
 
 
 @routine
-def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> None:
+def walk_columns(group: RodGroup, columns: GroupColumns, arcs: Array, first: int) -> None:
     """Walk all lanes and their columns from tip to base, and keep what is seen at the stations `arcs` (n, s), m from the base.
 
     Lane 0 is the rod of row `first`. Element e, tip first, leaves its columns in x[e]: they start from x[e - 1], the first ones
@@ -123,7 +123,7 @@ def walk_columns(group: Group, columns: Columns, arcs: Array, first: int) -> Non
         # An element that no rod of the group has still tells what its length would do.
         pieces = max(group.parts[e], 1)
         for l in range(LANES):
-            walk = Walk(group.work, l)
+            walk = ColumnWalk(group.work, l)
             copy(section_of(group, e, l), walk.section, SECTION)
         for j in range(pieces):
             start = x[e if j > 0 else max(e - 1, 0)]
@@ -153,44 +153,44 @@ def go_on(rod: Rod) -> None:
 
 
 @routine
-def start_columns(group: Group, columns: Columns) -> None:
+def start_columns(group: RodGroup, columns: GroupColumns) -> None:
     """Columns at the tip: a unit turn, moment and force about each axis of the mount frame; forced ones are empty."""
     x = columns.x[0]
     x[:] = 0.0
     for l in range(LANES):
         here = Rod(group.work, l).here
-        Walk(group.work, l).tip_moment = turned(here.q, here.m)
+        ColumnWalk(group.work, l).tip_moment = turned(here.q, here.m)
         for k in range(3):
             axis = turned_back(here.q, unit(k))
-            turn = Column(x, l, (TURNS + k) * COLUMN)
+            turn = TangentColumn(x, l, (TURNS + k) * COLUMN)
             turn.theta, turn.dm = axis, cross(here.m, axis)
-            Column(x, l, (MOMENTS + k) * COLUMN).dm = axis
+            TangentColumn(x, l, (MOMENTS + k) * COLUMN).dm = axis
 
 
 @routine
-def step_all(group: Group, start: Array, into: Array, e: int, j: int, pieces: int) -> None:
+def step_all(group: RodGroup, start: Array, into: Array, e: int, j: int, pieces: int) -> None:
     """Step j of `pieces` through element e, of each lane the share `rod.share` of it.
 
     Rods go from `here` to `beside`, columns from `start` to `into`.
     """
     work, z, dz = group.work, 1.0 - j / pieces, -1.0 / pieces
     for l in range(LANES):
-        walk = Walk(work, l)
+        walk = ColumnWalk(work, l)
         advance(walk.rod, walk.section, group.linear, z, dz * walk.rod.share, 1.0, walk.stages, walk.rod.beside)
     for c in range(into.size // (COLUMN * LANES)):
         load_column(work, start, c, COLUMN if j > 0 else PLACED, e)
         for l in range(LANES):
-            step_column(Walk(work, l), dz)
+            step_column(ColumnWalk(work, l), dz)
         collect(work, z, dz)
-        copy_lanes(Walk(work, 0).column, Column(into, 0, c * COLUMN), COLUMN)
+        copy_lanes(ColumnWalk(work, 0).column, TangentColumn(into, 0, c * COLUMN), COLUMN)
 
 
 @routine
-def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces: int) -> None:
+def see_station(group: RodGroup, columns: GroupColumns, s: int, e: int, z: float, pieces: int) -> None:
     """Keep what the lanes that pass station s in element e see there."""
     x, beside, walked, passed = columns.x, columns.beside, columns.walked[s], columns.passed[s]
     for l in range(group.active):
-        walk = Walk(group.work, l)
+        walk = ColumnWalk(group.work, l)
         rod, share = walk.rod, walk.rod.share / pieces
         if rod.share < 0.0:
             continue
@@ -204,7 +204,7 @@ def see_station(group: Group, columns: Columns, s: int, e: int, z: float, pieces
 
 
 @inline
-def see_slopes(at: Point, walk: Walk, z: float, station: Station) -> None:
+def see_slopes(at: BasePoint, walk: ColumnWalk, z: float, station: Station) -> None:
     """R v and R u at the place z of the element."""
     q, section = orientation(at), walk.section
     found = strains(at.m, turned_back(q, at.force), section, z, None, False)
@@ -212,11 +212,11 @@ def see_slopes(at: Point, walk: Walk, z: float, station: Station) -> None:
 
 
 @inline
-def see_section(at: Point, x: Array, stations: Array, l: int) -> None:
+def see_section(at: BasePoint, x: Array, stations: Array, l: int) -> None:
     """What the columns of lane l that started at the tip do to the section at a point."""
     q = orientation(at)
     for j in range(TIP_COLUMNS):
-        column, change = Column(x, l, j * COLUMN), Station(stations, l).by[j]
+        column, change = TangentColumn(x, l, j * COLUMN), Station(stations, l).by[j]
         change.turn, change.shift = turned(q, column.theta), column.p
         change.moment = turned(q, add(column.dm, cross(column.theta, at.m)))
 
@@ -267,11 +267,11 @@ def nine_works(x: Array, c: int, l: int) -> tuple[Vector, Vector, Vector]:
 @inline
 def work_of(x: Array, j: int, c: int, l: int) -> float:
     """T number c of column j."""
-    return Column(x, l, j * COLUMN).work[c]
+    return TangentColumn(x, l, j * COLUMN).work[c]
 
 
 @routine
-def collect_work(x: Array, walked: Array, group: Group, to: Direction) -> None:
+def collect_work(x: Array, walked: Array, group: RodGroup, to: Direction) -> None:
     """What a direction does within the rod; `x` are the columns and `walked` (elements, LANES) the share of each element that
     lies behind."""
     to.done[:], to.forced[:] = 0.0, 0.0
@@ -296,7 +296,7 @@ def collect_work(x: Array, walked: Array, group: Group, to: Direction) -> None:
                     done.force = along(done.force, walked[e, l] * by[l], more)
     for l in range(LANES):
         work = Done(to.done, l).work
-        work.turn = add(work.turn, cross(Walk(group.work, l).tip_moment, work.moment))
+        work.turn = add(work.turn, cross(ColumnWalk(group.work, l).tip_moment, work.moment))
 
 
 @inline

@@ -33,12 +33,12 @@ from model.rods.fast.compiler import inline, routine
 from model.rods.fast.derivatives.columns_walk import SectionChange
 from model.rods.fast.derivatives.tangent import NOTHING
 from model.rods.fast.group import Rod, Spring
-from model.rods.fast.lanes import Record, record
+from model.rods.fast.lanes import LaneRecord, record
 from model.rods.fast.passes import orientation, spring_stretch
 
 
 @record
-class Parameters(Record):
+class EndParameters(LaneRecord):
     """A direction in parameter space: how the numbers at the ends of a rod change, in the order of `model.rods.columns`."""
 
     tip_force: Vector
@@ -53,7 +53,7 @@ class Parameters(Record):
 
 
 @record
-class Ends(Record):
+class Ends(LaneRecord):
     """A solved rod at its ends, mount frame."""
 
     force: Vector
@@ -170,7 +170,7 @@ def springs_by_parameters(rod: Rod, springs: int, change: list[Spring]) -> tuple
 
 
 @inline
-def tip_wrench_change(rod: Rod, springs: int, d: Parameters) -> tuple[Vector, Vector]:
+def tip_wrench_change(rod: Rod, springs: int, d: EndParameters) -> tuple[Vector, Vector]:
     """dN and dM at the tip along a direction, the tip held still."""
     force, moment = springs_by_parameters(rod, springs, d.springs)
     force = add(add(turned(rod.tip.turn, d.tip_force), d.dead_force), force)
@@ -208,7 +208,7 @@ def base_residual_change(rod: Rod, ends: Ends, change: SectionChange, force: Vec
 
 
 @inline
-def base_parameter_change(rod: Rod, ends: Ends, d: Parameters) -> Vector:
+def base_parameter_change(rod: Rod, ends: Ends, d: EndParameters) -> Vector:
     """Change (rad) of the base's residual with the base's own parameters: its turn, compliance, relief and stiffening."""
     tilted = weighed(ends.turn_by_tilt, scaled(-1.0, d.base_turn))
     follower = plus_cross(ends.moment, rod.found.seen, ends.force)

@@ -21,9 +21,9 @@ from model.rods.fast.compiler import allocating, inline, kernel, routine
 from model.rods.fast.derivatives.columns_walk import (
     DONE,
     STATION,
-    Columns,
     Direction,
     Done,
+    GroupColumns,
     SectionChange,
     Station,
     TipChange,
@@ -37,18 +37,18 @@ from model.rods.fast.derivatives.columns_walk import (
 )  # fmt: skip
 from model.rods.fast.derivatives.ends import (
     ENDS,
+    EndParameters,
     Ends,
-    Parameters,
     base_parameter_change,
     base_residual_change,
     linearise_ends,
     springs_by_motion,
     tip_wrench_change,
 )  # fmt: skip
-from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, Column
+from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, TangentColumn
 from model.rods.fast.direct import put_three
-from model.rods.fast.group import BLOCK, SIX, Counts, Group, Rod, Six, elements_of, new_group, three
-from model.rods.fast.lanes import LANES, Record, copy_lanes, new_numbers, record
+from model.rods.fast.group import BLOCK, SIX, Counts, Rod, RodGroup, Six, elements_of, new_group, three
+from model.rods.fast.lanes import LANES, LaneRecord, copy_lanes, new_numbers, record
 from model.rods.fast.newton import newton_step, set_column
 from model.rods.fast.walk import stand_at_tip
 
@@ -64,7 +64,7 @@ OF_STATION = 6
 
 
 @record
-class Unknown(Record):
+class Unknown(LaneRecord):
     """What a unit of an unknown does."""
 
     start: TipChange
@@ -74,7 +74,7 @@ class Unknown(Record):
 
 
 @record
-class Change(Record):
+class DirectionChange(LaneRecord):
     """What a direction does."""
 
     start: TipChange
@@ -86,7 +86,7 @@ class Change(Record):
     """The section at the base and at a station."""
 
 
-UNKNOWN, CHANGE = Unknown.size, Change.size
+UNKNOWN, CHANGE = Unknown.size, DirectionChange.size
 
 
 class Room(NamedTuple):
@@ -101,7 +101,7 @@ class Room(NamedTuple):
     steps: Array
     """(unknowns) of `Six`: the Newton step of a unit of each residual, with springs only."""
     change: Array
-    """Of `Change`."""
+    """Of `DirectionChange`."""
 
 
 @kernel
@@ -151,13 +151,13 @@ def differentiate(rods: Array, springs: int, grid: tuple[float, Counts], asked: 
 
 
 @allocating
-def new_columns(size: int, forced: int, stations: int) -> Columns:
+def new_columns(size: int, forced: int, stations: int) -> GroupColumns:
     """Room for the columns of rods of `size` elements: nine that start at the tip, and one for each of `forced` mean strains.
     `walked` is 1 at the base, which comes after the stations: all of every element lies between it and the tip."""
     numbers = (TIP_COLUMNS + forced) * COLUMN * LANES
     walked = np.zeros((stations + 1, size, LANES))
     walked[stations] = 1.0
-    return Columns(
+    return GroupColumns(
         new_numbers(size * numbers).reshape((size, numbers)),
         new_numbers(numbers),
         np.zeros((stations, size, numbers)),
@@ -167,7 +167,7 @@ def new_columns(size: int, forced: int, stations: int) -> Columns:
 
 
 @routine
-def differentiate_unknowns(group: Group, room: Room) -> None:
+def differentiate_unknowns(group: RodGroup, room: Room) -> None:
     """What a unit of each unknown does to tip and base, with the loads that turn with the tip; its residuals are the Jacobian.
 
     With springs, also the Newton step of a unit of each residual, by which all directions share the inverse.
@@ -193,15 +193,15 @@ def differentiate_unknowns(group: Group, room: Room) -> None:
 
 
 @routine
-def differentiate_direction(group: Group, room: Room, direction: Direction) -> None:
+def differentiate_direction(group: RodGroup, room: Room, direction: Direction) -> None:
     """What a direction does: with the tip's pose held first; then the unknowns take back by how much the base would move."""
     for l in range(LANES):
-        rod, change, d = Rod(group.work, l), Change(room.change, l), Parameters(direction.d, l)
+        rod, change, d = Rod(group.work, l), DirectionChange(room.change, l), EndParameters(direction.d, l)
         force, moment = tip_wrench_change(rod, group.springs, d)
         change.start.turn, change.start.moment, change.start.force = NOTHING, moment, force
         see_change(Station(room.base, l), change, Done(direction.done, l), change.base)
     for l in range(LANES):
-        rod, change, d = Rod(group.work, l), Change(room.change, l), Parameters(direction.d, l)
+        rod, change, d = Rod(group.work, l), DirectionChange(room.change, l), EndParameters(direction.d, l)
         ends, q = Ends(room.ends, l), rod.tip.turn
         residual = base_residual_change(rod, ends, change.base, turned(q, d.tip_force), turned(q, d.tip_moment))
         rod.found.residual.turn = add(residual, base_parameter_change(rod, ends, d))
@@ -212,14 +212,14 @@ def differentiate_direction(group: Group, room: Room, direction: Direction) -> N
         newton_step(group)
     for c in range(6 if group.springs > 0 else 3):
         for l in range(LANES):
-            change, unknown, by = Change(room.change, l), Unknown(room.unknowns[c], l), Rod(group.work, l).change[c]
+            change, unknown, by = DirectionChange(room.change, l), Unknown(room.unknowns[c], l), Rod(group.work, l).change[c]
             add_tip_change(change.start, unknown.start, by)
             add_tip_change(change.factors, unknown.start, by)
             add_change(change.base, unknown.base, by)
 
 
 @inline
-def step_by_table(group: Group, room: Room) -> None:
+def step_by_table(group: RodGroup, room: Room) -> None:
     """The Newton step in six unknowns."""
     for l in range(LANES):
         change = Rod(group.work, l).change
@@ -233,7 +233,7 @@ def step_by_table(group: Group, room: Room) -> None:
 
 
 @inline
-def see_change(station: Station, change: Change, done: Done, to: SectionChange) -> None:
+def see_change(station: Station, change: DirectionChange, done: Done, to: SectionChange) -> None:
     """What `change.start` and what was done within the rod do to the section at a station."""
     start_within(change.start, done, change.factors)
     combine(station.by, change.factors, to)
@@ -252,7 +252,7 @@ def add_tip_change(change: TipChange, more: TipChange, factor: float) -> None:
 def write_ends(changes: Array, out: Array, k: int) -> None:
     """What comes out at the ends."""
     for l in range(len(out)):
-        change, own = Change(changes, l), out[l]
+        change, own = DirectionChange(changes, l), out[l]
         put_three(own, k, BY_TIP, scaled(-1.0, change.base.shift))
         put_three(own, k, BY_ROTATION, change.start.turn)
         put_three(own, k, BY_BASE_FORCE, change.factors.force)
@@ -266,15 +266,15 @@ def write_strains(x: Array, direction: Direction, changes: Array, out: Array, k:
     size = len(x)
     for e in range(size):
         for l in range(len(out)):
-            factors, total = Change(changes, l).factors, direction.forced[e, l]
+            factors, total = DirectionChange(changes, l).factors, direction.forced[e, l]
             for j in range(TIP_COLUMNS):
-                total += Column(x[e], l, j * COLUMN).mean_strain * factors[j]
+                total += TangentColumn(x[e], l, j * COLUMN).mean_strain * factors[j]
             out[l, k, OUTPUTS + size - 1 - e] = total
 
 
 @routine
 def write_stations(
-    group: Group, columns: Columns, direction: Direction, changes: Array, asked: Asked, out: Array, k: int
+    group: RodGroup, columns: GroupColumns, direction: Direction, changes: Array, asked: Asked, out: Array, k: int
 ) -> None:
     """What comes out at the stations."""
     _, arcs, attached, strained = asked
@@ -283,7 +283,7 @@ def write_stations(
     for s in range(arcs.shape[1]):
         collect_work(columns.passed[s], columns.walked[s], group, direction)
         for l in range(len(out)):
-            change, own, station = Change(changes, l), out[l], Station(columns.stations[s], l)
+            change, own, station = DirectionChange(changes, l), out[l], Station(columns.stations[s], l)
             see_change(station, change, Done(direction.done, l), change.station)
             # What was followed is a share of an element; the station stays at its arc length.
             slid = 0.0

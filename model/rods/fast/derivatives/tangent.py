@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Vector, along, cross, plus_cross, scaled, times
 from model.rods.fast.compiler import inline
-from model.rods.fast.equations import Section
+from model.rods.fast.equations import RodSection
 from model.rods.fast.group import Rod
-from model.rods.fast.lanes import LANES, Record, copy_lanes, record
+from model.rods.fast.lanes import LANES, LaneRecord, copy_lanes, record
 from model.rods.fast.runge_kutta import STAGES, Softening, Stage, step
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ NOTHING = (0.0, 0.0, 0.0)
 
 
 @record
-class Work(Record):
+class Work(LaneRecord):
     """T of an element by each of its numbers, in the order of `model.rods.columns`."""
 
     length: float
@@ -52,7 +52,7 @@ class Work(Record):
 
 
 @record
-class Column(Record):
+class TangentColumn(LaneRecord):
     """A change that walks along the rod."""
 
     theta: Vector
@@ -65,7 +65,7 @@ class Column(Record):
 
 
 @record
-class Answer(Record):
+class SectionAnswer(LaneRecord):
     """What a section answers at a stage, by the stage's weight. Sums over the stages are made from these afterwards, few at a
     time: there are more of them than a processor has registers."""
 
@@ -78,23 +78,23 @@ class Answer(Record):
 
 
 @record
-class Walk(Record):
+class ColumnWalk(LaneRecord):
     """A rod, and the change that follows it along one step. All is in one array, at places known to the compiler: between several
     it would have to check for overlap, and gives up on making vectors."""
 
     rod: Rod
-    section: Section
+    section: RodSection
     """Of the element that is being walked."""
     stages: Annotated[list[Stage], STAGES]
-    column: Column
+    column: TangentColumn
     added: float
     """Axial force that a forced column adds to the element."""
-    answers: Annotated[list[Answer], STAGES]
+    answers: Annotated[list[SectionAnswer], STAGES]
     tip_moment: Vector
     """M at the tip, mount frame."""
 
 
-WALK, COLUMN = Walk.size, Column.size
+WALK, COLUMN = ColumnWalk.size, TangentColumn.size
 PLACED = 9
 """Quantities of a column that go on from one element to the next: theta, dm and p."""
 TURNS, MOMENTS, FORCES, TIP_COLUMNS = 0, 3, 6, 9
@@ -103,7 +103,7 @@ LEAST_LENGTH = 1e-9
 """m: the mean strain of an element without length has no meaning, but must not spoil the others."""
 
 
-class Change(NamedTuple):
+class AddedChange(NamedTuple):
     """The part of a column that feeds back."""
 
     theta: Vector
@@ -113,16 +113,16 @@ class Change(NamedTuple):
 class Here(NamedTuple):
     """The step of a rod that a change follows."""
 
-    walk: Walk
+    walk: ColumnWalk
     inv_bend: Vector
     inv_stretch: Vector
     added: float
 
 
 @inline
-def change_along(y: Change, h: float, k: Change) -> Change:
+def change_along(y: AddedChange, h: float, k: AddedChange) -> AddedChange:
     """y + h k."""
-    return Change(along(y.theta, h, k.theta), along(y.dm, h, k.dm))
+    return AddedChange(along(y.theta, h, k.theta), along(y.dm, h, k.dm))
 
 
 @inline
@@ -137,7 +137,7 @@ def compliance(dm: Vector, dn: Vector, m: Vector, here: Here, s: Softening) -> t
 
 
 @inline
-def change_slope(y: Change, i: int, share: float, weight: float, here: Here, near: None) -> tuple[Change, None]:
+def change_slope(y: AddedChange, i: int, share: float, weight: float, here: Here, near: None) -> tuple[AddedChange, None]:
     """d(theta, dm)/dt at stage i; see the top of the file. What the section answers is kept."""
     stage, answer = here.walk.stages[i], here.walk.answers[i]
     u, v, n = stage.u, stage.v, stage.n
@@ -148,20 +148,20 @@ def change_slope(y: Change, i: int, share: float, weight: float, here: Here, nea
         answer.dm, answer.dn, answer.strain = scaled(weight, y.dm), scaled(weight, dn), weight * dv[2]
         answer.moved = scaled(weight, plus_cross(dv, y.theta, v))
     turns = plus_cross(scaled(-1.0, du), u, y.theta)
-    return Change(turns, plus_cross(plus_cross(plus_cross(cross(u, y.dm), du, stage.m), v, dn), dv, n)), None
+    return AddedChange(turns, plus_cross(plus_cross(plus_cross(cross(u, y.dm), du, stage.m), v, dn), dv, n)), None
 
 
 @inline
-def step_column(walk: Walk, dz: float) -> None:
+def step_column(walk: ColumnWalk, dz: float) -> None:
     """Take the column of a rod along the step that its stages tell of."""
     column, section = walk.column, walk.section
     here = Here(walk, section.inv_bend, section.inv_stretch, walk.added)
-    y = step(change_slope, change_along, Change(column.theta, column.dm), step_of(walk, dz)[1], here)
+    y = step(change_slope, change_along, AddedChange(column.theta, column.dm), step_of(walk, dz)[1], here)
     column.theta, column.dm = y.theta, y.dm
 
 
 @inline
-def step_of(walk: Walk, dz: float) -> tuple[float, float]:
+def step_of(walk: ColumnWalk, dz: float) -> tuple[float, float]:
     """Share of the element that a rod passes in a step by dz, and its length (m)."""
     share = -dz * walk.rod.share
     return share, share * walk.section.length
@@ -174,13 +174,13 @@ def load_column(work: Array, x: Array, c: int, carried: int, e: int) -> None:
 
     R^T dN is a row of R for columns that begin with a force. Forced column TIP_COLUMNS + k belongs to element k.
     """
-    copy_lanes(Column(x, 0, c * COLUMN), Walk(work, 0).column, carried)
+    copy_lanes(TangentColumn(x, 0, c * COLUMN), ColumnWalk(work, 0).column, carried)
     for k in range(carried, COLUMN):
         for l in range(LANES):
-            Walk(work, l).column[k] = 0.0
+            ColumnWalk(work, l).column[k] = 0.0
     own = 1.0 if c - TIP_COLUMNS == e else 0.0
     for l in range(LANES):
-        walk = Walk(work, l)
+        walk = ColumnWalk(work, l)
         walk.added = own / max(walk.section.length, LEAST_LENGTH)
     if c == FORCES:
         pull_all(work, 0)
@@ -191,7 +191,7 @@ def load_column(work: Array, x: Array, c: int, carried: int, e: int) -> None:
     elif c in (0, TIP_COLUMNS):
         for i in range(STAGES):
             for l in range(LANES):
-                Walk(work, l).stages[i].pull = NOTHING
+                ColumnWalk(work, l).stages[i].pull = NOTHING
 
 
 @inline
@@ -199,5 +199,5 @@ def pull_all(work: Array, k: int) -> None:
     """R^T dN of a unit force along axis k, a row of R, at all stages."""
     for i in range(STAGES):
         for l in range(LANES):
-            stage = Walk(work, l).stages[i]
+            stage = ColumnWalk(work, l).stages[i]
             stage.pull = stage.rows[k]

@@ -1,0 +1,72 @@
+"""What takes the chambers' thrust, settled before a diagnosis where robot.yaml does not say it: textbooks differ.
+
+Both conventions are fitted with the area factor, the tolerances and effects that may act as well. That the side walls take it is
+settled where this leaves far less; the diagnosis then looks for what is beyond it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.effects.catalogue import CATALOGUE
+from model.robot import THRUST, Robot
+from model.stated import Stated
+
+from ..data.campaign import Campaign, spread_over
+from ..findings import Finding, finding
+from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
+from .fit import fit
+from .prepare import prepare
+from .reading_noise import USUAL
+from .starts import Starts
+
+BESIDE = ("pressure_offset", "chamber_gain", "chamber_azimuth", "base_tilt", "body_modulus", "tip_payload")
+"""What may act too, and would hide the difference."""
+MOST_STATES, ROUNDS = 60, 30
+"""States that are compared, evenly spread; most steps of each fit."""
+
+
+@dataclass(frozen=True)
+class SettledThrust:
+    """The robot with thrust on its side walls, and rms (m) of the tip with it on the cap and on the walls."""
+
+    robot: Robot
+    cap: float
+    walls: float
+
+    @property
+    def finding(self) -> Finding:
+        """The note on it."""
+        return finding("thrust_settled", self.robot.actuators.words, walls_mm=1e3 * self.walls, cap_mm=1e3 * self.cap)
+
+
+def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> SettledThrust | None:
+    """Thrust on the side walls where robot.yaml says nothing of it and the data ask for it; `effects` are to be weighed."""
+    with_tip = states.take(~states.pushed)
+    if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
+        return None
+    seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), MOST_STATES)))
+    p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+    parameters, starts = p.problem.parameters, Starts(p.problem)
+    others = tuple(e for e in BESIDE if e in parameters.ids)
+
+    def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
+        prior = parameters.prior(parameters.mask(named), 0.0)
+        found = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
+        missed = p.gap(p.problem.observed - found.predicted)
+        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), found.theta
+
+    cap, _ = fitted(others, parameters.mean)
+    names = {name: i for i, name in enumerate(parameters.names)}
+    start = parameters.mean.copy()
+    start[names[f"{THRUST}.share"]] = 1.0
+    walls, theta = fitted((THRUST, *others), starts.recalibrated(start))
+    if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
+        return None
+    shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
+    stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
+    made = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
+    return SettledThrust(made, cap, walls)

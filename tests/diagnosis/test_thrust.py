@@ -1,0 +1,59 @@
+"""What takes the chambers' thrust is settled before a cause is looked for, and hides none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.diagnose import diagnose
+from diagnosis.fit_effects import fit_effects
+from diagnosis.inference.prepare import prepare
+from diagnosis.inference.thrust import settle_thrust
+from recordings.trials import Table
+from tests.diagnosis.small_campaigns import FEW, SOME, measured, quick
+from tests.diagnosis.test_case import ROBOT, Measured, states
+
+ON_WALLS = {"chamber_thrust__share": 1.0, "chamber_thrust__borne": 0.3}
+
+
+@pytest.fixture(scope="module")
+def turned() -> Measured:
+    """Thrust on the walls, and chambers 8 deg from where they should be."""
+    return measured(3, 2, FEW, chamber_azimuth__angle=np.radians(8), **ON_WALLS)
+
+
+def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured) -> None:
+    found = diagnose(turned, quick(SOME))
+    assert found.attribute.effects == ("chamber_azimuth",) and "chambers are turned by" in found.headline
+    (note,) = [f for f in found.findings if f.code == "thrust_settled"]
+    assert "state `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
+
+
+def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
+    fitted = fit_effects(turned, ["chamber_azimuth"])
+    assert fitted.robot.thrust == "walls" and fitted.robot.effects["chamber_thrust"]["share"].value == 1.0
+    assert fitted.parameters["chamber_azimuth.angle"].value == pytest.approx(np.radians(8), rel=0.1)
+    assert fitted.fitted_mm < 0.2 * fitted.calibrated_mm
+    again = fit_effects(replace(turned, robot=fitted.robot), ["chamber_azimuth"])
+    assert again.fitted_mm == pytest.approx(fitted.fitted_mm, rel=0.05)
+
+
+def test_what_robot_yaml_states_or_the_data_do_not_ask_for_is_left(turned: Measured) -> None:
+    own, _ = states(turned)
+    for thrust in ("cap", "walls"):
+        assert settle_thrust(ROBOT.model_copy(update={"thrust": thrust}), own, SOME) is None
+    assert settle_thrust(ROBOT, own, {}) is None
+    on_cap = measured(2, 2, FEW, chamber_azimuth__angle=np.radians(8), body_modulus__excess=-0.3)
+    assert settle_thrust(ROBOT, states(on_cap)[0], SOME) is None
+
+
+def test_the_noise_floor_is_the_same_whatever_the_description() -> None:
+    """Repeats that stand at other pressures differ by more than noise, and a wrong model does not know by how much."""
+    case = measured(3, 3, FEW)
+    rng, rows = np.random.default_rng(3), list(case.table.rows)
+    for i, r in enumerate(rows):
+        change = 1.0 + 0.05 * rng.normal()
+        rows[i] = replace(r, pressures=tuple(change * p for p in r.pressures), tip=(change * r.tip[0], *r.tip[1:]))
+    own, _ = states(replace(case, table=Table.of(rows)))
+    floors = [prepare(ROBOT.with_area_factor(factor), own, catalogue=SOME).noise_floor for factor in (0.8, 1.5, 2.2)]
+    assert floors == pytest.approx([floors[0]] * 3, rel=0.05) and 0.3e-3 < floors[0] < 1e-3

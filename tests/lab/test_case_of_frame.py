@@ -1,0 +1,101 @@
+"""`lab.case(frame, robot)`: a pandas DataFrame as a case, as `lab import` reads the same table from a file."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from foreign import ROBOT, by_map
+
+import lab
+from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
+from lab.files.config import ConfigError
+
+COLUMNS = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
+FRAME = pd.DataFrame([[float(f"{v:.3f}") for v in row] for row in sweep(40)], columns=list(HEADINGS))
+KEYS: dict[str, Any] = {"states": {"plateaus": {"steady": 1000.0}}, "trials": {"begin": "rest"}}
+
+
+def test_a_frame_is_the_case_that_lab_import_makes_of_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "table.csv"
+    file.write_text(text(sweep(40)))
+    made = by_map(file, columns={name: {"column": heading} for name, heading in COLUMNS.items()}, **KEYS)
+    case = lab.case(FRAME, ROBOT, columns=COLUMNS, **KEYS)
+    assert case.table == made.table and len(case.table) > 20
+    assert "three-chamber robot" in case.robot_text and case == lab.case(FRAME, case.robot, columns=COLUMNS, **KEYS)
+
+
+@pytest.mark.parametrize(
+    ("change", "columns"),
+    [
+        (lambda f: f, {"p1": "P1 [kPa]"}),
+        (lambda f: f.rename(columns={"P1 [kPa]": "left"}), {"p1": "left [kPa]"}),
+        (lambda f: f.assign(left=f["P1 [kPa]"] / 100), {"p1": "left [bar]"}),
+        (lambda f: f.assign(left=f["P1 [kPa]"] / 100), {"p1": {"column": "left", "unit": "bar"}}),
+        (lambda f: f.assign(left=f["P1 [kPa]"]), {"p1": {"column": "left", "unit": "Kilopascal"}}),
+        (lambda f: f.assign(p1=f["P1 [kPa]"] * 1e3), {}),
+        (lambda f: f.assign(**{"p1 [kPa]": f["P1 [kPa]"]}), {}),
+        (lambda f: f.assign(left=f["P1 [kPa]"].map("{:.3f}".format).str.replace(".", ",")), {"p1": "left [kPa]"}),
+        (lambda f: f.set_index("Time [s]"), {"p1": "P1 [kPa]"}),
+    ],
+)
+def test_units_come_from_headings_from_the_call_or_are_si(change: Callable[[Any], Any], columns: dict[str, Any]) -> None:
+    others = {name: heading for name, heading in COLUMNS.items() if name != "p1"}
+    case = lab.case(change(FRAME), ROBOT, columns=others | columns, **KEYS)
+    assert case.table["p1"] == pytest.approx(lab.case(FRAME, ROBOT, columns=COLUMNS, **KEYS).table["p1"], abs=1e-6)
+
+
+def test_the_table_of_a_case_comes_back_from_pandas_as_it_went(small_case: Path) -> None:
+    case = lab.case(small_case)
+    frame = case.table.to_pandas()
+    assert lab.case(frame, case.robot).table == case.table
+    bare = lab.case(frame.drop(columns=["step", "repeat", "branch"]), case.robot).table
+    assert all((bare[name] == case.table[name]).all() for name in ("trial", "step", "p1", "x", "z"))
+
+
+def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None:
+    case = lab.case(small_case)
+    frame = case.table.to_pandas()
+    frame.loc[[3, 5], "p1"], frame.loc[7, ["x", "y", "z"]] = pd.NA, np.nan
+    kept = lab.case(frame, case.robot).table
+    assert len(kept) == len(case.table) - 3 and "3 of 14 rows are left out, first index 3: no value for p1" in kept.warnings[0]
+    mapped = lab.case(frame, case.robot, columns={"p1": "p1"}).table
+    assert len(mapped) == len(kept)
+    assert any("2 of 14 rows have no pressure (first index 3)" in doubt for doubt in mapped.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "columns", "match"),
+    [
+        (lambda f: f, {"p1": "P_left"}, r"DataFrame: columns.p1 = 'P_left': this column is not there; there are .*'P1 \[kPa\]'"),
+        (lambda f: f, {"q1": "P1 [kPa]"}, "lab.case: columns.q1: is no column of trials.csv"),
+        (lambda f: f.rename(columns={"P1 [kPa]": "P1"}), {"p1": "P1 [foo]"}, "columns.p1.unit = 'foo': p1 needs one of Pa"),
+        (lambda f: f.astype({"P1 [kPa]": object}).replace({"P1 [kPa]": {0.0: "zero"}}), {}, "index 0.*'zero' is no number"),
+        (lambda f: f[[]], {}, "no column can be read"),
+        (lambda f: f, ["P1 [kPa]"], "lab.case: columns: write columns of trials.csv and their headings"),
+    ],
+)
+def test_a_wrong_column_is_named_with_place_and_remedy(change: Callable[[Any], Any], columns: Any, match: str) -> None:
+    with pytest.raises(ConfigError, match=match):
+        lab.case(change(FRAME), ROBOT, columns=COLUMNS | columns if isinstance(columns, dict) else columns)
+
+
+def test_values_that_cannot_be_right_are_refused_as_those_of_a_file(small_case: Path) -> None:
+    case = lab.case(small_case)
+    frame = case.table.to_pandas()
+    for column, value, match in (("p1", 1e9, "index 0, p1: 1e.09 Pa is outside"), ("trial", 1.5, "is not a whole number"),
+                                 ("branch", "up", "'up' is not one of"), ("x", 0.38e3, "380 m exceeds 5 m")):  # fmt: skip
+        with pytest.raises(ConfigError, match=match):
+            lab.case(frame.astype({column: object}).assign(**{column: value}), case.robot)
+
+
+def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
+    for inputs, keys, match in (((FRAME,), {}, "needs one robot, 0 are given"), ((3,), {}, "int is neither the path"),
+                                ((), {}, "nothing is given"),
+                                ((FRAME, ROBOT), {"columns": COLUMNS, "source": {"missing": 3}}, "source.missing"),
+                                ((small_case,), {"columns": COLUMNS}, "go with a DataFrame"),
+                                ((FRAME, ROBOT), {"files": {"*": {}}}, "lab.case: files: a DataFrame has none")):  # fmt: skip
+        with pytest.raises(ConfigError, match=match):
+            lab.case(*inputs, **keys)
