@@ -182,7 +182,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
-            yield Edit("frame", 0.01, partial(_axes_say, axes), partial(_axes, axes))
+            yield Edit("frame", 0.006, partial(_axes_say, axes), partial(_axes, axes))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
     for trial in _steps(sample, near.missed):

@@ -64,7 +64,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Sample:
-    """The states that are compared, and the robot as described, with one area factor if that is nearer."""
+    """The states that are compared, and the robot as described, with one area factor unless its table is near."""
 
     robot: Robot
     table: Table
@@ -84,8 +84,8 @@ class Sample:
         if not isinstance(robot.area_factor, dict):
             return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        one = replace(sample, robot=robot.with_area_factor(area))
-        return min((sample, one), key=lambda s: s.rms(s.fitted((), [np.zeros(len(CALIBRATION))], 2).missed))
+        near = sample.rms(sample.fitted((), [np.zeros(len(CALIBRATION))], 2).missed) < judgement.EDIT_LOSS_SCALE * robot.length
+        return sample if near else replace(sample, robot=robot.with_area_factor(area))
 
     def edited(self, edits: Sequence[Edit], theta: Array, own: Sequence[Array]) -> Edited:
         """Robot and table with calibration and edits."""
