@@ -166,6 +166,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
             "map.yaml, or its scale{rather}"
         ),
+        "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),
         "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",

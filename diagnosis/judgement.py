@@ -85,7 +85,7 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
-EDIT_FEWEST = 6
+EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3
 """Edits fitted to convergence, and those that others are tried beside."""

@@ -182,7 +182,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
-            yield Edit("frame", 0.01, partial(_axes_say, axes), partial(_axes, axes))
+            yield Edit("frame", 0.006, partial(_axes_say, axes), partial(_axes, axes))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
     for trial in _steps(sample, near.missed):
@@ -283,6 +283,18 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     low = pressures.min()
     if robot.chambers is not None and 75e3 < low < 107e3:
         yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))
+
+    roll = np.abs(sample.table.get("roll_deg", 0.0))
+    if 0 < roll.max() < 2 * np.pi + 0.01:
+        yield Edit("roll", 0.03, _roll_says, _roll)
+
+
+def _roll(robot: Robot, table: Table, own: Array) -> Edited:
+    return robot, table.replaced({"roll_deg": np.degrees(table.get("roll_deg", 0.0))})
+
+
+def _roll_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    return [finding("roll_in_rad", short="column roll_deg", p=p, rather=rather)]
 
 
 def _order(order: list[int], robot: Robot, table: Table, own: Array) -> Edited:

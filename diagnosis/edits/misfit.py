@@ -12,7 +12,7 @@ errors of the model are the same whenever a condition is repeated, and smooth ov
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -64,7 +64,7 @@ class Fit:
 
 @dataclass(frozen=True)
 class Sample:
-    """The states that are compared, and the robot as described, with one area factor."""
+    """The states that are compared, and the robot as described, with one area factor unless its table is near."""
 
     robot: Robot
     table: Table
@@ -80,9 +80,12 @@ class Sample:
         each = MOST // len(used)
         rows = [own[spread_over(len(own), each)] for c in used for own in [np.flatnonzero(condition == c)]]
         kept = np.sort(np.concatenate(rows))
+        sample = cls(robot, states.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
+        if not isinstance(robot.area_factor, dict):
+            return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        seen = np.unique(condition[kept], return_inverse=True)[1]
-        return cls(robot.with_area_factor(area), states.trials.take(kept), seen)
+        near = sample.rms(sample.fitted((), [np.zeros(len(CALIBRATION))], 2).missed) < judgement.EDIT_LOSS_SCALE * robot.length
+        return sample if near else replace(sample, robot=robot.with_area_factor(area))
 
     def edited(self, edits: Sequence[Edit], theta: Array, own: Sequence[Array]) -> Edited:
         """Robot and table with calibration and edits."""
@@ -140,15 +143,16 @@ class Sample:
         prior = sum(float(np.log(edit.prior)) for edit in edits)
         return Fit(edits, theta, own, missed, prior + self.log_evidence(missed, count))
 
-    def starts(self, edits: tuple[Edit, ...], near: Fit) -> list[Array]:
-        """Where a fit of edits may begin: where `near`, a fit of all but the last, is, and as described."""
-        last, out = edits[-1], []
-        for values in last.starts:
-            for theta in (near.theta, np.zeros(len(CALIBRATION))):
+    def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[list[Array]]:
+        """Where fits of edits may begin: beside the calibration of `near`, a fit of all but the last, and as described."""
+        last = edits[-1]
+        for theta in (near.theta, np.zeros(len(CALIBRATION))):
+            out = []
+            for values in last.starts:
                 made = theta.copy()
                 made[[*last.widens]] = values[: len(last.widens)]
                 out.append(np.concatenate([made, *near.own, values[len(last.widens) :]]))
-        return out
+            yield out
 
 
 class _Problem:

@@ -19,6 +19,7 @@ from recordings.trials import Table, pressure_columns
 from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
+from ..data.case import campaign_of
 from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, calibrated
 from .listed import every_edit
@@ -97,7 +98,20 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     unchanged, with_tip = Edited(robot, states), states.take(~states.pushed)
     if robot.effects or robot.tolerances or len(with_tip) < judgement.EDIT_FEWEST:
         return unchanged
-    sample = Sample.of(robot, with_tip)
+    judged = _judged(Sample.of(robot, with_tip))
+    return unchanged if judged is None or judged.chosen is None else _made(robot, states, judged, judged.chosen, effects)
+
+
+def doubts(robot: Robot, table: Table) -> tuple[Finding, ...]:
+    """What is probably wrong in robot.yaml or a table of states with a tip; nothing where they may be right."""
+    if len(table) < judgement.EDIT_FEWEST or robot.effects or robot.tolerances:
+        return ()
+    return edit_first(robot, campaign_of(table, np.arange(len(table)), np.arange(0))).changes
+
+
+def _judged(sample: Sample) -> Judged | None:
+    """The edits that were tried; None where the robot is near its data."""
+    robot = sample.robot
     near = sample.fitted((), ((np.eye(8)[0] * area) for area in AREAS), 10)
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     between, within = sample.between_and_within(near.missed)
@@ -105,10 +119,9 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     close = between < judgement.EDIT_LOSS_SCALE * robot.length and within < _repeated(robot)
     perfect = between < max(judgement.EDIT_MODEL_ERROR * robot.length, within)
     if close and (usual or perfect):
-        return unchanged
+        return None
     fits = [near, *_weighed(sample, every_edit(sample, near), near, pairs=not close)]
-    judged = Judged(robot, fits, softmax([f.log_posterior for f in fits]))
-    return unchanged if judged.chosen is None else _made(robot, states, sample, judged, judged.chosen, effects)
+    return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
 
 
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
@@ -116,7 +129,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
 
     def tried(before: Fit, kinds: Collection[str]) -> list[Fit]:
         sets = [(*before.edits, edit) for edit in edits if edit.kind not in kinds]
-        fits = [sample.fitted(each, sample.starts(each, before), 1, alone=True) for each in sets]
+        begun = [[sample.fitted(each, x, 2, alone=True) for x in sample.starts(each, before)] for each in sets]
+        fits = [max(own, key=lambda f: f.log_posterior) for own in begun]
         best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
         return [*(sample.fitted(f.edits, [f.x], 5) for f in best), *(f for f in fits if not any(f is b for b in best))]
 
@@ -154,9 +168,14 @@ def _beyond_usual(fit: Fit) -> Array:
 class Judged:
     """Fits of all edits and pairs that were tried, and the probability of each."""
 
-    robot: Robot
+    sample: Sample
     fits: list[Fit]
     weight: Array
+
+    @property
+    def robot(self) -> Robot:
+        """As described, with one area factor."""
+        return self.sample.robot
 
     def probability(self, kind: str) -> float:
         """Of a mistake of a kind."""
@@ -189,7 +208,7 @@ def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
     return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own, 0.0, "")]
 
 
-def _made(robot: Robot, states: Campaign, sample: Sample, judged: Judged, fit: Fit, effects: Collection[str]) -> Edited:
+def _made(robot: Robot, states: Campaign, judged: Judged, fit: Fit, effects: Collection[str]) -> Edited:
     """Robot and states with the edits of a fit."""
     theta = _beyond_usual(fit)
     place = _place(robot, fit, theta) if can_name_order(robot, states, effects) else None
@@ -204,7 +223,7 @@ def _made(robot: Robot, states: Campaign, sample: Sample, judged: Judged, fit: F
     if place is not None:
         changes.insert(0, reordered(robot, place))
         made = with_order(made, place)
-    before, after = (sample.rms(f.missed) for f in (judged.fits[0], fit))
+    before, after = (judged.sample.rms(f.missed) for f in (judged.fits[0], fit))
     return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 

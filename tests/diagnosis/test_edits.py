@@ -5,9 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from diagnosis.data.campaign import Campaign
+from diagnosis.data.case import campaign_of
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits import listed
+from diagnosis.edits.edit import with_pressures
 from diagnosis.edits.misfit import Sample, _Problem
 from diagnosis.edits.search import edit_first
 from diagnosis.fit_effects import fit_effects
@@ -203,3 +207,118 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     assert edit_first(arm, own).robot is arm
     monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda robot: iter(()))
     assert edit_first(arm, own).changes
+
+
+# ------------------------------------------------------------------ mistakes, each on one of three robots and in `long` on all
+FINGER = robot_from_dict({
+    "name": "finger", "length": 0.18, "outer_radius": 0.015, "inner_radius": 0.0, "density": 1070.0, "youngs_modulus": 600e3,
+    "shear_modulus": 200e3, "tip_mass": 0.008, "gravity": [-9.81, 0.0, 0.0], "area_factor": 1.0,
+    "chambers": {"radius": 0.004, "path_radius": 0.009, "azimuths_deg": [0.0, 120.0, 240.0]},
+})  # fmt: skip
+"""Held horizontally."""
+TENDON_ARM = robot_from_dict({
+    "name": "cable arm", "length": 0.24, "outer_radius": 0.006, "inner_radius": 0.0, "density": 1100.0, "youngs_modulus": 9e6,
+    "shear_modulus": 3e6, "tip_mass": 0.05, "gravity": [0.0, 0.0, 9.81], "area_factor": 1.0,
+    "tendons": {"path_radius": 0.011, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
+})  # fmt: skip
+PAPER = ROBOT.with_area_factor(1.6)
+GROUPS = {
+    9: ((8, 0, 1), (2, 3, 4), (5, 6, 7), (3,), (0,), (8,), (1,)),
+    3: ((0,), (1,), (2,), (0, 1)),
+    4: ((0,), (1,), (2,), (3,), (0, 1)),
+}
+"""Chambers that are inflated together, by the number of chambers."""
+TILT = Rotation.from_euler("y", 20, degrees=True)
+
+
+def read(robot: Robot, acting: Any = None, turn: Rotation | None = None) -> Table:
+    """What the rod does, three times over, with 0.3 mm of noise; `acting` changes what the pressures (n, k) Pa do to the body."""
+    count, rng = len(robot.actuators.azimuths_deg), np.random.default_rng(1)
+    spines, top = ((0.0, 0.2), 200e3) if robot.spine else ((0.0,), 90e3)
+    sweeps = [(repeat, spine, group) for repeat in (1, 2, 3) for spine in spines for group in GROUPS[count]]
+    plan = [
+        (trial, step, repeat, branch, spine, tuple(top * level * (k in group) for k in range(count)))
+        for trial, (repeat, spine, group) in enumerate(sweeps, 1)
+        for step, (level, branch) in enumerate([(0, "load"), (0.5, "load"), (1, "load"), (0.5, "unload"), (0, "unload")], 1)
+    ]
+    pressures = np.array([p for *_, p in plan])
+    at = conditions(robot, [p[4] for p in plan], pressures if acting is None else acting(pressures))
+    tip = solve(rods_of(robot, at), FINE).trusted().tip
+    tip = (tip if turn is None else turn.apply(tip)) + rng.normal(0, 0.3e-3, tip.shape)
+    return Table.of(
+        TrialRow(trial, step, "bending", repeat, branch, 60.0 * trial + 9 * step, spine, p, hold=3.0, rate=25e3, tip=tuple(x))
+        for (trial, step, repeat, branch, spine, p), x in zip(plan, tip.tolist(), strict=True)
+    )
+
+
+def campaign(table: Table) -> Campaign:
+    """All states, with what `states` refuses."""
+    return campaign_of(table, np.arange(len(table)), np.arange(0))
+
+
+def with_gravity(robot: Robot, turn: Rotation) -> Robot:
+    return robot.model_copy(update={"gravity": tuple(turn.apply(robot.gravity).tolist())})
+
+
+def acted(factors: dict[int, float], order: tuple[int, ...] = ()) -> Any:
+    """Pressures of some chambers times a factor, and two exchanged."""
+
+    def change(pressures: Any) -> Any:
+        out = pressures.copy()
+        for k, factor in factors.items():
+            out[:, k] *= factor
+        if order:
+            out[:, list(order)] = out[:, list(order)[::-1]]
+        return out
+
+    return change
+
+
+def moved_at(table: Table, trial: int) -> Table:
+    late = table.trial >= trial
+    return table.replaced({axis: table[axis] + d * late for axis, d in zip("xyz", (3e-3, 2e-3, -1.7e-3), strict=True)})
+
+
+def longer(robot: Robot) -> Robot:
+    return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
+
+
+Mistake = Any
+MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
+    "gravity reversed": (lambda r: (r.model_copy(update={"gravity": tuple(-g for g in r.gravity)}), read(r)), ("gravity [",)),
+    "absolute pressures": (lambda r: (r, with_pressures(read(r), read(r).pressures + 101_325.0)), ("are absolute",)),
+    "frame turned": (lambda r: (r, read(r, turn=Rotation.from_euler("x", 90, degrees=True))), ("turned by 90 deg about",)),
+    "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
+                                    ("frame is turned by 90 deg about [0, 0, 1]",)),
+    "base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), turn=TILT)), ("tilted by", "20 deg about y")),
+    "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are exchanged")),
+    "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
+    "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
+    "cameras moved": (lambda r: (r, moved_at(read(r), 8)), ("frame moved by 4.0 mm at trial 8",)),
+    "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
+    "exchanged and tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), acted({}, (0, 1)), TILT)),
+                             ("tilted by", "20 deg about y", "1 and 2 are exchanged")),
+    "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.parametrize(
+    "robot",
+    [FINGER, *(pytest.param(r, marks=pytest.mark.long) for r in (PAPER, TENDON_ARM))],
+    ids=["finger", "paper", "tendons"],
+)
+def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_change(robot: Robot, mistake: str) -> None:
+    wrong, words = MISTAKES[mistake]
+    described, table = wrong(robot if robot.tendons is None or mistake != "absolute pressures" else FINGER)
+    first = edit_first(described, campaign(table))
+    text = "; ".join(map(str, first.changes))
+    assert all(word in text for word in words) and "(p = " in text, text
+    assert first.after < 0.3 * first.before and len(first.changes) == 1 + (" and " in mistake)
+
+
+@pytest.mark.parametrize("robot", [FINGER, PAPER, TENDON_ARM], ids=["finger", "paper", "tendons"])
+def test_a_right_description_and_small_errors_that_effects_can_be_stay(robot: Robot) -> None:
+    heavier = robot.model_copy(update={"tip_mass": robot.tip_mass + 0.04})
+    for table in (read(robot), read(heavier), read(robot, lambda p: p / 1.1), read(robot, acted({0: 0.85}))):
+        assert not edit_first(robot, campaign(table)).changes
