@@ -415,8 +415,8 @@ def _robot(f: Facts) -> str:
     if f.fitted is None:
         return ""
     return (
-        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `lab fit --with` writes it, misses the tip "
-        f"by {f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
+        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `lab fit --with` writes it, misses the "
+        f"tip by {f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
     )
 
 
