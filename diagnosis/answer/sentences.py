@@ -414,10 +414,9 @@ def _robot(f: Facts) -> str:
     """What the robot with the cause alone leaves, which is the one that other commands use."""
     if f.fitted is None:
         return ""
-    command = f"lab fit --with {','.join(f.fitted.effects)}"
     return (
-        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `{command}` writes it, misses the tip by "
-        f"{f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
+        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `lab fit --with` writes it, misses the "
+        f"tip by {f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
     )
 
 
