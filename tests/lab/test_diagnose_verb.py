@@ -128,11 +128,6 @@ def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
 def test_nothing_is_proposed_that_tells_nothing(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
     found = Diagnosis.from_json(answered.json.read_text())
     useless = tuple(replace(p, expected_bits=0.0) for p in found.next_experiment)
-<<<<<<< HEAD
-=======
-    assert worth_doing(replace(found, next_experiment=useless)).next_experiment == ()
-    none = replace(found, attribute=replace(found.attribute, verdict="none"))
->>>>>>> 70a6af091dbb8605093ea178b6cba1173863db3a
     useful = replace(useless[0], expected_bits=0.4)
     assert worth_doing(replace(found, next_experiment=(*useless, useful))).next_experiment == (useful,)
     none = replace(found, attribute=replace(found.attribute, verdict="none"))
