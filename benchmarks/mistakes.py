@@ -126,8 +126,8 @@ def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda 
 
 
 # ------------------------------------------------------------------ the mistakes
-def _plain(robot: Robot, seed: int, **true: float) -> Told:
-    return Told(robot.model_dump(mode="json", exclude_defaults=True), measured(robot, seed, **true))
+def _plain(robot: Robot, seed: int) -> Told:
+    return Told(robot.model_dump(mode="json", exclude_defaults=True), measured(robot, seed))
 
 
 def written(act: Callable[[Told, Robot], None]) -> Callable[[Robot, int], Told]:
