@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.blind.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
 from benchmarks.blind.worlds.carried import carried, nearest
 from benchmarks.blind.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
+from benchmarks.blind.worlds.forms_held_out import FORMS_HELD_OUT
 from benchmarks.blind.worlds.frames import apply, log_derivatives, screw, transposed, twist
 from benchmarks.blind.worlds.outside import OUTSIDE, Cause
 from benchmarks.blind.worlds.outside_held_out import HELD_OUT
@@ -96,7 +97,7 @@ def test_every_effect_that_a_sweep_shows_has_three_forms_or_more() -> None:
 
 @pytest.mark.parametrize("effect", FORMS)
 def test_forms_of_an_effect_move_the_tip_about_alike_and_yet_no_two_do_the_same(effect: str) -> None:
-    moved = [moves(effect, name) for name in FORMS[effect]]
+    moved = [moves(effect, name) for name in (*FORMS[effect], *FORMS_HELD_OUT[effect])]
     for one in moved:
         # three spine lengths and five states are no base sweep
         assert EFFECTS[effect].moves / 5 < millimetres(one) < EFFECTS[effect].moves * 5

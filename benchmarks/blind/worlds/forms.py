@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from . import actuation, loads, seen, silicone, spine
 from .body import ORDER as BODY
+from .forms_held_out import FORMS_HELD_OUT
 from .gas import ORDER as CHAMBERS
 from .outside import Cause
 
@@ -141,9 +142,10 @@ def physics(choice: Mapping[str, str], outside: Mapping[str, Cause] | None = Non
     """One form of each effect, and causes outside the catalogue. Raises ValueError for a form that does not exist."""
     made: dict[str, dict[str, Change]] = {"body": {}, "chambers": {}, "seen": {}}
     for effect, name in choice.items():
-        if name not in FORMS.get(effect, {}):
+        forms = {**FORMS.get(effect, {}), **FORMS_HELD_OUT.get(effect, {})}
+        if name not in forms:
             raise ValueError(f"world: effect {effect!r} has no form {name!r}; it has {', '.join(FORMS.get(effect, {}))}")
-        law, scale = FORMS[effect][name]
+        law, scale = forms[name]
         place = "body" if effect in BODY else "chambers" if effect in CHAMBERS else "seen"
         made[place][effect] = _scaled(law, scale)
     for cause in (outside or {}).values():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .forms import FORMS
+from .forms_held_out import FORMS_HELD_OUT
 
 
 @dataclass(frozen=True)
@@ -93,20 +94,20 @@ WORLDS = {
 
 
 def world(name: str) -> World:
-    """A named world, or one that `drawn:SEED` draws. Raises ValueError for a name that is none."""
+    """A named world, or one that `drawn:SEED` draws (`new:SEED`: of forms that nothing is developed on). Raises ValueError."""
     if name in WORLDS:
         return WORLDS[name]
     word, _, number = name.partition(":")
-    if word != "drawn" or not number.isdecimal():
-        raise ValueError(f"world {name!r}: must be one of {', '.join(WORLDS)}, or drawn:SEED with a whole number")
-    return _drawn(name, int(number))
+    if word not in ("drawn", "new") or not number.isdecimal():
+        raise ValueError(f"world {name!r}: must be one of {', '.join(WORLDS)}, drawn:SEED or new:SEED with a whole number")
+    return _drawn(name, int(number), FORMS if word == "drawn" else FORMS_HELD_OUT)
 
 
-def _drawn(name: str, seed: int) -> World:
+def _drawn(name: str, seed: int, laws: Mapping[str, Mapping[str, object]]) -> World:
     rng = np.random.default_rng([seed, 14])
     return World(
         name,
-        {effect: str(rng.choice(list(forms))) for effect, forms in FORMS.items()},
+        {effect: str(rng.choice(list(forms))) for effect, forms in laws.items()},
         tolerance=float(np.exp(rng.uniform(0, np.log(3)))),
         heavy=bool(rng.random() < 0.5),
         clutter=float(rng.uniform(0.05, 0.2)),
