@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from .actuation import _grows
 from .body import Body, Slip
-from .boundary import _tilted
 from .equilibrium import Shape
 from .frames import apply, turn
 from .gas import Chambers
-from .loads import PER_LENGTH, _direction, _hat, _obstacle
+from .loads import PER_LENGTH, _direction, _hat, _obstacle, _tilted
 from .robot import SPINE_AREA, SPINE_SECOND
 from .seen import Path, Seeing, _aside, _at
 from .silicone import _curved, _fibres
