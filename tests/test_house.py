@@ -37,7 +37,7 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
 
 MOST_LINES = {
     "lab": 25_527, "drivers": 7_236, "model": 11_590, "protocols": 2_485, "recordings": 7_160, "diagnosis": 11_883,
-    "sim_fakes": 7_436, "product": 73_606, "tests": 35_918, "benchmarks": 10_536,
+    "sim_fakes": 7_436, "product": 73_606, "tests": 35_916, "benchmarks": 10_536,
 }  # fmt: skip
 """Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what
 a person has to scroll through. A change may lower a number; it raises none."""
