@@ -315,7 +315,9 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert first.after < 0.4 * first.before and len(first.changes) == 1 + (" and " in mistake)
 
 
-@pytest.mark.parametrize("robot", [FINGER, PAPER, TENDON_ARM], ids=["finger", "paper", "tendons"])
+@pytest.mark.parametrize(
+    "robot", [FINGER, PAPER, pytest.param(TENDON_ARM, marks=pytest.mark.long)], ids=["finger", "paper", "tendons"]
+)
 def test_a_right_description_and_small_errors_that_effects_can_be_stay(robot: Robot) -> None:
     heavier = robot.model_copy(update={"tip_mass": robot.tip_mass + 0.04})
     for table in (read(robot), read(heavier), read(robot, lambda p: p / 1.1), read(robot, acted({0: 0.85}))):
