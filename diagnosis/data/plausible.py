@@ -23,7 +23,7 @@ from recordings.trials import Table
 from ..arrays import Ints
 from ..errors import BadCase
 from .attitudes import attitude_in_another_frame
-from .plausible_pressures import Pressures, implausible_pressures
+from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
 from .pushes import implausible_pushes
 from .units import LENGTH_UNITS, nearest
 
@@ -73,6 +73,7 @@ def _of_tips(robot: Robot, states: Table) -> Iterator[str]:
     states = states.replaced({axis: states.get(axis) / factor for axis in "xyz"})
     pressures = Pressures.of(robot, states)
     yield from implausible_pressures(robot, pressures)
+    yield implausible_roll(robot, pressures)
     resting = states.take(pressures.resting)
     yield _resting_tip(robot, resting) if len(resting) else ""
     yield _orientation(states, resting)

@@ -173,3 +173,40 @@ def _at_its_length(robot: Robot, s: Pressures) -> bool:
     by_weight = weight * abs(robot.gravity[2]) / (robot.youngs_modulus * body_area(robot))
     longer = float(np.median(np.linalg.norm(resting.tip, axis=1))) / robot.length - 1
     return longer < STRETCH_SHARE * by_gauge + by_weight
+
+
+def implausible_roll(robot: Robot, s: Pressures) -> str:
+    """A message where the tip turns about the axis by 57 times what roll_deg says, as it is in rad; else empty."""
+    roll = s.states.get("roll_deg", 0.0)
+    if not 0 < np.abs(roll).max() < 2 * np.pi + 0.01:
+        return ""
+    push = (s.pressure @ robot.bending_directions) * np.exp(1j * np.radians(roll))
+    aside = s.displacement[:, 0] + 1j * s.displacement[:, 1]
+    turn: dict[float, float] = {}
+    """Roll -> degrees by which the tip goes elsewhere than the pressures push it."""
+    for one in np.unique(roll).tolist():
+        own = roll == one
+        along = aside[own] * push[own].conj()
+        total, coherent = complex(np.sum(along)), float(np.sum(np.abs(along)))
+        bent = np.abs(aside[own]).max() > LEAST_DISPLACEMENT * robot.length
+        if bent and coherent > 0 and abs(total) > 0.8 * coherent:
+            turn[one] = float(np.degrees(np.angle(total)))
+    if len(turn) < 2:
+        return ""  # the base may stand turned by as much
+    first_roll = min(turn, key=abs)
+    rolled = {one: _wrapped(t - turn[first_roll]) for one, t in turn.items() if one != first_roll}
+    missed = {one: _wrapped(np.degrees(one - first_roll) - (one - first_roll)) for one in rolled}
+    # a roll read in the wrong unit that is off by less is not seen
+    seen = max(map(abs, missed.values())) >= 30.0
+    if not seen or not all(abs(_wrapped(rolled[one] - missed[one])) < 15.0 for one in rolled):
+        return ""
+    most = max(rolled, key=abs)
+    first = s.states.place(int(np.argmax(roll == most)))
+    return (
+        f"{first}, column roll_deg: {most:g}, but the direction of bending turns "
+        f"by {np.degrees(most):.0f} degrees: looks like rad; roll_deg is in degrees: multiply by 57.2958"
+    )
+
+
+def _wrapped(degrees: float) -> float:
+    return float((degrees + 180) % 360 - 180)

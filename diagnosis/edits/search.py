@@ -19,7 +19,6 @@ from recordings.trials import Table, pressure_columns
 from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
-from ..data.case import campaign_of
 from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, calibrated
 from .listed import every_edit
@@ -100,13 +99,6 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
         return unchanged
     judged = _judged(Sample.of(robot, with_tip))
     return unchanged if judged is None or judged.chosen is None else _made(robot, states, judged, judged.chosen, effects)
-
-
-def doubts(robot: Robot, table: Table) -> tuple[Finding, ...]:
-    """What is probably wrong in robot.yaml or a table of states with a tip; nothing where they may be right."""
-    if len(table) < judgement.EDIT_FEWEST or robot.effects or robot.tolerances:
-        return ()
-    return edit_first(robot, campaign_of(table, np.arange(len(table)), np.arange(0))).changes
 
 
 def _judged(sample: Sample) -> Judged | None:

@@ -11,7 +11,6 @@ from diagnosis.data.campaign import settings, spread_over
 from diagnosis.data.case import finite
 from diagnosis.data.plausible import contradicting_attitudes, weight_ratio
 from diagnosis.data.plausible_pressures import Pressures
-from diagnosis.edits.search import doubts
 from model.condition import States
 from model.effects import ForwardModel
 from model.errors import BadCondition
@@ -20,6 +19,7 @@ from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.trials import Table
 
+from .directions import ASIDE, doubtful_directions
 from .numbers import doubtful_numbers
 from .places import doubtful_places
 
@@ -29,8 +29,6 @@ TURNS = ((-1, 1), (-1, -1), *((axis, sign) for axis in range(3) for sign in (1, 
 """Directions of gravity that are tried: as it is, reversed, along each axis of the base."""
 AREAS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Factors on the area factor with which each direction may fit."""
-ASIDE = 0.03
-"""Robot lengths by which a direction of gravity must miss for another one to be asked about."""
 FAR = 0.25
 """Robot lengths from where the model stands at rest beyond which a tip is asked about."""
 UPSIDE_DOWN_GAIN = 0.5
@@ -46,11 +44,11 @@ def doubtful(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
     tips = table.take(table.with_tip & finite(table))
     fits = len(tips) > 0 and tips.pressures.shape[1] == len(robot.bending_directions)
     seen = Pressures.of(robot, tips) if fits else None
-    of_robot = (*doubtful_numbers(robot), *(_at_rest(robot, seen) if seen else ()))
+    of_robot = (*doubtful_numbers(robot), *(_gravity(robot, seen) if seen else ()))
     of_pressures = (*_gain(robot, seen), *_above(robot, seen)) if seen else ()
-    edits = map(str, doubts(robot, tips) if fits else ())
-    of_places = (*edits, *doubtful_places(robot, table), *contradicting_attitudes(robot, table))
-    return (*(f"{robot_name}: {text}" for text in of_robot), *of_pressures, *of_places)
+    of_places = (*doubtful_directions(robot, table), *doubtful_places(robot, table), *contradicting_attitudes(robot, table))
+    of_table = (*of_pressures, *of_places)
+    return (*(f"{robot_name}: {text}" for text in of_robot), *of_table)
 
 
 def _gain(robot: Robot, seen: Pressures) -> Iterator[str]:
@@ -76,20 +74,39 @@ def _above(robot: Robot, seen: Pressures) -> Iterator[str]:
         )
 
 
-def _at_rest(robot: Robot, seen: Pressures) -> Iterator[str]:
-    """About a tip at rest far from where the model has it."""
+def _gravity(robot: Robot, seen: Pressures) -> Iterator[str]:
+    """About a tip at rest that sags to where gravity in another direction would bring it.
+
+    A wrong modulus changes how far it sags, by a factor, but not the side; along the axis nothing sags, and nothing is asked.
+    """
     resting = seen.states.take(np.flatnonzero(seen.resting)[:MOST])
     if robot.effects or not len(resting):
         return
     try:
-        found = solve(rods_of(robot, settings(robot, resting, vented=True)), FINE)
+        asked = settings(robot, resting, vented=True)
     except BadCondition:  # the states do not fit this robot, which is said elsewhere
         return
-    away = np.linalg.norm(found.tip - resting.tip, axis=1)[found.converged]
-    if len(away) and (rms := float(np.sqrt((away**2).mean()))) > FAR * robot.length:
+    tips = resting.tip
+    away: dict[tuple[int, int], Array] = {}
+    for turn in TURNS:
+        found = solve(rods_of(_turned(robot, turn), asked), FINE)
+        away[turn] = np.where(found.converged, np.linalg.norm(found.tip - tips, axis=1), np.nan)
+        if np.nanmax(away[TURNS[0]], initial=0.0) <= ASIDE * robot.length:  # the others need not be computed
+            return
+    stands = np.isfinite(list(away.values())).all(axis=0)
+    if not stands.any():
+        return
+    missed = {turn: float(np.sqrt((d[stands] ** 2).mean())) for turn, d in away.items()}
+    given = missed[TURNS[0]]
+    if other := _other(robot, missed):
         yield (
-            f"at rest the tip is {1e3 * rms:.3g} mm from where the model has it: check which marker is the tip, where the base "
-            "is among the cameras' axes, gravity, tip_mass, moduli and density"
+            f"gravity {_listed(robot)} m/s^2: at rest the tip is {1e3 * given:.3g} mm from where the model has it, and {other}: "
+            "does gravity point down in the base frame, and is the frame the right way round?"
+        )
+    elif given > FAR * robot.length:
+        yield (
+            f"at rest the tip is {1e3 * given:.3g} mm from where the model has it, with any gravity: check which marker is the "
+            "tip, where the base is among the cameras' axes, tip_mass, moduli and density"
         )
 
 

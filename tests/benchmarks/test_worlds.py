@@ -142,7 +142,7 @@ def test_named_worlds_name_a_form_of_every_effect_and_drawn_ones_repeat_themselv
         physics(w.forms)
         assert set(w.forms) == set(FORMS) and 1 <= w.tolerance <= 3 and 0 <= w.clutter <= 0.2 and 0 <= w.drift <= 0.025
     assert world("drawn:3") == world("drawn:3") != world("drawn:4")
-    with pytest.raises(ValueError, match=r"world 'moon': must be one of bench, .* or drawn:SEED"):
+    with pytest.raises(ValueError, match=r"world 'moon': must be one of bench, .* drawn:SEED or new:SEED"):
         world("moon")
 
 
