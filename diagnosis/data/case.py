@@ -58,12 +58,12 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
     plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
     pushes.require_plausible(robot, table.take(usable_pushes))
-    arrays = _arrays(table, usable, usable_pushes)
+    arrays = campaign_of(table, usable, usable_pushes)
     concerns += _concerns(arrays, robot) if len(usable) else ()
     return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable)), robot.actuators.words))
 
 
-def _arrays(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
+def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     """The campaign of these rows of a table, those of the robot and those of stiffness trials."""
     row, pushed = np.concatenate([of_robot, of_trials]), table.take(of_trials)
     none = np.zeros(len(row), np.int64)
