@@ -59,6 +59,8 @@ def in_json(text: str) -> Numbers:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
     if (c := d["calibration"]) is not None and max(abs(c["given"] / c["area_factor"] - 1), abs(c["modulus"] - 1)) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
+    if d["fitted"] is not None:
+        said["the robot of lab fit --with"] = f"{d['fitted']['left_mm']:.2f}"
     for x in d["budget"]:
         if x["role"] != "unseen":
             name = d["detail"]["names"][x["effect"]]
