@@ -93,9 +93,9 @@ class Told:
         self.frame[["qw", "qx", "qy", "qz"]] = quaternions
 
 
-def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda p: p, **true: float) -> pd.DataFrame:
+def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda p: p) -> pd.DataFrame:
     """The table of a robot: single chambers and neighbours, four levels up and two down, twice; `change`: of the pressures that
-    act, from those that are read; `true`: numbers of the robot that differ from robot.yaml."""
+    act, from those that are read."""
     rng = np.random.default_rng(seed)
     count = len(robot.bending_directions)
     step = max(count // 4, 1)
@@ -108,7 +108,7 @@ def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda 
             trial.append(number)
     pressures = np.array(read)
     moduli = {name: getattr(robot, name) * TRUE_MODULUS for name in ("youngs_modulus", "shear_modulus")}
-    built = robot.model_copy(update={**moduli, **true}).with_area_factor(TRUE_AREA)
+    built = robot.model_copy(update=moduli).with_area_factor(TRUE_AREA)
     found = solve(rods_of(built, conditions(built, np.zeros(len(read)), change(pressures))), FINE).trusted()
     numbers = np.array(trial)
     frame = pd.DataFrame({"trial": numbers, "step": np.arange(len(read)) % len(levels) + 1, "protocol": "bending"})

@@ -126,7 +126,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if found.decision.effects and predicted is None and where.of == "tip":
         fitted = confirmed(found, first, wanted.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
-        values[AREA] = values[AREA_FACTOR] / float(prepared.forward.area_factor[0]) - 1
+        values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
     shown = detail(found, fitted, held_out.errors, tested, names)
     scale, tense = calibration(found, values), found.tense(values)
     far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()

@@ -130,13 +130,8 @@ def fit_effects(
     if case_states.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
-    nothing: dict[str, Any] = {
-        "tolerances": {},
-        "posterior": None,
-        "residual": None,
-        **({"thrust": None} if THRUST in named else {}),
-    }
-    robot = case.robot.model_copy(update={"effects": kept, **nothing})
+    changed: dict[str, Any] = {"effects": kept, "tolerances": {}, "posterior": None, "residual": None}
+    robot = case.robot.model_copy(update=changed | ({"thrust": None} if THRUST in named else {}))
     settled = settle_thrust(robot, case_states, catalogue)
     # leaves a robot with effects as it is
     first = edit_first(robot if settled is None else settled.robot, case_states, named)
@@ -196,7 +191,7 @@ def _point(p: Prepared, start: Mapping[str, float]) -> Array:
     theta = p.problem.parameters.mean.copy()
     for i, name in enumerate(p.problem.parameters.names):
         if name == AREA:
-            theta[i] = start.get(AREA_FACTOR, float(p.forward.area_factor[0])) / p.forward.area_factor[0] - 1
+            theta[i] = p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))
         elif name in start:
             theta[i] = start[name]
     return theta

@@ -116,7 +116,7 @@ def started(rig: Path, folder: Path, what: Sequence[str]) -> subprocess.Popen[by
 def one(
     fakes: FakeRig, rig: Path, folder: Path, how: int, rng: random.Random, what: Sequence[str], limit: float = LIMIT
 ) -> Kill | None:
-    """Start a run, cut it off at a random moment, see what becomes of the rig; None when it had ended by itself before.
+    """Start a run, cut it off at a random moment, and state how the rig ended; None when it had ended by itself before.
 
     A run that has not begun within `limit` s counts as not safe.
     """

@@ -72,6 +72,10 @@ class Prepared:
         """The one area factor at parameters (k,)."""
         return float(self.forward.area_factor[0] * (1 + theta[self.problem.parameters.names.index(AREA)]))
 
+    def area_parameter(self, area_factor: float) -> float:
+        """The parameter at which `area_factor` is this: their inverse."""
+        return float(area_factor / self.forward.area_factor[0] - 1)
+
     def common(self, theta: Array) -> Array:
         """Parameters (k,) with what belongs to single trials or to this campaign's course (drift) at its mean: what the model
         predicts for a new trial."""

@@ -2,7 +2,7 @@
 writes.
 
 Port names go to adapters in the order in which they are plugged in, so that two of them may come back exchanged. The check,
-which shows that each instrument does what it is told, keeps the adapters of instruments that have no serial number of their
+which shows that each instrument follows its commands, keeps the adapters of instruments that have no serial number of their
 own; the guard refuses others.
 """
 

@@ -390,7 +390,7 @@ class Guard:
         timing.sleep(max(0.0, due - timing.now()))
 
     def _checked(self, name: str, sample: Any) -> Any:
-        """The reading, or the error in its place; what is wrong lands an energised rig, or is told where a pause is enough."""
+        """The reading, or the error in its place; an error lands an energised rig, or is reported where a pause is enough."""
         if self.settings.may_have_changed(name, sample):  # its unit of measure, at the instrument's panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)

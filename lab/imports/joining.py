@@ -201,7 +201,7 @@ def experiments(
 ) -> list[tuple[Stream, list[Stream]]]:
     """Each table of the kind that `leads`, with those of other kinds that belong to it; raises ConfigError.
 
-    Kinds are told apart by what they lack. Tables with dates belong together that have time in common, others in their order.
+    Kinds differ in what they lack. Tables with dates belong together that have time in common, others in their order.
     """
     kinds = {kind: [s for s, own in zip(streams, lacks, strict=True) if own == kind] for kind in dict.fromkeys(lacks)}
     first = next((kind for kind in kinds if leads(kind)), next(iter(kinds)))

@@ -1,6 +1,6 @@
 """A rig's clock may run faster than the host's for fake instruments only: on hardware every time, age and rate would be wrong.
 
-A fake is told by what its address is, not by how it is spelt: a pseudo-terminal, or a host of this machine alone. What is not
+A fake is recognised by its resolved address, not by its spelling: a pseudo-terminal, or a host of this machine alone. What is not
 known to be a fake is real.
 """
 

@@ -1,4 +1,4 @@
-"""`lab check`: is everything there? With `--move`: does it do what it is told?
+"""`lab check`: is everything there? With `--move`: does it follow its commands?
 
 Each actuator is moved a little, and other instruments show whether it did what was commanded. A regulator's own reading cannot
 show that its range or its hoses differ from rig.yaml. The tip can: its direction shows the chambers, its distance the pressure,

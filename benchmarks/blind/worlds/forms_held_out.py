@@ -27,15 +27,11 @@ from .spine import _grown, _toward, _weaken, composite
 Array = NDArray[np.float64]
 
 
-def _column(x: Array) -> Array:
-    return x[:, None]
-
-
 # ------------------------------------------------------------------ the spine
 def slip_towards_the_end(b: Body, x: Array) -> None:
     """Dahl's element, yield 0.6 /m, that holds more towards the spine's end and under pressure."""
     reach = b.s / np.maximum(b.true_length, 1e-3)[:, None]
-    b.slips.append(Slip(_column(x) * (0.4 + 1.2 * reach) * b.cover, 0.6, "dahl", by_pressure=0.5))
+    b.slips.append(Slip(x[:, None] * (0.4 + 1.2 * reach) * b.cover, 0.6, "dahl", by_pressure=0.5))
 
 
 def composite_geometric(b: Body, x: Array) -> None:
@@ -57,7 +53,7 @@ def shear_of_loose_ends(b: Body, x: Array) -> None:
 def leak_against_the_pump(b: Body, x: Array) -> None:
     """Share u / (1 + u) lost, u = x (0.3 + l / 0.2 m), stiffness as what is left to the 0.6: the pump's curve is hyperbolic."""
     lost = np.maximum(x, 0) * (0.3 + b.true_length / 0.2)
-    _weaken(b, _column(lost / (1 + lost)), 0.6)
+    _weaken(b, (lost / (1 + lost))[:, None], 0.6)
 
 
 def tape_that_stretches(b: Body, x: Array) -> None:
@@ -68,9 +64,9 @@ def tape_that_stretches(b: Body, x: Array) -> None:
 # ------------------------------------------------------------------ the silicone
 def modulus_of_fibres(b: Body, x: Array) -> None:
     """E (1 + 1.4 x) in stretch, (1 + 0.8 x) in bending, G (1 + 0.2 x): threads along the body."""
-    b.silicone_axial *= 1 + 1.4 * _column(x)
-    b.silicone_bending *= 1 + 0.8 * _column(x)
-    b.silicone_shear *= 1 + 0.2 * _column(x)
+    b.silicone_axial *= 1 + 1.4 * x[:, None]
+    b.silicone_bending *= 1 + 0.8 * x[:, None]
+    b.silicone_shear *= 1 + 0.2 * x[:, None]
 
 
 def _ogden(e: Array) -> tuple[Array, Array]:
@@ -91,7 +87,7 @@ def two_branches(b: Body, x: Array) -> None:
 
 def curved_to_the_tip(b: Body, x: Array) -> None:
     """2 x a: hung by its base while it cured."""
-    _curved(b, 2 * _column(x) * b.along(), 0.0)
+    _curved(b, 2 * x[:, None] * b.along(), 0.0)
 
 
 # ------------------------------------------------------------------ the chambers
@@ -101,22 +97,22 @@ balloon_between = _grows(lambda p: np.minimum(p, 1.2) ** 2 * (3 - 2 * np.minimum
 
 def caught_up_band(c: Chambers, x: Array) -> None:
     """P - x (1 - exp(-(P / 45 kPa)^2)): folds that open all at once."""
-    c.pressures.append(lambda p: p + _column(x) * np.expm1(-((np.maximum(p, 0.0) / 45e3) ** 2)))
+    c.pressures.append(lambda p: p + x[:, None] * np.expm1(-((np.maximum(p, 0.0) / 45e3) ** 2)))
 
 
 def drooping_supply(c: Chambers, x: Array) -> None:
     """P + x (1.2 - 0.9 m), m the mean of all chambers / 100 kPa: zeros that are off, and a supply that droops."""
-    c.pressures.append(lambda p: p + _column(x) * (1.2 - 0.9 * p.mean(axis=1, keepdims=True) / 100e3))
+    c.pressures.append(lambda p: p + x[:, None] * (1.2 - 0.9 * p.mean(axis=1, keepdims=True) / 100e3))
 
 
 def azimuth_of_an_ellipse(c: Chambers, x: Array) -> None:
     """az + x (1 + 0.5 sin 2 az): turned, and pressed out of round."""
-    c.azimuths += _column(x) * (1 + 0.5 * np.sin(2 * c.azimuths))
+    c.azimuths += x[:, None] * (1 + 0.5 * np.sin(2 * c.azimuths))
 
 
 def twist_there_and_back(c: Chambers, x: Array) -> None:
     """x L sin(0.8 pi a): wound one way, and most of it back."""
-    c.winding += _column(x) * _column(c.body.lanes.length) * np.sin(0.8 * np.pi * c.body.along())
+    c.winding += x[:, None] * c.body.lanes.length[:, None] * np.sin(0.8 * np.pi * c.body.along())
 
 
 def walls_but_the_middle(c: Chambers, x: Array) -> None:
@@ -127,7 +123,7 @@ def walls_but_the_middle(c: Chambers, x: Array) -> None:
 # ------------------------------------------------------------------ loads and the base
 def weight_of_a_sleeve(b: Body, x: Array) -> None:
     """Weight (1 + 1.4 x (1 - a^2)): a sleeve that thins out."""
-    b.line += PER_LENGTH * 1.4 * _column(x) * (1 - b.along() ** 2)
+    b.line += PER_LENGTH * 1.4 * x[:, None] * (1 - b.along() ** 2)
 
 
 def tether_of_rubber(b: Body, x: Array) -> None:
@@ -139,8 +135,8 @@ def tether_of_rubber(b: Body, x: Array) -> None:
         away = -np.einsum("nk,nkc,c->n", weights, shape.r, direction) * sign
         pull = x * np.maximum(1 + away / 0.25, 0.0)
         slope = -np.where(1 + away / 0.25 > 0, np.abs(x) / 0.25, 0.0)
-        out = (weights * _column(pull))[..., None] * direction
-        return out, (weights**2 * _column(slope))[..., None, None] * np.outer(direction, direction)
+        out = (weights * pull[:, None])[..., None] * direction
+        return out, (weights**2 * slope[:, None])[..., None, None] * np.outer(direction, direction)
 
     b.fields.append(force)
 
@@ -169,7 +165,7 @@ def give_of_rubber(b: Body, x: Array) -> None:
         size = np.linalg.norm(m, axis=1) + 1e-9
         soft = 1.3 * x / (1 + size / 1.5)
         out, c = np.zeros_like(w), np.zeros((len(x), 6, 6))
-        out[:, 3:5] = _column(soft) * m
+        out[:, 3:5] = soft[:, None] * m
         bend = (soft / ((1.5 + size) * size))[:, None, None] * m[:, :, None] * m[:, None, :]
         c[:, 3:5, 3:5] = soft[:, None, None] * np.eye(2) - bend
         return out, c
@@ -182,7 +178,7 @@ def turned_and_sheared(s: Seeing, x: Array) -> None:
     """Turned by x about the base; the first axis leans by x / 2 towards the third: camera axes that are not square."""
     lean = np.zeros((len(x), 3, 3))
     lean[:, 0, 2] = 0.5 * x
-    rotation = turn(_column(x) * np.array(s.lanes.places.axis))
+    rotation = turn(x[:, None] * np.array(s.lanes.places.axis))
     seen = rotation @ (np.eye(3) + lean)
     s.views.append(lambda path: replace(path, tip=apply(seen, path.tip), turns=rotation @ path.turns,
                                   markers=apply(seen[:, None], path.markers)))  # fmt: skip
