@@ -326,8 +326,9 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
             apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
             yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
     widest = float(np.log(2e5))
-    for start, bounds in ((np.log(1e3), (np.log(30.0), widest)), (-np.log(1e3), (-widest, -np.log(30.0)))):
-        yield Edit("pressures", 0.03, _all_say, _all, ((float(start),),), (bounds,))
+    for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
+        starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
+        yield Edit("pressures", 0.03, _all_say, _all, starts, (bounds,))
     low = pressures.min()
     if robot.chambers is not None and 75e3 < low < 107e3:
         yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))
