@@ -68,7 +68,8 @@ def drawn(seed: int) -> dict[str, Robot]:
     rng = np.random.default_rng(seed)
     robots = {}
     for attitude, angle in (("hanging", 0.0), ("horizontal", 90.0), ("tilted", rng.uniform(20, 70))):
-        length, chambers, modulus = rng.uniform(0.1, 0.6), int(rng.integers(2, 10)), np.exp(rng.uniform(np.log(150e3), np.log(2e6)))
+        length, chambers = rng.uniform(0.1, 0.6), int(rng.integers(2, 10))
+        modulus = float(np.exp(rng.uniform(np.log(150e3), np.log(2e6))))
         radius = length * rng.uniform(0.09, 0.14)
         down = 9.81 * np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
         gravity = Rotation.from_euler("z", rng.uniform(0, 360), degrees=True).apply(down).round(4).tolist()

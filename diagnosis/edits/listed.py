@@ -48,7 +48,7 @@ FRAMES = [
 
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
     """The edits that this robot and table can have; `near`: the robot as it is described."""
-    of_table = *_of_frame(sample, near), *_of_attitudes(sample, near), *_of_columns(sample)
+    of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
     return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
 
 
@@ -267,11 +267,12 @@ def _step_says(trial: int, robot: Robot, theta: Array, own: Array, p: float, rat
 
 
 # ------------------------------------------------------------------ attitudes
-def _of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
-    measured = sample.described.orientation
-    if not np.isfinite(measured).any():
+def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
+    """The way in which attitudes are written that agrees best with the rods of a fit."""
+    edited = sample.edited([(near.edits, near.x[None])])
+    measured, predicted = edited.orientation, sample.rods(edited).orientation
+    if not np.isfinite(measured * predicted).any():
         return
-    predicted = sample.rods(sample.edited([((), near.x[None])])).orientation
 
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmedian(np.abs((predicted * way(measured)).sum(axis=-1))))

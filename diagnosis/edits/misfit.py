@@ -107,10 +107,13 @@ class Sample:
         return between < judgement.EDIT_LOSS_SCALE * self.robot.length and within < judgement.EDIT_REPEATED * self.robot.length
 
     def reached(self, fit: Fit) -> bool:
-        """Whether a fit leaves no more than models, repeats and attitudes are off by."""
+        """Whether a fit leaves no more than models and repeats are off by."""
         between, within = self.between_and_within(fit.missed)
-        least = max(judgement.EDIT_MODEL_ERROR * self.robot.length, within)
-        return between < least and self.near(fit) and self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
+        return between < max(judgement.EDIT_MODEL_ERROR * self.robot.length, within) and self.near(fit)
+
+    def aligned(self, fit: Fit) -> bool:
+        """Whether attitudes are where a fit has them."""
+        return self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
 
     @cached_property
     def described(self) -> Variants:
