@@ -19,14 +19,15 @@ from typing import Any
 
 import timing
 from drivers.errors import InstrumentError, Unreachable, WrongDevice
-from drivers.interfaces import Identity
+from drivers.interfaces import Identity, Instrument, PressureRegulators
 from timing import RigClock
 
 from ..files.checked import Adapters
 from ..files.rig_file import RigFile
+from .commands import REMOTES, Call, Command, Order, SetPressures, energises
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
+from .instruments import ACTUATORS, POLLED, PollRate, owned_names
 from .landing import Landing, LandingDrivers
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -74,13 +75,14 @@ class Guard:
     def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = "") -> None:
         """`despite_latch`: also a locked rig may be commanded, by a person who sees to it. `about`: the command served."""
         self.rig, self.clock, self.tell = rig, clock, tell
-        self.latch = Latch(rig.path) if rig.path is not None else None
+        assert rig.path is not None
+        self.latch = Latch(rig.path)
         self._about = about
-        self._door = Door(owned_names(rig), self, str(rig.path or ""), about)
+        self._door = Door(owned_names(rig), self, str(rig.path), about)
         self.despite_latch = despite_latch
         self.monitor = LimitMonitor(self.rig)
         self.own = Owned()
-        for name in COMMANDS:
+        for name in REMOTES:
             config = getattr(self.rig.instruments, name)
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
@@ -124,7 +126,7 @@ class Guard:
     def take_over(self, within: float = TAKE_WITHIN) -> None:
         """Own the rig; raises RigLocked at once when it is in use, and after `within` host seconds when it is being landed."""
         self._door.open(within)
-        if self.latch is not None and not self.despite_latch:
+        if not self.despite_latch:
             try:
                 self.latch.demand_free()
                 with _on_disk(self.latch.journal):
@@ -152,43 +154,50 @@ class Guard:
                 timing.sleep(LOOK)
 
     # -- commands
-    def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
-        """One command of the program."""
-        of_guard: dict[str, Callable[[], Any]] = {
-            "make_safe": lambda: self.make_safe("requested by the program", self.rig.safe.keep_vacuum),
-            "pause": lambda: self.make_safe("pause", keep_vacuum=True),
-            "resume": self.resume,
-            "unlock": self.unlock,
-        }
-        if not name:
-            return of_guard[method]()
-        if method == "open":
+    def obey(self, order: Order) -> SafeReport | None:
+        """One order of the program, other than the last."""
+        if order is Order.MAKE_SAFE:
+            return self.make_safe("requested by the program", self.rig.safe.keep_vacuum)
+        if order is Order.PAUSE:
+            return self.make_safe("pause", keep_vacuum=True)
+        if order is Order.RESUME:
+            self.resume()
+        elif order is Order.UNLOCK:
+            self.unlock()
+        return None
+
+    def do(self, command: Command[Any]) -> Any:
+        """One command of the program to an instrument."""
+        name = command.instrument
+        if name not in self.own.drivers:
+            raise ValueError(f"{command}: this rig has no such instrument")
+        method = command.method if isinstance(command, Call) else None
+        if method is Instrument.open:
             self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
             identity = self.open(name)
             self.adapters.learn(name, identity)
             return identity
-        if method == "close":
+        if method is Instrument.close:
             return self.close_one(name)
-        if name not in self.own.drivers or method not in COMMANDS[name]:
-            raise ValueError(f"{name}.{method} is not a command of this rig")
         with self.own.locks[name]:
-            if (name, method) == ("pressure", "vent"):
+            if method is PressureRegulators.vent:
                 self.monitor.vented()
                 self.settings.vented()
-            if (name, method) not in ENERGISING:
+            if not energises(command):
                 try:
-                    return getattr(self.own.drivers[name], method)(*args)
+                    return command.ask(self.own.drivers[name])
                 except Unreachable as e:
                     self._lose(name, e)
                     raise
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
             try:
                 self._energise()
-                if name != "pressure" or any(p > 0 for p in args[0]):
+                if not isinstance(command, SetPressures):
                     self.settings.confirm(name, trial=True)
-                if name == "pressure":
-                    return self._set_pressure(*args)
-                return getattr(self.own.drivers[name], method)(*args)
+                    return command.ask(self.own.drivers[name])
+                if any(p > 0 for p in command.pressures):
+                    self.settings.confirm(name, trial=True)
+                return self._set_pressure(command.pressures)
             except WrongDevice as e:
                 self.land(str(e), e)
                 raise
@@ -233,7 +242,7 @@ class Guard:
         if self.landing.going:
             raise RigLanded(f"the guard is still making the rig safe: {self._last}")
         if not self.energised:
-            if self.latch is not None and not self.despite_latch:
+            if not self.despite_latch:
                 with _on_disk(self.latch.path):
                     self.latch.write("a run was interrupted before its safe state was confirmed")
             self.energised = True
@@ -278,15 +287,13 @@ class Guard:
     def _reached(self, report: SafeReport, what: str) -> SafeReport:
         """Note what a landing has reached; the latch goes when everything is confirmed."""
         self._last = report
-        if self.latch is not None:
-            if self.energised or not report.confirmed:
-                self.latch.note(f"{what}: {report}")
+        if self.energised or not report.confirmed:
+            self.latch.note(f"{what}: {report}")
+        with contextlib.suppress(OSError):  # a latch that stays behind locks the rig, and says so itself
             if not report.confirmed:
-                with contextlib.suppress(OSError):
-                    self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
+                self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
             elif self.energised and not self.despite_latch:
-                with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
-                    self.latch.clear()
+                self.latch.clear()
         self.energised = not report.confirmed
         return report
 
@@ -332,8 +339,7 @@ class Guard:
 
     def locked(self) -> str:
         """Why the rig is locked; empty when it is free."""
-        entry = self.latch.read() if self.latch is not None else None
-        return str(entry or "")
+        return str(self.latch.read() or "")
 
     def resume(self) -> None:
         """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
@@ -359,10 +365,9 @@ class Guard:
 
     def unlock(self) -> None:
         """A person has seen to the rig: the latch goes. Raises RigLocked where its folder cannot be written."""
-        if self.latch is not None:
-            with _on_disk(self.latch.path):
-                self.latch.clear()
-            self.latch.note("unlocked by a person")
+        with _on_disk(self.latch.path):
+            self.latch.clear()
+        self.latch.note("unlocked by a person")
 
     # -- threads
     def _poll(self, name: str) -> None:
@@ -446,7 +451,7 @@ class Guard:
         self._disconnect(list(self.own.drivers))
         if self.under_force is not None:  # its thread looks at the force sensor's samples as long as an arm may move
             self.under_force.finish()
-        if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
+        if self._last.confirmed and not self.energised and self.latch.read() is None:
             forget(self.rig)  # `lab safe` needs to land it no more
         self._door.close()
         self.gone = True

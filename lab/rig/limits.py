@@ -76,21 +76,6 @@ class Excess:
     remedy: str
 
 
-def within_robot(rig: RigFile, robot: Robot) -> RigFile:
-    """The rig whose regulators may not be told more than its robot bears (`max_pressure` of robot.yaml).
-
-    The guard gets this one: it clips set-points and judges readings by the lower of the two limits.
-    """
-    pressure = rig.instruments.pressure
-    if pressure is None:
-        return rig
-    most = robot.max_pressure
-    if most is None or most >= pressure.max_pressure:
-        return rig
-    lower = pressure.model_copy(update={"max_pressure": most})
-    return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
-
-
 def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
     driven = robot.chambers
