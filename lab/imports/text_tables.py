@@ -79,19 +79,21 @@ def read_text(path: Path, source: Source) -> Series:
 
 def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
     """One table; `whole`: its last line ends."""
+    import pandas as pd
+
     said = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
     frame, records, too_long = _split(records, separator, width)
-    data, first = _data_rows(path, frame, records, source, separator)
+    parsed = frame.apply(pd.to_numeric, errors="coerce")
+    data, first = _data_rows(path, frame, parsed.notna().to_numpy(), records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
     head = head_of(
         path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
     )
     _demand_one_table(path, frame, records, data, first, head)
-    kept = frame[data]
     lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
-    found = _columns(kept, head, source, separator)
+    found = _columns(frame[data], parsed[data], head, source, separator)
     found |= _times_of_frames(found, records[:first])
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
@@ -280,17 +282,16 @@ def _heading_cells(text: str, width: int) -> list[str]:
 
 # ------------------------------------------------------------------ which lines are data
 def _data_rows(
-    path: Path, frame: pd.DataFrame, records: Sequence[Record], source: Source, separator: str
+    path: Path, frame: pd.DataFrame, number: NDArray[np.bool_], records: Sequence[Record], source: Source, separator: str
 ) -> tuple[NDArray[np.bool_], int]:
-    """(lines,) which are data, and the first of them."""
+    """(lines,) which are data, and the first of them; `number` (lines, columns): cells that are plain numbers."""
     import pandas as pd
 
-    number, missing, filled, single = (np.zeros(frame.shape, bool) for _ in range(4))
+    number, (missing, filled, single) = number.copy(), (np.zeros(frame.shape, bool) for _ in range(3))
     for k in frame:
         cells = frame[k]
         filled[:, k] = cells != ""
         single[:, k] = ~cells.duplicated(keep=False)
-        number[:, k] = pd.to_numeric(cells, errors="coerce").notna()
         rest = pd.unique(cells[~number[:, k] & filled[:, k]])
         missing[:, k] = cells.isin([w for w in rest if is_missing(w, source.missing)])
         number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
@@ -402,12 +403,12 @@ def _demand_one_table(
 
 
 # ------------------------------------------------------------------ columns
-def _columns(kept: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
-    """What each column holds; separators at the end of lines make none."""
+def _columns(kept: pd.DataFrame, parsed: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
+    """What each column of cells, parsed where they are plain numbers, holds; separators at the end of lines make none."""
     told = separator != "," or any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
     commas = told and any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
     judged = {
-        name: judge(kept[k], source.missing, source.decimal, comma_splits=not told, commas=commas)
+        name: judge(kept[k], source.missing, source.decimal, parsed=parsed[k], comma_splits=not told, commas=commas)
         for k, name in enumerate(head.names)
     }
     while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and not present(judged[name].values).any():
