@@ -112,7 +112,11 @@ SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "press
 OF_SPINE = ("spine", "valve", "gauge")
 REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
 """Of the back door."""
-THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
+
+
+def wiring_of(chambers: int) -> tuple[tuple[int, ...], ...]:
+    """The chambers on each channel: of nine, three neighbours; of any other number, one."""
+    return ((9, 1, 2), (3, 4, 5), (6, 7, 8)) if chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
 
 
 class FakeRig:
@@ -126,7 +130,6 @@ class FakeRig:
         seed: int = 0,
         regulators: str | FakeRegulators = "alicat",
         spine: str = USUAL["spine"],
-        channels: int = 3,
         truth: RobotTruth | None = None,
         others: Mapping[str, str] | None = None,
         sensors: Mapping[str, str] | None = None,
@@ -143,7 +146,7 @@ class FakeRig:
         self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
-        self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
+        self.wiring = wiring_of(chambers)
         self.host = free_host()
         self.regulators = FakeRegulators(regulators) if isinstance(regulators, str) else regulators
         self.parts: dict[str, FakePart] = {}
