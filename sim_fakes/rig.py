@@ -114,11 +114,6 @@ REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel
 """Of the back door."""
 
 
-def wiring_of(chambers: int) -> tuple[tuple[int, ...], ...]:
-    """The chambers on each channel: of nine, three neighbours; of any other number, one."""
-    return ((9, 1, 2), (3, 4, 5), (6, 7, 8)) if chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
-
-
 class FakeRig:
     """The fakes of a whole rig, started together. `rig_file()` is what a person would write to reach them."""
 
@@ -146,7 +141,8 @@ class FakeRig:
         self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
-        self.wiring = wiring_of(chambers)
+        # three neighbours of nine chambers share a channel
+        self.wiring = ((9, 1, 2), (3, 4, 5), (6, 7, 8)) if chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
         self.host = free_host()
         self.regulators = FakeRegulators(regulators) if isinstance(regulators, str) else regulators
         self.parts: dict[str, FakePart] = {}

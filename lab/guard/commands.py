@@ -1,7 +1,7 @@
 """What is asked of an instrument in another process: typed commands, the only form in which a call crosses to there.
 
-A `Remote` stands for the instrument where it is asked and makes a command of each call; `Command.ask` makes the call where the
-driver is. So the program asks the guard, and the guard a driver that has a process of its own.
+A `Remote` stands for the instrument where it is asked and makes a command of each call; `Command.perform` makes the call where
+the driver is. So the program asks the guard, and the guard a driver that has a process of its own.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Command(Generic[R]):
 
     instrument: str
 
-    def ask(self, driver: Any) -> R:
+    def perform(self, driver: Any) -> R:
         """Make the call. Raises what the driver raises."""
         raise NotImplementedError
 
@@ -67,7 +67,7 @@ class Call(Command[R]):
 
     method: Callable[[Any], R]
 
-    def ask(self, driver: Any) -> R:
+    def perform(self, driver: Any) -> R:
         name = self.method.__name__
         result: R = OPTIONAL[self.method] if self.method in OPTIONAL and not hasattr(driver, name) else getattr(driver, name)()
         return result
@@ -82,7 +82,7 @@ class SetPressures(Command[tuple[float, ...]]):
 
     pressures: tuple[float, ...]
 
-    def ask(self, driver: PressureRegulators) -> tuple[float, ...]:
+    def perform(self, driver: PressureRegulators) -> tuple[float, ...]:
         return driver.set(self.pressures)
 
 
@@ -93,7 +93,7 @@ class MoveSpine(Command[float]):
     length: float
     speed: float
 
-    def ask(self, driver: LengthUnit) -> float:
+    def perform(self, driver: LengthUnit) -> float:
         return driver.move_to(self.length, self.speed)
 
 
@@ -103,7 +103,7 @@ class SwitchValve(Command[bool]):
 
     on: bool
 
-    def ask(self, driver: JammingValve) -> bool:
+    def perform(self, driver: JammingValve) -> bool:
         return driver.set(self.on)
 
 
@@ -115,7 +115,7 @@ class MoveArm(Command[None]):
     speed: float
     acceleration: float
 
-    def ask(self, driver: Arm) -> None:
+    def perform(self, driver: Arm) -> None:
         driver.move_to(self.pose, self.speed, self.acceleration)
 
 

@@ -75,10 +75,9 @@ class Guard:
     def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = "") -> None:
         """`despite_latch`: also a locked rig may be commanded, by a person who sees to it. `about`: the command served."""
         self.rig, self.clock, self.tell = rig, clock, tell
-        assert rig.path is not None
-        self.latch = Latch(rig.path)
+        self.latch = Latch(rig.path) if rig.path is not None else None
         self._about = about
-        self._door = Door(owned_names(rig), self, str(rig.path), about)
+        self._door = Door(owned_names(rig), self, str(rig.path or ""), about)
         self.despite_latch = despite_latch
         self.monitor = LimitMonitor(self.rig)
         self.own = Owned()
@@ -126,7 +125,7 @@ class Guard:
     def take_over(self, within: float = TAKE_WITHIN) -> None:
         """Own the rig; raises RigLocked at once when it is in use, and after `within` host seconds when it is being landed."""
         self._door.open(within)
-        if not self.despite_latch:
+        if self.latch is not None and not self.despite_latch:
             try:
                 self.latch.demand_free()
                 with _on_disk(self.latch.journal):
@@ -185,7 +184,7 @@ class Guard:
                 self.settings.vented()
             if not energises(command):
                 try:
-                    return command.ask(self.own.drivers[name])
+                    return command.perform(self.own.drivers[name])
                 except Unreachable as e:
                     self._lose(name, e)
                     raise
@@ -194,7 +193,7 @@ class Guard:
                 self._energise()
                 if not isinstance(command, SetPressures):
                     self.settings.confirm(name, trial=True)
-                    return command.ask(self.own.drivers[name])
+                    return command.perform(self.own.drivers[name])
                 if any(p > 0 for p in command.pressures):
                     self.settings.confirm(name, trial=True)
                 return self._set_pressure(command.pressures)
@@ -242,7 +241,7 @@ class Guard:
         if self.landing.going:
             raise RigLanded(f"the guard is still making the rig safe: {self._last}")
         if not self.energised:
-            if not self.despite_latch:
+            if self.latch is not None and not self.despite_latch:
                 with _on_disk(self.latch.path):
                     self.latch.write("a run was interrupted before its safe state was confirmed")
             self.energised = True
@@ -287,13 +286,15 @@ class Guard:
     def _reached(self, report: SafeReport, what: str) -> SafeReport:
         """Note what a landing has reached; the latch goes when everything is confirmed."""
         self._last = report
-        if self.energised or not report.confirmed:
-            self.latch.note(f"{what}: {report}")
-        with contextlib.suppress(OSError):  # a latch that stays behind locks the rig, and says so itself
+        if self.latch is not None:
+            if self.energised or not report.confirmed:
+                self.latch.note(f"{what}: {report}")
             if not report.confirmed:
-                self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
+                with contextlib.suppress(OSError):
+                    self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
             elif self.energised and not self.despite_latch:
-                self.latch.clear()
+                with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
+                    self.latch.clear()
         self.energised = not report.confirmed
         return report
 
@@ -339,7 +340,8 @@ class Guard:
 
     def locked(self) -> str:
         """Why the rig is locked; empty when it is free."""
-        return str(self.latch.read() or "")
+        entry = self.latch.read() if self.latch is not None else None
+        return str(entry or "")
 
     def resume(self) -> None:
         """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
@@ -365,9 +367,10 @@ class Guard:
 
     def unlock(self) -> None:
         """A person has seen to the rig: the latch goes. Raises RigLocked where its folder cannot be written."""
-        with _on_disk(self.latch.path):
-            self.latch.clear()
-        self.latch.note("unlocked by a person")
+        if self.latch is not None:
+            with _on_disk(self.latch.path):
+                self.latch.clear()
+            self.latch.note("unlocked by a person")
 
     # -- threads
     def _poll(self, name: str) -> None:
@@ -451,7 +454,7 @@ class Guard:
         self._disconnect(list(self.own.drivers))
         if self.under_force is not None:  # its thread looks at the force sensor's samples as long as an arm may move
             self.under_force.finish()
-        if self._last.confirmed and not self.energised and self.latch.read() is None:
+        if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
             forget(self.rig)  # `lab safe` needs to land it no more
         self._door.close()
         self.gone = True

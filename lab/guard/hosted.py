@@ -61,7 +61,7 @@ class Hosted:
         if method is Instrument.open:
             return self._open(command)
         if method is ArmDriver.glance:
-            return command.ask(self._outside)
+            return command.perform(self._outside)
         if method is Instrument.close:
             self._close()
             return None  # type: ignore[return-value]
@@ -334,7 +334,7 @@ def _serve(line: Connection, setup: Setup) -> None:
 
 def _answer(driver: Any, command: Command[Any]) -> tuple[bool, Any]:
     try:
-        return True, command.ask(driver)
+        return True, command.perform(driver)
     except InstrumentError as e:
         return False, e
     except Exception as e:  # noqa: BLE001 - what a library raises is handed to the guard as this instrument's failure

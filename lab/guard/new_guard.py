@@ -80,23 +80,23 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
     RESCUING.append(process)
     assert process.stdin is not None
     with process.stdin as asked:
-        asked.write(json.dumps([rig.model_dump_json(), str(rig.path), list(names), why]).encode())
+        asked.write(json.dumps([rig.model_dump_json(), str(rig.path or ""), list(names), why]).encode())
 
 
 def main() -> int:
     """Land one rig; unlock it when everything is confirmed, unless it was locked anew meanwhile. Returns the exit code: 1 where
     another guard owns the rig by now."""
     text, path, names, why = read_json(sys.stdin.buffer.read())
-    rig = RigFile.model_validate_json(text).read_from(Path(path))
+    rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
     guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)
-    locked = guard.latch.read()
+    locked = guard.latch.read() if guard.latch is not None else None
     guard.ending = True  # as `owners` report it: it commands nothing, and is gone when it has landed the rig
     try:
         guard.take_over()
     except RigLocked:
         return 1  # that guard lands it
     report = guard.make_safe(why, rig.safe.keep_vacuum, names, LIVES_ON)
-    if report.confirmed and guard.latch.read() == locked:
+    if report.confirmed and guard.latch is not None and guard.latch.read() == locked:
         guard.unlock()
     guard.close()
     return 0

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
+from model.rods.beam import bending_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -229,6 +230,4 @@ def expected_force(robot: Robot, push: Push) -> float | None:
         return None
     if push.length <= 0 or inner <= 0:
         return math.inf  # nothing that could give way
-    rest = (push.length - reach) ** 3
-    give = (push.length**3 - rest) / (3 * inner) + rest / (3 * outer)
-    return push.deflection / give
+    return push.deflection / float(bending_compliance((0.0, reach, push.length), (inner, outer)))

@@ -22,7 +22,7 @@ from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, FakeRegulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
-from sim_fakes.rig import FakeRig, wiring_of
+from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
@@ -161,18 +161,23 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
-    truth = RobotTruth() if robot is None else played(robot)
-    return FakeRig(
-        truth=truth,
-        speed=a.speed,
-        effects=effects(a.effect),
-        seed=a.seed,
-        regulators=regulators(a, len(wiring_of(len(truth.chamber_azimuths_deg)))),
-        spine=a.spine if robot is None or robot.spine is not None else "",
-        others=others,
-        sensors=sensors,
-        known=found_fakes().usable,
-    )
+    how = regulators(a)
+    try:
+        return FakeRig(
+            truth=None if robot is None else played(robot),
+            speed=a.speed,
+            effects=effects(a.effect),
+            seed=a.seed,
+            regulators=how,
+            spine=a.spine if robot is None or robot.spine is not None else "",
+            others=others,
+            sensors=sensors,
+            known=found_fakes().usable,
+        )
+    except ValueError as e:
+        if a.swap is None:
+            raise
+        raise ConfigError(f"--swap {a.swap}: {e}; name two of the rig's channels, such as 2,3") from e
 
 
 def played(robot: Robot) -> RobotTruth:
@@ -206,15 +211,15 @@ def played(robot: Robot) -> RobotTruth:
         raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
 
 
-def regulators(a: argparse.Namespace, channels: int) -> FakeRegulators:
-    """The fake regulators, of this many channels, that the options ask for; raises ConfigError."""
+def regulators(a: argparse.Namespace) -> FakeRegulators:
+    """The fake regulators that the options ask for; raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
         swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
     except ValueError as e:
         raise ConfigError(f"--full-scale or --swap: {e}") from e
-    if swapped is not None and (len(swapped) != 2 or not all(1 <= i <= channels for i in swapped)):
-        raise ConfigError(f"--swap {a.swap}: name two channels from 1 to {channels}, such as 2,3")
+    if swapped is not None and len(swapped) != 2:
+        raise ConfigError(f"--swap {a.swap}: name two channels, such as 2,3")
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
     pair = None if swapped is None else (swapped[0], swapped[1])

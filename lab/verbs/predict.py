@@ -25,16 +25,18 @@ from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
+from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
+from recordings.table_file import read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
-from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import planned_columns, protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.generic]]
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """What a table may tell of states that are each reached from rest by one ramp."""
@@ -255,14 +257,10 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 
 
 def _rows(columns: Columns) -> list[dict[str, Any]]:
-    return [dict(zip(columns, map(_cell, row), strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _cell(value: Any) -> Any:
-    """A number or text as JSON has it; None for one that there is not."""
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    """As JSON has them; None for a number that there is not."""
+    cells = zip(*(column.tolist() for column in columns.values()), strict=True)
+    rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
+    return rows
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:

@@ -287,7 +287,7 @@ def test_a_command_is_the_same_call_in_another_process() -> None:
             crossed: Command[R] = pickle.loads(pickle.dumps(command))
             assert crossed == command
             sent.append(crossed)
-            return crossed.ask(driver)
+            return crossed.perform(driver)
 
     driver, sent = Mute(), list[Command[object]]()
     regulators, unit = RemoteRegulators(Line(), "pressure", 3), RemoteLengthUnit(Line(), "spine")
@@ -309,6 +309,13 @@ def test_a_rig_yaml_that_was_changed_after_it_was_read_is_refused(small: House) 
     assert owners(names_of_path(small.rig)) == [] and not small.latch.exists()
     with small.opened():
         pass
+
+
+def test_what_other_guards_have_left_of_a_rig_is_landed_without_its_latch(small: House) -> None:
+    left = load_rig(small.rig).read_from(None)  # its path is theirs
+    report = new_guard.make_safe_with_new_guard(left, RigClock(20.0), ["valve", "pressure"], "a test", unlock=True)
+    assert report.confirmed and {step.instrument for step in report.steps} == {"valve", "pressure"}
+    assert not small.latch.exists()
 
 
 @pytest.mark.real
