@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -17,7 +17,7 @@ from drivers.interfaces import Arm, ArmDriver, Instrument, JammingValve, LengthU
 R = TypeVar("R")
 
 
-class Order(Enum):
+class Order(StrEnum):
     """What the program asks of the guard itself, and the words for it."""
 
     MAKE_SAFE = "the landing"
@@ -25,9 +25,6 @@ class Order(Enum):
     RESUME = "the end of a pause"
     UNLOCK = "unlocking"
     END = "the end"
-
-    def __str__(self) -> str:
-        return self.value
 
 
 class ActuatorDriver(Instrument, Protocol):

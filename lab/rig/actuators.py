@@ -105,12 +105,8 @@ class Actuators:
 
     def ask(self, command: Command[R]) -> R:
         """Send one command and wait for its result; raises what the driver raised, RigLanded, or ActuatorsLost."""
-        with self._lock:
-            try:
-                result: R = self._sent(command)
-                return result
-            finally:
-                self.last_command[command.instrument] = timing.now()
+        result: R = self._sent(command)
+        return result
 
     def _sent(self, asked: Command[Any] | Order) -> Any:
         with self._lock:
@@ -127,6 +123,8 @@ class Actuators:
                 return self._answer(number, asked, ANSWER_WITHIN)
             finally:
                 self.pulse.mark()
+                if isinstance(asked, Command):
+                    self.last_command[asked.instrument] = timing.now()
 
     def _answer(self, number: int, what: object, within: float) -> Any:
         """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""

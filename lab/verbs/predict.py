@@ -33,10 +33,9 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import planned_columns, protocol_plan, robot_facts
+from .run import Columns, planned_columns, protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
-Columns = dict[str, NDArray[np.generic]]
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """What a table may tell of states that are each reached from rest by one ramp."""
@@ -136,7 +135,6 @@ def invert(
     effects: Path | None = None,
     spine_length: float | None = None,
     groups: tuple[tuple[int, ...], ...] | None = None,
-    max_pressure: float | None = None,
 ) -> Result:
     """Pressures and spine lengths for wanted tips; `spine_length` in m, free where None; `groups`: chambers that share a
     regulator. Raises ConfigError, ModelError."""
@@ -146,7 +144,7 @@ def invert(
     _demand_metres(targets_path, place, robot)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
-        limits = limits_of(robot, groups, max_pressure, fixed)
+        limits = limits_of(robot, groups, spine=fixed)
         with Screen(f"searching {robot.actuators.words.pressures}") as screen:
             predictor = Predictor(robot, stated_by(robot, effects))
             reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
@@ -374,7 +372,7 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 def _predict_verb(a: argparse.Namespace) -> Result:
     outputs, robot = PredictionFiles(a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
-        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups, a.max_pressure)
+        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups)
     by_table = a.table is not None
     states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
     return predict(robot, states, outputs, a.effects)
@@ -414,7 +412,6 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa"),
             option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
             option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
             OWN_EFFECTS,

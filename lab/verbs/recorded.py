@@ -236,15 +236,15 @@ def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Recorded
     return pairs
 
 
-def runs(folder: Path, protocol: str, spine: float | None, where: Sequence[str] = ()) -> Result:
-    """List them, oldest first; `spine` in m; `where`: KEY=VALUE of labels."""
+def runs(folder: Path, where: Sequence[str] = ()) -> Result:
+    """List them, oldest first; `where`: KEY=VALUE of labels."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: is not a folder")
     try:
         said = [split(text) for text in where]
     except BadMessage as e:
         raise ConfigError(f"--where {e}") from e
-    found = recorded(folder, protocol=protocol, spine=spine, where=said)
+    found = recorded(folder, said)
     return Result([run.to_dict() for run in found], partial(_show_runs, found))
 
 
@@ -315,13 +315,11 @@ VERBS = (
     ),
     Verb(
         "runs",
-        lambda a: runs(a.folder, a.protocol, a.spine, a.where),
+        lambda a: runs(a.folder, a.where),
         options=(
             JSON,
             ANY_SIZE,
             option("folder", type=Path),
-            option("--protocol", default="", help="only runs of this protocol"),
-            option("--spine", type=float, metavar="M", help="only runs that set this spine length, m"),
             option(
                 "--where",
                 action="append",
