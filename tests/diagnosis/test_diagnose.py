@@ -85,9 +85,9 @@ def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> No
 
 def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> None:
     turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
-    spec = CATALOGUE["frame_misalignment"]
+    spec, rivals = CATALOGUE["frame_misalignment"], {effect: SOME[effect] for effect in ("chamber_azimuth", "base_tilt")}
     verdicts = [
-        diagnose(turned, quick({**SOME, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)
+        diagnose(turned, quick({**rivals, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)
     ]
     # Else the tolerance of the cameras, which has no law error, takes the turn up at six of its standard deviations.
     assert verdicts == [(spec.id,), ()]
@@ -108,7 +108,7 @@ from model.warm_up import warm_up
 from tests.diagnosis.small_campaigns import FEW, measured
 
 if __name__ == "__main__":
-    campaign = measured(3, 2, FEW)
+    campaign = measured(2, 2, FEW)
     warm_up()
 
     def known():
@@ -127,7 +127,7 @@ def test_after_warming_up_a_whole_diagnosis_asks_for_no_kernel_that_is_not_ready
 
 
 def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
-    names = ("pressure_lag", "viscoelastic", "rest_shape", "pressure_offset", "pressure_deadband")
+    names = ("pressure_lag", "viscoelastic", "pressure_offset")
     case = measured(2, 3, FEW, pressure_lag__constant=2.0)
     found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
     assert found.effects == ("pressure_lag",) and found.probability > 0.9

@@ -7,7 +7,7 @@ import pytest
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import diagnose
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import FEW, measured, quick
+from tests.diagnosis.small_campaigns import FEW, SOME, measured, quick
 from tests.diagnosis.test_case import Measured
 from tests.model.effects.test_similarity import similar
 
@@ -29,7 +29,8 @@ def scaled(campaign: Measured, length: float, modulus: float) -> Measured:
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
     campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.3)
-    given, small = (diagnose(c, quick()) for c in (campaign, scaled(campaign, 0.3, 0.2)))
+    rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
+    given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
 
     def growth(d: Diagnosis) -> float:
         return d.attribute.ranking[0].parameters["chamber_ballooning.growth"].value
