@@ -150,6 +150,12 @@ def test_where_calibration_reaches_its_limit_the_headline_asks_for_robot_yaml_in
     assert "too far" not in headline(a, CATALOGUE, calibrated="a body 91 % softer")
 
 
+def test_a_body_that_is_softer_by_its_cavities_has_them() -> None:
+    robot = load(paper_robot(), Robot).with_area_factor(1.0)
+    (cavities,), (solid,) = ([o for o in origins(robot, s, 0.1) if o.name == "cavities"] for s in (0.75, 1.1))
+    assert 0.85 < cavities.factor < 0.95 and cavities.probability > 0.6 > 0.3 > solid.probability
+
+
 def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() -> None:
     robot = load(paper_robot(), Robot)
     found = origins(robot, 1 / 0.88, 0.1)
@@ -421,13 +427,13 @@ def test_no_more_is_said_of_several_causes_than_their_names() -> None:
 def test_actuators_are_named_by_number() -> None:
     robot = load(paper_robot(), Robot)
     three = robot.with_azimuths((0, 120, 240))
-    weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.peak": 3.0}
+    weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.single": 1.5}
     sizes = {name: Value(value, 0.01, "1") for name, value in weak.items()}
     a = attribute("effect", "cause", sizes, "chamber_gain")
     assert headline(a, CATALOGUE, robot=three) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
     less = replace(a, ranking=(replace(a.ranking[0], parameters={n: replace(v, value=-v.value) for n, v in sizes.items()}),))
     assert headline(less, CATALOGUE, robot=three).startswith("Chamber 2 pushes")
-    side = attribute("effect", "cause", {**sizes, "chamber_gain.peak": Value(0.0, 1.0, "1")}, "chamber_gain")
+    side = attribute("effect", "cause", {**sizes, "chamber_gain.single": Value(0.0, 0.5, "1")}, "chamber_gain")
     tendons = Tendons(path_radius=0.04, azimuths_deg=(0, 90, 180, 270))
     driven = robot.model_copy(update={"chambers": None, "tendons": tendons})
     said = headline(side, CATALOGUE, tendons.words, robot=driven)
