@@ -135,12 +135,13 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     weighed = found.posterior.candidates.values()
     leading = leading_by_law(weighed, len(prepared.problem.parameters.ids))
     # a tolerance that is named for its millimetres leads no hypothesis
-    others = [h for h in leading if not {*h} & {*named}] if any({*c.named} & {*named} for c in weighed) else []
-    as_good, by_law = ([sentences.hypothesis_name(h, names) for h in own] for own in ([(e,) for e in alone], others))
+    leads = any({*c.named} & {*named} for c in weighed)
+    by_law = {sentences.hypothesis_name(h, names): p for h, p in leading.items() if leads and not {*h} & {*named}}
+    as_good = [sentences.hypothesis_name((e,), names) for e in alone]
     why: tuple[Finding, ...] = ()
     if named:
         why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
-        found = replace(found, decision=doubted(found.decision, why, len(alone)))
+        found = replace(found, decision=doubted(found.decision, why, len(alone), sum(by_law.values())))
     unsure = bool(far or first.numbers or tense)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
     facts = sentences.Facts(

@@ -294,7 +294,7 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
     ) -> list[str]:
         carried, other = [Carries("base_tilt", "named", 2.5, low, 3.0)], ["contact"]
         fitted = replace(robot, left_mm=mm)
-        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other, law * other)]
+        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other, {"contact": 0.2 * law})]
 
     assert why([sure, shape], little) == []
     assert why([sure], little, low=0.2) == ["cause_undetermined"]
@@ -307,8 +307,8 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
 
 def test_a_doubt_leaves_room_for_other_causes() -> None:
     sure, why = decide(SURE, True), [finding("gap_remains", mm=1.0)]
-    assert doubted(sure, [], 0).probability == sure.probability
-    capped, shared = doubted(sure, why, 0), doubted(sure, why, 1)
+    assert doubted(sure, [], 0, 0.0).probability == sure.probability
+    capped, shared = doubted(sure, why, 0, 0.0), doubted(sure, why, 1, 0.0)
     assert capped.probability == 0.8 and shared.probability == pytest.approx(0.97 / 2)
     assert capped.outside == pytest.approx(0.005 + 0.17) and conclude(capped, True, ()) == "one of several"
 
@@ -484,5 +484,14 @@ def test_another_error_of_the_laws_may_make_another_hypothesis_lead() -> None:
 
     exact, wrong, geometry = candidate("a", 9.0, 5.0, 1.0), candidate("b", 1.0, 4.0, 8.0), candidate("c", 7.0)
     four = replace(exact, named=("a", "b", "c", "d"))  # no hypothesis names as many
-    assert leading_by_law([exact, wrong, geometry, four], 4) == [("a",), ("c",), ("b",)]
-    assert leading_by_law([], 4) == []
+    found = leading_by_law([exact, wrong, geometry, four], 4)
+    assert set(found) == {("a",), ("b",), ("c",)} and sum(found.values()) == pytest.approx(1.0)
+    assert found["a",] > found["b",] > found["c",]
+    assert leading_by_law([], 4) == {}
+
+
+def test_laws_that_are_hardly_as_wrong_as_another_cause_needs_leave_it_certain() -> None:
+    sure = decide(SURE, True)
+    assert doubted(sure, [], 0, 0.04).probability == pytest.approx(0.96)
+    by_law = [finding("cause_by_law", effect="contact")]
+    assert doubted(sure, by_law, 0, 0.15).probability == pytest.approx(0.85)
