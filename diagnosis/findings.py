@@ -166,6 +166,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
             "map.yaml, or its scale{rather}"
         ),
+        "column_unit": (
+            "{place}, column {column}: {value:.4g} {si}, {ratio:.2g} times the stiffness that robot.yaml's modulus gives: looks "
+            "like {looks} (p = {p:.2f}); write {si}: {remedy}"
+        ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),
         "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",

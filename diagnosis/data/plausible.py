@@ -7,7 +7,6 @@ nothing else can explain it, with its column, the value, what it looks like and 
     orientation     unit quaternions, near qw = 1 at rest; in the frame of the tips (see `attitudes`)
     pressures       what the tip's displacement needs, by beam theory, within a factor of 30 (see `plausible_pressures`)
     spine, masses   against length and tip_mass of robot.yaml
-    pushes          against the cantilever's length and stiffness (see `pushes`)
 """
 
 from __future__ import annotations
@@ -24,7 +23,6 @@ from ..arrays import Ints
 from ..errors import BadCase
 from .attitudes import attitude_in_another_frame
 from .plausible_pressures import Pressures, implausible_pressures, implausible_roll
-from .pushes import implausible_pushes
 from .units import LENGTH_UNITS, nearest
 
 STRAIGHT, TURNED = 0.9, 75.0
@@ -45,7 +43,7 @@ def implausible_values(robot: Robot, table: Table) -> tuple[str, ...]:
         return ()
     tips = table.take(table.with_tip & np.isfinite(table.spine_length))
     of_tips = _of_tips(robot, tips) if len(tips) else ()
-    found = (_spines(robot, table), _masses(robot, table), *of_tips, *implausible_pushes(robot, table))
+    found = (_spines(robot, table), _masses(robot, table), *of_tips)
     return tuple(filter(None, found))
 
 

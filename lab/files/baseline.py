@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.baseline import Baseline
-from diagnosis.data.plausible import require_plausible
+from diagnosis.edits.reading import require_readable
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -126,7 +126,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
     predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
     states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
-    require_plausible(case.robot, states, name)
+    require_readable(case.robot, states, name)
 
 
 def simulator(name: str, robot: Robot) -> tuple[str, Forward]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
-from diagnosis.data.plausible import require_plausible
+from diagnosis.edits.reading import require_readable
 from diagnosis.errors import DiagnosisError
 from diagnosis.findings import Finding, finding
 from model.condition import States
@@ -212,7 +212,7 @@ def _names(recordings: Sequence[Recording]) -> str:
 
 def _demand_plausible(robot: Robot, table: Table, file: str) -> None:
     try:
-        require_plausible(robot, table, file)
+        require_readable(robot, table, file)
     except DiagnosisError as e:
         raise ConfigError(str(e)) from e
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from diagnosis.data.plausible import implausible_values
+from diagnosis.edits.reading import refused
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
@@ -43,7 +43,7 @@ def import_files(
     demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
-    implausible = implausible_values(robot, result.table)
+    implausible = refused(robot, result.table)
     if implausible:
         raise ConfigError("\n".join(f"{map_path}: {text}" for text in implausible))
     result = replace(result, notes=(*result.notes, *doubtful(robot, result.table, str(robot_path))))
@@ -137,7 +137,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
             result = imported(inputs, load(place / MAP, Map), robot)
-            checks += (*implausible_values(robot, result.table), *doubtful(robot, result.table, str(robot_path)))
+            checks += (*refused(robot, result.table), *doubtful(robot, result.table, str(robot_path)))
             checks += (*result.questions, *result.unread)
             from ..pages.import_figure import draw
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import lab
 from diagnosis.data.plausible import contradicting_attitudes, implausible_values, require_plausible
+from diagnosis.edits.reading import refused
 from diagnosis.errors import BadCase
 from lab.questions.directions import doubtful_directions
 from lab.questions.table import doubtful
@@ -284,13 +285,13 @@ def pushes(force: float = 1.0, deflection: float = 1.0, modulus: float = 1.0) ->
     ],
 )
 def test_a_push_in_another_unit_is_named(rows: list[TrialRow], words: list[str]) -> None:
-    (text,) = implausible_values(ROBOT, Table.of(rows))
+    (text,) = refused(ROBOT, Table.of(rows))
     assert all(word in text for word in words), text
 
 
 @pytest.mark.parametrize("modulus", [0.1, 0.5, 3.0, 10.0])
 def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float) -> None:
-    assert implausible_values(ROBOT, Table.of(pushes(modulus=modulus))) == ()
+    assert refused(ROBOT, Table.of(pushes(modulus=modulus))) == ()
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
