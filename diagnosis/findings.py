@@ -169,6 +169,17 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "column_unit": (
             "{place}, column {column}: {value:.4g} {si}, {ratio:.2g} times the stiffness that robot.yaml's modulus gives: looks "
             "like {looks} (p = {p:.2f}); write {si}: {remedy}"
+        "pressures_in_unit": (
+            "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
+            "map.yaml, or their scale{rather}"
+        ),
+        "places_in_unit": (
+            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit in map.yaml, "
+            "or their scale{rather}"
+        ),
+        "attitudes_elsewhere": (
+            "the tip's orientations are in another frame or order than its places (p = {p:.2f}), columns qw, qx, qy, qz: "
+            "{remedy}{rather}"
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),

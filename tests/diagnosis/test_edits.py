@@ -77,13 +77,15 @@ def test_what_is_far_off_is_found_and_named(case: Measured, described: Robot, na
 def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     own, _ = states(case)
     sample = Sample.of(ROBOT, own)
-    edits = tuple(e for e in listed.every_edit(sample, sample.fitted((), [np.zeros(8)], 1)) if e.kind in ("length", "tilt"))
-    problem, every = _Problem(sample, edits), np.ones(11, bool)
-    theta = np.array([0.1, -0.2, 0.3, 0.05, -0.04, 0.02, -0.01, 0.03, 0.2, -0.1, 0.05])
-    steps = 1e-6 * np.eye(11)
-    tips = [(problem.missed(theta + h) - problem.missed(theta - h)).ravel() / 2e-6 / (0.01 * ROBOT.length) for h in steps]
-    assert problem.missed(theta).shape == (len(sample.table), 3)
-    assert problem.slope(theta, every)[: len(tips[0])] == pytest.approx(np.stack(tips, axis=1), rel=1e-4, abs=1e-3)
+    near = sample.fitted([((), np.zeros(8))], 1)[0]
+    edits = tuple(e for e in listed.every_edit(sample, near) if e.kind in ("length", "tilt"))
+    theta = np.array([0.1, -0.2, 0.1, 0.05, -0.04, 0.02, -0.01, 0.02, 0.2, -0.1, 0.05])
+    problem = _Problem.of(sample, edits, theta, alone=False)
+    problem.missed, beside = (sample.missed([(edits, x)])[0] for x in (theta[None], problem.beside))
+    problem.missed, steps = problem.missed[0], 1e-4 * np.eye(11)
+    above, below = (sample.missed([(edits, theta + sign * steps)])[0].reshape(11, -1) for sign in (1, -1))
+    assert problem.slope(beside) == pytest.approx((above - below).T / 2e-4 / (0.01 * ROBOT.length), rel=0.02, abs=0.5)
+    assert np.array_equal(problem.x, theta) and problem.missed.shape == (len(sample.table), 3)
 
 
 def by_groups(case: Measured, told: Robot) -> Measured:
@@ -205,7 +207,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
     own = states(Measured(arm, Table.of(seen)))[0]
     assert edit_first(arm, own).robot is arm
-    monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda robot: iter(()))
+    monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda *_: iter(()))
     assert edit_first(arm, own).changes
 
 
