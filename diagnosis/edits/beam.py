@@ -43,13 +43,13 @@ def wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
         column, si, unit = UNITS[int(np.argmax(p[1:]))]
         largest = int(np.argmax(np.abs(own.get(column))))
         yield finding(
-            "column_unit", place=own.place(largest), column=column, value=float(own.get(column)[largest]), si=si, looks=unit.name,
-            p=float(p[1:].max()), ratio=ratio, remedy=unit.remedy,
+            "stiffness_unit", place=own.place(largest), column=column, value=float(own.get(column)[largest]), si=si,
+            looks=unit.name, p=float(p[1:].max()), ratio=ratio, remedy=unit.remedy,
         )  # fmt: skip
 
 
 def _stiffness_ratio(robot: Robot, own: Table, specimen: str) -> float:
-    """Slope of force over deflection, of 3 E I / L^3; 0 where they do not follow each other, or robot.yaml has no such specimen."""
+    """Slope of force over deflection, of 3 E I / L^3; 0 where they do not follow each other, or the robot has no spine."""
     long, force, deflection = cantilevers(robot, own), own.get("force"), own.get("deflection")
     if specimen == "body":
         bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
