@@ -48,7 +48,7 @@ FRAMES = [
 
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
     """The edits that this robot and table can have; `near`: the robot as it is described."""
-    of_table = *_of_frame(sample, near), *_of_attitudes(sample, near), *_of_columns(sample)
+    of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
     return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
 
 
@@ -267,11 +267,12 @@ def _step_says(trial: int, robot: Robot, theta: Array, own: Array, p: float, rat
 
 
 # ------------------------------------------------------------------ attitudes
-def _of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
-    measured = sample.described.orientation
-    if not np.isfinite(measured).any():
+def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
+    """The way in which attitudes are written that agrees best with the rods of a fit."""
+    edited = sample.edited([(near.edits, near.x[None])])
+    measured, predicted = edited.orientation, sample.rods(edited).orientation
+    if not np.isfinite(measured * predicted).any():
         return
-    predicted = sample.rods(sample.edited([((), near.x[None])])).orientation
 
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmedian(np.abs((predicted * way(measured)).sum(axis=-1))))
@@ -326,8 +327,9 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
             apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
             yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
     widest = float(np.log(2e5))
-    for start, bounds in ((np.log(1e3), (np.log(30.0), widest)), (-np.log(1e3), (-widest, -np.log(30.0)))):
-        yield Edit("pressures", 0.03, _all_say, _all, ((float(start),),), (bounds,))
+    for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
+        starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
+        yield Edit("pressures", 0.03, _all_say, _all, starts, (bounds,))
     low = pressures.min()
     if robot.chambers is not None and 75e3 < low < 107e3:
         yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))

@@ -31,7 +31,7 @@ from recordings.trials import Table
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings, spread_over
-from .edit import AREA, CALIBRATION, ROD, Edit, Variants
+from .edit import AREA, AZIMUTH, CALIBRATION, ROD, Edit, Variants
 
 STEP = 1e-4
 """Of differences by parameters, relative."""
@@ -47,6 +47,8 @@ BATCH = 20_000
 """Rods that are solved in one call, as memory allows."""
 AREAS = np.log([1.0, 3.0, 1 / 3, 9.0, 1 / 9])
 """Logarithms of area factors with which a fit may begin."""
+COSTLY = (AZIMUTH, 3, 4)
+"""Numbers of the calibration that a first comparison of edits leaves: they need rods of their own and change little."""
 MOST = 60
 """States that are compared."""
 
@@ -116,10 +118,13 @@ class Sample:
         return between < judgement.EDIT_LOSS_SCALE * self.robot.length and within < judgement.EDIT_REPEATED * self.robot.length
 
     def reached(self, fit: Fit) -> bool:
-        """Whether a fit leaves no more than models, repeats and attitudes are off by."""
+        """Whether a fit leaves no more than models and repeats are off by."""
         between, within = self.between_and_within(fit.missed)
-        least = max(judgement.EDIT_MODEL_ERROR * self.robot.length, within)
-        return between < least and self.near(fit) and self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
+        return between < max(judgement.EDIT_MODEL_ERROR * self.robot.length, within) and self.near(fit)
+
+    def aligned(self, fit: Fit) -> bool:
+        """Whether attitudes are where a fit has them."""
+        return self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
 
     @cached_property
     def described(self) -> Variants:
@@ -242,7 +247,7 @@ class Sample:
 
     def fitted(self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False) -> list[Fit]:
         """Fits of edits from starts (8 + own,), after this many steps of Gauss and Newton within the bounds, readings far off
-        weighed down, each shortened until it gains; `alone`: of their own numbers, area factor and modulus."""
+        weighed down, each shortened until it gains; `alone`: without those of `COSTLY` that they do not widen."""
         problems = [_Problem.of(self, edits, x, alone) for edits, x in starts]
         for problem, missed in zip(problems, self.missed([(p.edits, p.x[None]) for p in problems]), strict=True):
             problem.missed = missed[0]
@@ -292,7 +297,7 @@ class _Problem:
         low = np.concatenate([-bound, [b for b, _ in bounds]])
         high = np.concatenate([bound, [b for _, b in bounds]])
         free = np.ones(len(low), bool)
-        free[2 : len(CALIBRATION)] = [not alone or any(k in edit.widens for edit in edits) for k in range(2, len(CALIBRATION))]
+        free[[*COSTLY]] = [not alone or any(k in edit.widens for edit in edits) for k in COSTLY]
         margin = 0.005 * (high - low)
         unit = judgement.EDIT_LOSS_SCALE * sample.robot.length
         return cls(edits, np.clip(x, low + margin, high - margin), low, high, sd, np.flatnonzero(free), unit)

@@ -24,7 +24,7 @@ from ..data.campaign import Campaign
 from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, Variants
-from .listed import every_edit
+from .listed import every_edit, of_attitudes
 from .misfit import AREAS, Fit, Sample
 from .of_table import of_table
 from .order import can_name_order, place_of, reordered, with_order
@@ -118,7 +118,7 @@ def _judged(sample: Sample) -> Judged | None:
     near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
-    if sample.reached(near) or sample.near(near) and usual and sample.turn(near.missed) < judgement.EDIT_LOSS_TURN:
+    if sample.aligned(near) and (sample.reached(near) or sample.near(near) and usual):
         return None
     fits = [near, *_weighed(sample, [*every_edit(sample, near), *of_table(sample, near)], near, pairs=not sample.near(near))]
     return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
@@ -127,19 +127,22 @@ def _judged(sample: Sample) -> Judged | None:
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
     """Fits of single edits, and of `pairs` with the best ones where none of them is enough."""
 
-    def tried(first: list[Fit]) -> list[Fit]:
+    def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int) -> list[Fit]:
         sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
-        starts = [(each, list(pair)) for f, each in sets for pair in sample.starts(each, f)]
+        starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
         better = [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
-        begun = sample.fitted([(f.edits, f.x) for f in better], 2, alone=True)
+        begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
         fits = [_best(list(own)) for _, own in groupby(begun, key=lambda f: id(f.edits))]
         best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
-        return [*sample.fitted([(f.edits, f.x) for f in best], 5), *(f for f in fits if not any(f is b for b in best))]
+        return [*sample.fitted([(f.edits, f.x) for f in best], 8), *(f for f in fits if not any(f is b for b in best))]
 
-    alone = tried([near])
-    best = _best_of_kinds(alone)
-    return alone if sample.reached(best[0]) or not pairs else [*alone, *tried(best[: judgement.EDIT_FOLLOWED])]
+    alone = tried([near], edits, 2)
+    best = _best_of_kinds(alone)[: judgement.EDIT_FOLLOWED]
+    if sample.reached(best[0]):
+        turned = [] if sample.aligned(best[0]) else list(of_attitudes(sample, best[0]))
+        return [*alone, *tried(best[:1], turned, 1)] if turned else alone
+    return [*alone, *tried(best, edits, 1)] if pairs else alone
 
 
 def _best(fits: list[Fit]) -> Fit:
