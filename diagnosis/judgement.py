@@ -90,6 +90,12 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
+EDIT_GROSS, EDIT_GROSS_TURN = 0.02, 0.4
+"""Robot lengths and rad of robust rms, calibrated, above which edits are tried when a table is read: the rest is left to the
+diagnosis."""
+EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
+"""Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
+a table in another frame is refused, as nothing can be said of its robot."""
 EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3

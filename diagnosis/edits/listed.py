@@ -178,7 +178,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
-            yield Edit("frame", 0.006, partial(_axes_say, axes), partial(_axes, axes))
+            yield Edit("frame", 0.006, partial(axes_say, axes), partial(_axes, axes))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
     for factor, unit in LENGTHS.items():
@@ -206,7 +206,7 @@ def _axes(axes: Array, v: Variants, own: Array) -> Variants:
     return v.turned(np.broadcast_to(turn, (len(own), 4)), sign)
 
 
-def _axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     mirrored = np.linalg.det(axes) < 0
     angle, about, line = _turned_says(Rotation.from_matrix(-axes if mirrored else axes), axes)
     if mirrored:

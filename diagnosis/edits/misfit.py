@@ -76,7 +76,7 @@ class Fit:
         return tuple(np.split(self.x, ends)[1:-1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """The n states that are compared, and the robot as described, with one area factor unless its table is near."""
 
@@ -84,6 +84,17 @@ class Sample:
     table: Table
     condition: Ints
     """(n,) 0 .."""
+
+    @cached_property
+    def _content(self) -> tuple[str, ...]:
+        columns = [("", self.condition), *sorted(self.table.values.items())]
+        return (self.robot.model_dump_json(), *(f"{name} {column.tobytes()!r}" for name, column in columns))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sample) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     @classmethod
     def of(cls, robot: Robot, states: Campaign) -> Sample:
