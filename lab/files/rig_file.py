@@ -294,7 +294,7 @@ def load_rig(path: Path) -> RigFile:
 
     source = read_yaml(path)
     if beyond := _unusable(source.data):
-        raise ConfigError("\n".join(f"{path}: {why}" for why in beyond.values()))
+        raise ConfigError(*(f"{path}: {why}" for why in beyond.values()))
     rig = check(source, RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
