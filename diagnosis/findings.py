@@ -166,6 +166,46 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
             "map.yaml, or its scale{rather}"
         ),
+        "stiffness_unit": (
+            "{place}, column {column}: {value:.4g} {si}, {ratio:.2g} times the stiffness that robot.yaml's modulus gives: looks "
+            "like {looks} (p = {p:.2f}); write {si}: {remedy}"
+        ),
+        "pressures_in_unit": (
+            "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
+            "map.yaml, or their scale{rather}"
+        ),
+        "places_in_unit": (
+            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit in map.yaml, "
+            "or their scale{rather}"
+        ),
+        "attitudes_elsewhere": (
+            "the tip's orientations are in another frame or order than its places (p = {p:.2f}), columns qw, qx, qy, qz: "
+            "{remedy}{rather}"
+        ),
+        "displacements": (
+            "columns x, y, z look like the displacement from the rest position (p = {p:.2f}); at rest the tip must be near "
+            "(0, 0, {length:g}) m: add {length:g} to z{rather}"
+        ),
+        "another_quantity": (
+            "column {column} does not act on the tip (p = {p:.2f}): is it another quantity? An angle of the tip belongs under "
+            "orientation{rather}"
+        ),
+        "points_exchanged": (
+            "the tip and marker {number} are exchanged (p = {p:.2f}): exchange their columns in the table, or points in map.yaml"
+            "{rather}"
+        ),
+        "axes_of_point": (
+            "{point} stands along other axes (p = {p:.2f}): in the base's order its columns are {axes}; check its columns x, y, z"
+            "{rather}"
+        ),
+        "scale_far_off": (
+            "the tip moves {factor:.2g} times as far as the rod with the numbers of robot.yaml under these {pressures}: check "
+            "the unit and scale of the {pressures}, the moduli, radii and path_radius"
+        ),
+        "tip_far_off": (
+            "the tip is {mm:.3g} mm (rms, outliers down-weighted) from where the rod of robot.yaml has it, and no single mistake "
+            "explains it: check which marker is the tip, the frame, the columns x, y, z and p1 .., tip_mass and moduli"
+        ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),
         "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",

@@ -18,14 +18,14 @@ from drivers.pressure_limits import VENTED
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot
 from protocols.bench import Setup
-from protocols.planned import cycles, setups
+from protocols.planned import cycles, planned_rows, setups
 from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, CampaignProtocol, load_campaign
 from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
-from ..verbs.run import Job, job
+from ..verbs.run import Columns, Job, job, planned_columns
 
 Cell = tuple[int, int]
 """Number of the protocol in the file, and of its condition."""
@@ -288,3 +288,20 @@ def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, 
     if speed:
         values["spine"] = {"speed": speed}
     return job("cycles", rig_path, [], Source("warm_up", values, {}), rig=rig)
+
+
+def planned_table(campaign: CampaignDesign, channels: Sequence[str] = ()) -> Columns:
+    """What `lab.diagnose` will get, without readings: one row for each state that the campaign will read, in order.
+
+    Trials are numbered on from run to run as `lab.files.inputs.read_case` numbers those of the recordings; `t` is s of rig time
+    since the campaign's begin as planned. See `planned_columns`, also for `channels`.
+    """
+    rows: list[dict[str, Any]] = []
+    trials, begun = 0, 0.0
+    for run, j in campaign.jobs:
+        if run is not None:
+            run_rows = planned_rows(j.plan, j.parameters, campaign.chambers)
+            rows += [{**row, "trial": row["trial"] + trials, "t": row["t"] + begun} for row in run_rows]
+            trials = max((row["trial"] for row in rows), default=0)
+        begun += j.plan.seconds
+    return planned_columns(rows, campaign.robot, channels)

@@ -63,6 +63,8 @@ class Quantities:
     """Pa; the shear modulus keeps its ratio to it."""
     density: Array
     """kg/m^3 of the body."""
+    gravity: Array
+    """(v, n, 3) m/s^2, base frame."""
     length: Array
     """m, of the robot."""
     spine_length: Array
@@ -121,6 +123,8 @@ class Quantities:
     """(v, n, 3) 1/m at mid-length, section frame."""
     rest_growth: Array = constant(0.0)
     """Rest curvature at the tip over that at mid-length, less one."""
+    rest_moment: Array = constant(0.0)
+    """Share 0..1 of the rest curvature that is a moment's, which bends a section with spine less."""
     clamp_root: Array = constant(0.0)
     """Stiffness rows: rad/(N m) of the specimen's root (body only)."""
     arm_compliance: Array = constant(0.0)
@@ -148,6 +152,7 @@ def baseline(
         azimuth=(chambers[None, :] + design.roll[:, None])[None],
         body_modulus=np.full((1, 1), robot.youngs_modulus),
         density=np.full((1, 1), robot.density),
+        gravity=np.array(robot.gravity)[None, None],
         length=np.full((1, 1), robot.length),
         spine_length=design.spine_length[None],
         tabulated_length=design.spine_length[None],

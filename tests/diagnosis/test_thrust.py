@@ -8,7 +8,7 @@ import pytest
 from diagnosis.diagnose import diagnose
 from diagnosis.fit_effects import fit_effects
 from diagnosis.inference.prepare import prepare
-from diagnosis.inference.thrust import settle_thrust
+from diagnosis.inference.thrust import settle_thrust, settled_and_edited
 from model.effects import CATALOGUE
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import FEW, measured, quick
@@ -29,6 +29,14 @@ def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured)
     assert found.attribute.effects == ("chamber_azimuth",) and "chambers are turned by" in found.headline
     (note,) = [f for f in found.findings if f.code == "thrust_settled"]
     assert "state `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
+
+
+def test_thrust_is_settled_behind_a_mistake_that_hides_it(turned: Measured) -> None:
+    rows = [replace(r, tip=tuple(np.add(r.tip, (0.06, 0.0, -0.05)))) for r in turned.table.rows]
+    own, _ = states(replace(turned, table=Table.of(rows)))
+    assert settle_thrust(ROBOT, own, RIVALS) is None
+    settled, first = settled_and_edited(ROBOT, own, RIVALS, RIVALS)
+    assert first.changes and settled is not None and first.robot.thrust == "walls"
 
 
 def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
