@@ -33,6 +33,7 @@ BENDING = ("bending", "spine_lengths=[0.05]", "pressures=[100 kPa, 200 kPa]", "r
 STIFFNESS = ("stiffness", "spine_lengths=[0.1]", "steps=3", "min_samples=30")
 LIMIT, BUSY_LIMIT, BUSY_SPEED = 30.0, 300.0, 2.0
 """Host seconds for a start, far more than one takes, alone and next to busy loops; speed of the fakes next to these."""
+LOG = "run.log"
 AGAIN = 0.03
 """Host seconds between two Ctrl-C: two at once are one to the kernel."""
 
@@ -54,6 +55,8 @@ class Kill:
     """From the signal until the arm stood; nan when it did not move."""
     safe: bool
     recovered: bool
+    begun: bool = True
+    """Whether it moved; a run that refuses to, as the computer is too busy to read in time, says why and ends by itself."""
 
 
 class Witness(threading.Thread):
@@ -106,11 +109,12 @@ def busy(loops: int) -> Iterator[None]:
 
 
 def started(rig: Path, folder: Path, what: Sequence[str]) -> subprocess.Popen[bytes]:
-    """`lab run` of a protocol and its settings, in a process of its own."""
+    """`lab run` of a protocol and its settings, in a process of its own; what it says stands in run.log."""
     protocol, *settings = what
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
     command += [word for s in settings for word in ("--set", s)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    with (folder / LOG).open("wb") as log:
+        return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
 
 
 def one(
@@ -130,8 +134,9 @@ def one(
     if not begun:
         program.terminate()
         program.wait()
+        print((folder / LOG).read_text(errors="replace")[-2000:], file=sys.stderr)
         rig.with_suffix(".latch").unlink(missing_ok=True)
-        return Kill(protocol, took, 0.0, np.nan, np.nan, np.nan, safe=False, recovered=_recovered(folder))
+        return Kill(protocol, took, 0.0, np.nan, np.nan, np.nan, False, _recovered(folder), begun=False)
     after = rng.uniform(0.0, 1.5)
     time.sleep(after)
     if program.poll() is not None:
@@ -215,6 +220,7 @@ def main() -> int:
                 kill = one(fakes, folder / "rig.yaml", folder, how, rng, what, limit)
             kills.append(kill)
             ends = f"{'safe' if kill.safe else 'NOT SAFE'}, {'file recovered' if kill.recovered else 'FILE LOST'}"
+            ends = ends if kill.begun else "NOT BEGUN"
             times = f"stop {kill.stop_ms:6.1f} ms, vented {kill.vented_s:5.2f} s, arm {kill.arm_ms:6.1f} ms"
             print(f"{i + 1:3d} {kill.protocol:9s} begun {kill.start_s:5.1f} s, {times}, {ends}", flush=True)
     summary(kills)
@@ -236,7 +242,8 @@ def summary(kills: list[Kill]) -> None:
         if len(values):
             figures = f"median {np.median(values):.2f}, p99 {np.percentile(values, 99):.2f}, worst {values.max():.2f}"
             print(f"{unit}: {figures} (n = {len(values)})")
-    print(f"safe {sum(k.safe for k in kills)}/{len(kills)}, recordings {sum(k.recovered for k in kills)}/{len(kills)}")
+    for name, word in (("begun", "begun"), ("safe", "safe"), ("recovered", "recordings")):
+        print(f"{word} {sum(getattr(k, name) for k in kills)}/{len(kills)}")
 
 
 if __name__ == "__main__":

@@ -277,9 +277,9 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
         return
 
     def agrees(way: Callable[[Array], Array]) -> float:
-        return float(np.nanmedian(np.abs((predicted * way(measured)).sum(axis=-1))))
+        return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
-    words, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 2))
+    words, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
     yield Edit("attitude", 0.03, partial(_attitudes_say, words), partial(_attitude, way))
 
 

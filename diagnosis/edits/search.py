@@ -142,8 +142,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
     alone = tried([near], edits, 2)
     best = _best_of_kinds(alone)[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
-        turned = [] if sample.aligned(best[0]) else list(of_attitudes(sample, best[0]))
-        return [*alone, *tried(best[:1], turned, 1)] if turned else alone
+        explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
+        return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
     return [*alone, *tried(best, edits, 1)] if pairs else alone
 
 
