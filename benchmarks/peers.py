@@ -12,10 +12,6 @@ own tips go with more and more elements. SoRoMoX' law is the rod's.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -174,14 +170,12 @@ class Row:
     setting: str
     solve_s: float = float("nan")
     """Processor time of a solve."""
-    once_s: float = float("nan")
+    once_s: float = 0.0
     """On the clock, before: models and compiling."""
     error_mm: float = float("nan")
     """Worst of the nine tips."""
     own_mm: float | None = None
     """The same from the method's own converged tips, where its law is its own."""
-    first_s: float = float("nan")
-    """On the clock, instead of `once_s` the first time on a machine, where compiled code is kept."""
     missed: int = 0
     """Rods that it did not solve."""
     absent: str = ""
@@ -261,26 +255,12 @@ def least(call: Callable[[], object], rounds: int) -> float:
 
 SPAN = 0.1
 """s of processor time, of which some systems count hundredths."""
-FIRST = "import time; from benchmarks.rod_cases import paper_rods; from model.rods import solve; r = paper_rods(1, 0)"
-TIMED = "; t = time.perf_counter(); solve(r); print(time.perf_counter() - t)"
-
-
-def first_solves() -> tuple[float, float]:
-    """Seconds of the first solve of a process: the first on a machine, which compiles, and each later one."""
-    with tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        taken = [
-            subprocess.run([sys.executable, "-c", FIRST + TIMED], env=environment, check=True, capture_output=True).stdout
-            for _ in range(2)
-        ]
-    return float(taken[0]), float(taken[1])
 
 
 def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
     """The rod's own, in a batch cold and warm and one by one."""
     many = paper_rods(4_000 if quick else 35_000, seed=1)
     before, fine = eased(many), solve(many, Fast(40.0, 1e-11)).trusted().tip
-    first, once = first_solves()
     truth = solve(rods, REFERENCE).trusted().tip
     for divisions, close in ((2.0, 1e-4), (3.0, 1e-5), (4.0, 2e-6), (8.0, 1e-8), (20.0, 1e-11)):
         name = f"{divisions:g} divisions"
@@ -294,7 +274,7 @@ def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
         }
         for method, (call, right) in calls.items():
             tips = call()  # the first compiles
-            yield Row(method, name, least(call, 5) / len(right), once, farthest(tips, right), first_s=first)
+            yield Row(method, name, least(call, 5) / len(right), error_mm=farthest(tips, right))
 
 
 def ways(quick: bool) -> list[Way]:
@@ -394,7 +374,6 @@ def main() -> int:
     rows = figures(options.quick)
     console = Console(width=150)
     console.print(all_rows(rows), at_equal_error(rows))
-    console.print(f"rod: first solve on a machine {shown(rows[0].first_s)}, of a process {shown(rows[0].once_s)}")
     write(options.json, "rows", rows)
     return 0
 

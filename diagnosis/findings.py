@@ -58,8 +58,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "robot.yaml, and the unit of the {pressures} (psi and kPa differ by 6.9); until then no cause is certain"
         ),
         "unconfirmed_guesses": (
-            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove its "
-            "line {mark!r}, and import again"
+            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove it "
+            "from `{key}`, and import again"
         ),
     },
     "warning": {

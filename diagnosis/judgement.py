@@ -57,8 +57,9 @@ DRIFT_SD = 1.0
 """Prior standard deviation of drift, relative: far more than any robot has."""
 LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5
 """Share of a variance that lasts over several readings, and prior standard deviation of its logit."""
-MEMORY_S, MEMORY_LOG_SD, LONGEST_MEMORY_S = 20.0, 1.0, 600.0
-"""Time over which lasting errors are forgotten, prior standard deviation of its logarithm, and the longest: beyond is drift."""
+MEMORY, MEMORY_LOG_SD, LONGEST_MEMORY = 1.25, 1.0, 37.5
+"""Time over which lasting errors are forgotten, paces of the campaign, prior standard deviation of its logarithm, and the
+longest: beyond is drift."""
 
 # ------------------------------------------------------------------ edits before the diagnosis
 EDIT_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])

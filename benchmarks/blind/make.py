@@ -21,7 +21,7 @@ from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 
 from .folder import SetFolder, new_set, seal
-from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
+from .sweeps import BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import spread
 from .worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
@@ -146,7 +146,7 @@ def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
-    for sweep in (*MENU, replace(base, name=AGAIN)) if order.menu else ():
+    for sweep in MENU if order.menu else ():
         # experiments of the menu are done when the campaign of the base sweep is over
         later = walk_of(sweep, late=1e6)
         changing = respond(robot, later, tuple(courses(robot, later)))

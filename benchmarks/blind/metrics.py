@@ -287,58 +287,6 @@ def confidence(cases: Sequence[Judged]) -> Array:
 
 def calibration_error(pairs: Array) -> float:
     """Expected calibration error over ten equal bins of probability: mean of |right - stated|, weighted by cases."""
-    return float(sum(abs(stated - right) * n for stated, right, n in reliability(pairs)) / max(len(pairs), 1))
-
-
-def reliability(pairs: Array) -> list[tuple[float, float, int]]:
-    """(mean stated, share right, cases) of each bin that holds cases."""
     bins = np.minimum((pairs[:, 0] * 10).astype(int), 9)
-    out = []
-    for b in np.unique(bins):
-        own = pairs[bins == b]
-        out.append((float(own[:, 0].mean()), float(own[:, 1].mean()), len(own)))
-    return out
-
-
-def confusion(cases: Sequence[Judged]) -> tuple[list[str], list[str], NDArray[np.int64]]:
-    """Rows: single truths, pairs, none, outside; columns: what was named; counts."""
-    rows = [*sorted({_one(c.truth) for c in cases if c.kind == "single"}), "pair", "none", "outside"]
-    rows = [r for r in rows if r not in ("pair", "none", "outside") or any(c.kind == r for c in cases)]
-    named = sorted({x for c in cases for x in c.answer.effects} | {r for r in rows if r not in ("pair", "none", "outside")})
-    columns = [*named, "several", "none", "unknown", "failed"]
-    counts = np.zeros((len(rows), len(columns)), np.int64)
-    for c in cases:
-        row = _one(c.truth) if c.kind == "single" else c.kind
-        verdict = c.answer.verdict
-        if verdict == "effect":
-            verdict = _one(c.answer.effects) if len(c.answer.effects) == 1 else "several"
-        counts[rows.index(row), columns.index(verdict)] += 1
-    # an effect that was never named keeps its column: without it a wrong answer would come to stand on the diagonal
-    keep = [j for j, name in enumerate(columns) if counts[:, j].any() or name in rows]
-    return rows, [columns[j] for j in keep], counts[:, keep]
-
-
-def _one(effects: Effects) -> str:
-    # where the gas acts belongs to the design of some robots, beside their cause
-    return min(effects, key=lambda e: (e == "chamber_thrust", e))
-
-
-def best_temperature(cases: Sequence[Judged]) -> float:
-    """The temperature that would make the stated probabilities of single and no-effect cases score best.
-
-    Each hypothesis' probability is raised to 1/T and all are made to sum to one again; 1 means that they are honest as they
-    are, more that they are too bold. NaN without a case.
-    """
-    known = [c for c in cases if c.kind in ("single", "none") and c.answer.verdict != "failed"]
-    if not known:
-        return math.nan
-    grid = np.exp(np.linspace(math.log(0.5), math.log(30.0), 120))
-    losses = [sum(_loss(c, t) for c in known) for t in grid]
-    return float(grid[int(np.argmin(losses))])
-
-
-def _loss(c: Judged, temperature: float) -> float:
-    a = c.answer
-    stated = np.array([p for _, p in a.ranking] + [a.none_probability, a.unknown_probability, c.probability_on_truth])
-    weights = np.maximum(stated, 1e-12) ** (1 / temperature)
-    return -math.log(max(float(weights[-1] / weights[:-1].sum()), LEAST_PROBABILITY))
+    off = (abs(float(np.subtract(*pairs[bins == b].mean(axis=0)))) * np.sum(bins == b) for b in np.unique(bins))
+    return float(sum(off) / max(len(pairs), 1))

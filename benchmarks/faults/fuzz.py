@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import random
 import shutil
 import sys
@@ -38,7 +37,6 @@ from recordings.campaign.info import info
 from recordings.campaign.replay import compare, replay_states, table_of, tables
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError
-from recordings.file.player import play
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
@@ -134,7 +132,6 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
         place.write_bytes(data)
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir()
-        sink = io.StringIO()
 
         def replayed(recording: Recording) -> None:
             compare(recording, replay_states(recording))
@@ -143,7 +140,6 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
             lambda: info(place), lambda: verify(place), lambda: recover(place, out / "new.mcap"), lambda: read_case([place]),
             lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
             lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
-            lambda: play(Recording.open(place, truncated=True), lambda message: sink.write(message.to_json()[:1])),
             lambda: tables([Recording.open(place, truncated=True)]), lambda: Recording.open(place, truncated=True).log,
         )  # fmt: skip
         for way in ways:

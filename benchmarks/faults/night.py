@@ -23,8 +23,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from lab.campaign.design import campaign_of
-from lab.campaign.planned import planned_table
+from lab.campaign.design import campaign_of, planned_table
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from recordings.campaign.replay import compare

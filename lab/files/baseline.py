@@ -18,13 +18,14 @@ from model.effects.tolerance import AREA
 from model.errors import ModelError, nearest
 from model.robot import Robot
 from model.simulators import GROUP, OWN, Forward, Readings
+from recordings.table_file import read_numbers
 
 from .config import ConfigError
 from .inputs import Case
-from .number_table import Columns, read_numbers
 from .packages import installed, python_file, without
 
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.generic]]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""

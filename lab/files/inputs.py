@@ -14,7 +14,6 @@ from diagnosis.data.campaign import settings
 from diagnosis.findings import Finding, finding
 from model.condition import States
 from model.robot import Robot
-from recordings.bounded import read_bounded
 from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
@@ -169,19 +168,17 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
     for place in inputs:
         path = place / "map.yaml"
         try:
-            lines = read_bounded(path, 1_000_000, ConfigError).decode("utf-8", "replace").splitlines()  # bytes
+            listed = read_yaml(path).table.get(UNCONFIRMED)
         except ConfigError:  # a recording, or a case that was not imported
             continue
-        found = [line.removeprefix(UNCONFIRMED).strip() for line in lines if line.startswith(UNCONFIRMED)]
-        if found:
-            names = [line.partition(": ")[0][:MOST_OF_GUESS] for line in found]
-            more = f" and {len(found) - MOST_GUESSES} more" if len(found) > MOST_GUESSES else ""
-            guesses = ", ".join(names[:MOST_GUESSES]) + more
-            yield finding("unconfirmed_guesses", count=len(found), guesses=guesses, path=str(path), mark=UNCONFIRMED)
+        if isinstance(listed, list) and listed:
+            more = f" and {len(listed) - MOST_GUESSES} more" if len(listed) > MOST_GUESSES else ""
+            guesses = "; ".join(str(text)[:MOST_OF_GUESS] for text in listed[:MOST_GUESSES]) + more
+            yield finding("unconfirmed_guesses", count=len(listed), guesses=guesses, path=str(path), key=UNCONFIRMED)
 
 
-UNCONFIRMED = "# CHECK:"
-"""How `lab import --guess` begins a line about a guess that the data do not force."""
+UNCONFIRMED = "unconfirmed"
+"""The key of map.yaml that lists guesses which the data do not force."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 DOUBTS = {

@@ -45,7 +45,7 @@ def import_files(
         result = imported(inputs, wanted, robot, screen.progress)
     reading = judged(robot, result.table)
     if reading.refused:
-        raise ConfigError("\n".join(f"{map_path}: {text}" for text in reading.refused))
+        raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
     with whole(folder, OWN, replace_all, inputs) as place:
         write_case(result, robot, robot_path, map_path, place)
@@ -152,7 +152,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
             out.print(f"{', '.join(keys):24s} {reason}")
         note(f"check: {text}" for text in checks)
         if result is not None:
-            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
+            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each guess of `unconfirmed` once settled, then:"
             out.print(f"{states} states; {look}", soft_wrap=True)
         words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
         out.print(shlex.join(words), soft_wrap=True)

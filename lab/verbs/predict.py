@@ -25,14 +25,15 @@ from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
+from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
+from recordings.table_file import read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
-from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import planned_columns, protocol_plan, robot_facts
+from .run import Columns, planned_columns, protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
 
@@ -134,7 +135,6 @@ def invert(
     effects: Path | None = None,
     spine_length: float | None = None,
     groups: tuple[tuple[int, ...], ...] | None = None,
-    max_pressure: float | None = None,
 ) -> Result:
     """Pressures and spine lengths for wanted tips; `spine_length` in m, free where None; `groups`: chambers that share a
     regulator. Raises ConfigError, ModelError."""
@@ -144,7 +144,7 @@ def invert(
     _demand_metres(targets_path, place, robot)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
-        limits = limits_of(robot, groups, max_pressure, fixed)
+        limits = limits_of(robot, groups, spine=fixed)
         with Screen(f"searching {robot.actuators.words.pressures}") as screen:
             predictor = Predictor(robot, stated_by(robot, effects))
             reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
@@ -255,14 +255,10 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 
 
 def _rows(columns: Columns) -> list[dict[str, Any]]:
-    return [dict(zip(columns, map(_cell, row), strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _cell(value: Any) -> Any:
-    """A number or text as JSON has it; None for one that there is not."""
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    """As JSON has them; None for a number that there is not."""
+    cells = zip(*(column.tolist() for column in columns.values()), strict=True)
+    rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
+    return rows
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:
@@ -376,7 +372,7 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 def _predict_verb(a: argparse.Namespace) -> Result:
     outputs, robot = PredictionFiles(a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
-        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups, a.max_pressure)
+        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups)
     by_table = a.table is not None
     states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
     return predict(robot, states, outputs, a.effects)
@@ -416,7 +412,6 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa"),
             option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
             option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
             OWN_EFFECTS,

@@ -247,7 +247,7 @@ def test_a_level_body_that_sags_is_left_alone() -> None:
     "effects",
     [
         {"chamber_azimuth": {"angle": Stated(value=0.5, unit="rad")}},
-        {"chamber_gain": {name: Stated(value=value, unit="1") for name, value in (("x", 0.3), ("y", -0.2), ("peak", 2.0))}},
+        {"chamber_gain": {name: Stated(value=value, unit="1") for name, value in (("x", 0.3), ("y", -0.2), ("single", 1.0))}},
         {"tether_load": {"x": Stated(value=1.0, unit="N"), "y": Stated(value=-0.7, unit="N")}},
     ],
     ids=["turned by 29 degrees", "one strong chamber", "pulled aside"],

@@ -202,7 +202,6 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("lab fit --with spine_sl", {"spine_slip"}),
         ("lab fakes --effect vacuum_l", {"vacuum_leak"}),
         ("lab check --rig bea", {"beam.yaml"}),
-        ("lab fakes --channels ", {"3", "9"}),
     ],
 )
 def test_bash_completes(script: Path, line: str, offered: set[str]) -> None:

@@ -108,9 +108,9 @@ def during(condition: Callable[[], bool], act: Callable[[], object]) -> threadin
 
 def inflate(rig: Rig, house: House) -> None:
     """Something to land."""
-    rig.actuators.call("valve", "set", True)
+    rig.actuators.valve.set(True)
     for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        rig.actuators.pressure.set((60e3, 60e3, 60e3))
         timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
 
