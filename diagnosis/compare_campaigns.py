@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 
 from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
@@ -32,7 +33,7 @@ from .inference.budget import parts
 from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
-from .inference.prepare import Prepared, prepare
+from .inference.prepare import Prepared, prepare, table_columns
 from .inference.problem import FitParameters, Problem
 from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 
@@ -63,7 +64,8 @@ def compare_campaigns(
             "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
     both = _comparable(states(reference)[0], states(later)[0])
-    sized = scales(later.robot, np.vstack([s.pressure for s in both]))
+    pace = design_from_columns(later.robot, table_columns(both[1])).pace
+    sized = scales(later.robot, np.vstack([s.pressure for s in both]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in both)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)

@@ -34,14 +34,14 @@ from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
 from .edits.order import ORDER
-from .edits.search import Edited, edit_first
+from .edits.search import Edited
 from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import leading_by_law
 from .inference.prepare import AREA, prepare
-from .inference.thrust import settle_thrust
+from .inference.thrust import settled_and_edited
 
 
 @dataclass(frozen=True)
@@ -96,9 +96,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     own, findings = states(case)
     other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
     predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
-    settled = settle_thrust(case.robot, own, wanted.catalogue) if predicted is None else None
-    robot = case.robot if settled is None else settled.robot
-    first = edit_first(robot, own, wanted.catalogue) if predicted is None else Edited(robot, own)
+    settled, first = None, Edited(case.robot, own)
+    if predicted is None:
+        settled, first = settled_and_edited(case.robot, own, wanted.catalogue, wanted.catalogue)
     try:
         prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
     except np.linalg.LinAlgError as error:
@@ -135,12 +135,13 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     weighed = found.posterior.candidates.values()
     leading = leading_by_law(weighed, len(prepared.problem.parameters.ids))
     # a tolerance that is named for its millimetres leads no hypothesis
-    others = [h for h in leading if not {*h} & {*named}] if any({*c.named} & {*named} for c in weighed) else []
-    as_good, by_law = ([sentences.hypothesis_name(h, names) for h in own] for own in ([(e,) for e in alone], others))
+    leads = any({*c.named} & {*named} for c in weighed)
+    by_law = {sentences.hypothesis_name(h, names): p for h, p in leading.items() if leads and not {*h} & {*named}}
+    as_good = [sentences.hypothesis_name((e,), names) for e in alone]
     why: tuple[Finding, ...] = ()
     if named:
         why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
-        found = replace(found, decision=doubted(found.decision, why, len(alone)))
+        found = replace(found, decision=doubted(found.decision, why, len(alone), sum(by_law.values())))
     unsure = bool(far or first.numbers or tense)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
     facts = sentences.Facts(
@@ -200,6 +201,7 @@ def confirmed(f: Attribution, first: Edited, catalogue: Mapping[str, EffectSpec]
     own starts."""
     p, theta = f.prepared, f.prepared.common(f.best.fit.theta)
     start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
-    made = fit_described(first.robot, first.states, f.decision.effects, catalogue, start=start)
+    known = p.noise_components
+    made = fit_described(first.robot, first.states, f.decision.effects, catalogue, start=start, noise_components=known)
     values = {n: Value(s.value, s.sd, s.unit, n not in made.undetermined) for n, s in made.parameters.items()}
     return FittedRobot(made.effects, values, made.fitted_mm, made.calibrated_mm)

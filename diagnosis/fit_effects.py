@@ -32,8 +32,8 @@ from .arrays import Array
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
+from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
-from .edits.search import edit_first
 from .errors import BadCase
 from .findings import Finding
 from .fit_residual import DIGITS, learn_residual
@@ -45,7 +45,7 @@ from .inference.prepare import AREA, Prepared, prepare
 from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
-from .inference.thrust import settle_thrust
+from .inference.thrust import settled_and_edited
 from .judgement import UNDETERMINED_SHARE
 
 ALWAYS_CONSIDERED = "pressure_offset"
@@ -132,9 +132,8 @@ def fit_effects(
     kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
     changed: dict[str, Any] = {"effects": kept, "tolerances": {}, "posterior": None, "residual": None}
     robot = case.robot.model_copy(update=changed | ({"thrust": None} if THRUST in named else {}))
-    settled = settle_thrust(robot, case_states, catalogue)
-    # leaves a robot with effects as it is
-    first = edit_first(robot if settled is None else settled.robot, case_states, named)
+    # edits leave a robot with effects as it is
+    settled, first = settled_and_edited(robot, case_states, catalogue, named)
     robot, case_states = first.robot, first.states
     # an order that was found is part of the robot now, as is thrust on the walls
     found_before = tuple(id for id in named if id in robot.effects)
@@ -154,10 +153,13 @@ def fit_described(
     progress: Progress = no_progress,
     residual: bool = False,
     start: Mapping[str, float] = MappingProxyType({}),
+    noise_components: NoiseComponents | None = None,
 ) -> Fitted:
-    """Fit effects to the states of a robot whose conventions are settled and which was calibrated first; see `fit_effects`."""
+    """Fit effects to the states of a robot whose conventions are settled and which was calibrated first; see `fit_effects`.
+    `noise_components`: of these states, where they are known."""
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
-    p = prepare(robot, own, catalogue={id: spec for id, spec in catalogue.items() if id in considered})
+    some = {id: spec for id, spec in catalogue.items() if id in considered}
+    p = prepare(robot, own, catalogue=some, noise_components=noise_components)
     progress("step 1 of 4: starting points", 0.0)
     search = Search(p.problem)
     progress("step 2 of 4: calibration", 0.0)
@@ -286,7 +288,7 @@ def _written(
         x, y = p.forward.plane_direction.tolist()
         data["obstacle_azimuth_deg"] = _rounded(float(np.degrees(np.arctan2(y, x))))
     if named:
-        data["quoted_pressure"] = p.forward.scales.pressure
+        data |= {"quoted_pressure": p.forward.scales.pressure, "quoted_time": p.forward.scales.time}
     data |= {
         "area_factor": stated[AREA_FACTOR].value,
         "effects": {**data["effects"], **tables["effects"]},

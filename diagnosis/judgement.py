@@ -57,8 +57,9 @@ DRIFT_SD = 1.0
 """Prior standard deviation of drift, relative: far more than any robot has."""
 LASTING_SHARE, LASTING_LOGIT_SD = 0.3, 1.5
 """Share of a variance that lasts over several readings, and prior standard deviation of its logit."""
-MEMORY_S, MEMORY_LOG_SD, LONGEST_MEMORY_S = 20.0, 1.0, 600.0
-"""Time over which lasting errors are forgotten, prior standard deviation of its logarithm, and the longest: beyond is drift."""
+MEMORY, MEMORY_LOG_SD, LONGEST_MEMORY = 1.25, 1.0, 37.5
+"""Time over which lasting errors are forgotten, paces of the campaign, prior standard deviation of its logarithm, and the
+longest: beyond is drift."""
 
 # ------------------------------------------------------------------ edits before the diagnosis
 EDIT_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
@@ -80,7 +81,7 @@ EDIT_REPEATED = 4e-3
 """Robust rms of repeats, robot lengths, from which edits are tried: far more than cameras and re-grown spines scatter."""
 EDIT_MODEL_ERROR, EDIT_NOISE = 1.5e-3, 1e-3
 """Robot lengths of robust rms that no edit is asked to go below: models and repeats are no better."""
-EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 3
+EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 5
 """rad of attitudes that no edit is asked to go below, and conditions of them that count at most."""
 EDIT_CONDITIONS, EDIT_REPEATS = 7, 14
 """Conditions and repeats that count at most in the evidence of edits. Seven: an edit with a prior of a hundredth is sure where it
@@ -89,6 +90,11 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
+EDIT_GROSS = 0.02
+"""Robot lengths of robust rms, calibrated, above which edits are tried at reading: the rest is left to the diagnosis."""
+EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
+"""Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
+a table in another frame is refused, as nothing can be said of its robot."""
 EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3

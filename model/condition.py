@@ -91,6 +91,21 @@ class States:
         """(n, chambers) Pa gauge, the highest reading of each chamber in the state's trial."""
         return highest_of_trial(self.trial, self.pressure)
 
+    @cached_property
+    def pace(self) -> float | None:
+        """s, geometric mean of the median time from reading to reading and the median duration of a trial, to two digits; None
+        where no time passes. What a material remembers shows between these two."""
+        own = self[~self.stiffness]
+        first = np.diff(own.trial, prepend=-1) != 0
+        step = np.abs(np.where(first[:, None], own.pressure, np.diff(own.pressure, axis=0, prepend=0.0))).max(axis=1)
+        reached = step / np.where(own.rate > 0, own.rate, np.inf) + np.maximum(own.hold, 0.0)
+        gap = np.diff(own.t, prepend=np.nan)
+        passed = np.where(~first & (gap > 0), gap, reached)
+        if not (passed > 0).any():
+            return None
+        trials = np.add.reduceat(passed, np.flatnonzero(first))
+        return float(f"{np.sqrt(np.median(passed[passed > 0]) * np.median(trials[trials > 0])):.2g}")
+
     @property
     def markers(self) -> int:
         """How many markers are observed."""

@@ -178,6 +178,8 @@ class Robot(BaseModel):
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
     quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
+    quoted_time: FiniteFloat | None = Field(default=None, gt=0, le=1e6, json_schema_extra={"unit": "s"})
+    """Pace of the campaign to which `effects` with memory were fitted, of which their relaxation times are multiples."""
     uncertainty: Uncertainty = Uncertainty()
     """How well its numbers are known."""
     effects: Table = Field(default={})
@@ -291,7 +293,7 @@ class Robot(BaseModel):
     @property
     def plain(self) -> Robot:
         """The same robot without effects, tolerances, posterior and residual: what the paper's model knows of it."""
-        nothing = {"posterior": None, "obstacle_azimuth_deg": None, "quoted_pressure": None, "residual": None}
+        nothing = dict.fromkeys(("posterior", "obstacle_azimuth_deg", "quoted_pressure", "quoted_time", "residual"))
         return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
     @property

@@ -37,7 +37,7 @@ def derivatives() -> None:
     path.lag(drive, 1.0)
     path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
     path.held(np.zeros((1, 1, 1)), np.zeros((1, 1, 2, 2)))
-    path.extremes(drive, np.zeros((1, 1, history.CELLS)), at_once, at_once)
+    path.extremes(drive, np.zeros((1, 1, history.CELLS)), at_once, at_once, 1.0)
     one = _one()
     rod.solve(one, rod.PAPER)
     values = np.zeros((1, RESULT))

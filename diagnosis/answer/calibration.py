@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import expit, ndtr
 
+from model.body import body_of
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
@@ -16,7 +17,7 @@ from model.robot import Robot
 from ..arrays import Array
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
-from ..inference.prepare import AREA, MODULUS, possible, table_columns
+from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, Simulator
@@ -109,7 +110,9 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     Pressures bend a body in proportion to k = g a r / (E I): regulator gain g, chambers' area a and distance r from the axis,
     modulus E, second moment of area I. `stiffness` is 1 / k, as a ratio to that of robot.yaml. With independent log errors
     d_i ~ N(0, s_i^2) whose sum is d, those given d are N(w_i d, s_i^2 (1 - w_i)), w_i = s_i^2 / sum s^2; the probability is that
-    of |d_i| > |d| / 2 on the side of d. `modulus_sd`: relative, s of E; 0 where E I is measured.
+    of |d_i| > |d| / 2 on the side of d. `modulus_sd`: relative, s of E; 0 where E I is measured. The section is drawn
+    without the chambers' cavities. Where no area factor makes up for them yet, it is as probable before as not that they change
+    E I, by exp(c).
     """
     path, name = robot.actuators.path_radius, robot.actuators.words.kind
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
@@ -123,11 +126,17 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
         by_wall = 4 * float(np.hypot(outer**3, inner**3)) / (outer**4 - inner**4)
         powers |= {"youngs_modulus": (1.0, modulus_sd), "outer_radius": (0.25, GEOMETRY_SD * by_wall)}
     d, total = abs(np.log(stiffness)), sum(s**2 for _, s in powers.values())
-    out = []
+    out, solid = [], 1.0
+    if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0:
+        area = robot.chambers.area
+        second = len(robot.chambers.azimuths_deg) * area * (area / (4 * np.pi) + path**2 / 2)
+        ratio = max(1 - second / body_of(robot).mean_second, TINY)
+        solid = float(expit(np.log(ratio) * (np.log(ratio) / 2 - np.log(stiffness)) / total))
+        out.append(Origin("cavities", ratio, 1 - solid))
     for name, (power, s) in powers.items():
         w = s**2 / total
         p = float(ndtr(d * (w - 0.5) / (s * np.sqrt(1 - w))))
-        out.append(Origin(name, float(stiffness**power), p))
+        out.append(Origin(name, float(stiffness**power), solid * p))
     return tuple(sorted(out, key=lambda o: -o.probability))
 
 

@@ -240,6 +240,7 @@ def as_stiff(c: Calibration) -> str:
 
 ORIGINS = {
     "pressures": "the readings of the {pressures}",
+    "cavities": "the body's stiffness, as its section is drawn without the cavities of the {actuators},",
     "area_factor": "area_factor (effective over geometric area of the {actuators})",
 }
 """Origins that robot.yaml does not hold, or whose key says little -> what to call them, in templates of `Words`."""

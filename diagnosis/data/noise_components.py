@@ -13,8 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import helmert
 
+from model.effects.scales import STANDARD
+
 from ..arrays import Array, Ints, Mask
-from ..judgement import MEMORY_S
+from ..judgement import MEMORY
 
 PRESSURE = "pressure"
 """What lasts of the pressure readings."""
@@ -72,7 +74,7 @@ class NoiseComponents:
     """Largest factor by which the pressure reading or a parameter of the trials scatters more than its default."""
     lasting: Mapping[str, float] = field(default_factory=dict)
     """Kind of channel, and `pressure` -> share of its variance that lasts from reading to reading; of others nothing does."""
-    memory: float = MEMORY_S
+    memory: float = MEMORY * STANDARD.time
     """s over which that is forgotten."""
 
 

@@ -38,7 +38,8 @@ from ..judgement import (
     LASTING_LOGIT_SD,
     LASTING_SHARE,
     LEAST_COMPONENT_SHARE,
-    LONGEST_MEMORY_S,
+    LONGEST_MEMORY,
+    MEMORY,
     MEMORY_LOG_SD,
 )
 from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter
@@ -76,7 +77,7 @@ class Loss:
         self.centre = np.array([*sds, *[logit] * (g + 1), np.log(default.memory)])
         self._prior_sd = np.repeat([COMPONENT_LOG_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD], [count, g + 1, 1])
         self._lasts = float((data.block >= 0).any())
-        longest = np.log(LONGEST_MEMORY_S / default.memory)
+        longest = np.log(LONGEST_MEMORY / MEMORY)
         self.low = np.repeat([np.log(LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
         self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], [count, g + 1, 1])
         k, c = len(contrast), data.residual.shape[1]

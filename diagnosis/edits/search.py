@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -25,6 +26,7 @@ from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, Variants
 from .listed import every_edit, of_attitudes
 from .misfit import AREAS, Fit, Sample
+from .of_table import of_table
 from .order import can_name_order, place_of, reordered, with_order
 
 
@@ -107,13 +109,18 @@ def judge(robot: Robot, states: Campaign) -> Judged | None:
     tips = states.take(~states.pushed & finite(states.trials))
     if len(tips) < judgement.EDIT_FEWEST:
         return None
-    sample = Sample.of(robot, tips)
+    return _judged(Sample.of(robot, tips))
+
+
+@lru_cache(maxsize=4)
+def _judged(sample: Sample) -> Judged | None:
+    """The same, once for each sample."""
     near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
-    if sample.aligned(near) and (sample.reached(near) or sample.near(near) and usual):
+    if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
         return None
-    fits = [near, *_weighed(sample, every_edit(sample, near), near, pairs=not sample.near(near))]
+    fits = [near, *_weighed(sample, [*every_edit(sample, near), *of_table(sample, near)], near, pairs=not sample.near(near))]
     return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
 
 
@@ -122,6 +129,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
 
     def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int) -> list[Fit]:
         sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
+        if not sets:
+            return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
         better = [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import comb, log
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
 from ..judgement import CREDIBLE_SHARE, LAW_ERRORS, PRIOR_OF_NUMBER, TEMPERATURE
@@ -77,13 +77,20 @@ def shares(candidates: Sequence[Candidate], effects: int) -> Array:
     return np.asarray(share / share.sum())
 
 
-def leading_by_law(candidates: Iterable[Candidate], effects: int) -> list[Hypothesis]:
-    """The most probable hypothesis that names an effect if laws are wrong by each of the shares `LAW_ERRORS`."""
-    named = {c.named: c for c in candidates if c.named and hypothesis_prior(c.named, effects) > 0}
-    by_law = {h: logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease for h, c in named.items()}
+def leading_by_law(candidates: Iterable[Candidate], effects: int) -> dict[Hypothesis, float]:
+    """The hypotheses that name an effect and lead if laws are wrong by each of the shares `LAW_ERRORS`, and how probable it is
+    that laws are wrong by those."""
+    named = [*{c.named: c for c in candidates if c.named and hypothesis_prior(c.named, effects) > 0}.values()]
+    if not named:
+        return {}
+    by_law = [logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease for c in named]
     # without an error of laws there is one term for all of them
-    shares = {h: np.broadcast_to(z - log(len(LAW_ERRORS) / len(z)), LAW_ERRORS.shape).tolist() for h, z in by_law.items()}
-    return [max(shares, key=lambda h: log_weight(h, shares[h][k], effects)) for k in range(len(LAW_ERRORS)) if shares]
+    terms = [np.broadcast_to(z - log(len(LAW_ERRORS) / len(z)), LAW_ERRORS.shape) for z in by_law]
+    weight = np.array([[log_weight(c.named, z, effects) for z in own] for c, own in zip(named, terms, strict=True)])
+    out: dict[Hypothesis, float] = {}
+    for first, share in zip(weight.argmax(axis=0).tolist(), softmax(logsumexp(weight, axis=0)).tolist(), strict=True):
+        out[named[first].named] = out.get(named[first].named, 0.0) + share
+    return out
 
 
 def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:

@@ -162,7 +162,7 @@ def prepare(
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     floor, beside_model, beside_readings = floor_of(
-        states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components
+        states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components, forward.scales.time
     )
     pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
     noise = noise_of(states, labels, floor, pushes, response)

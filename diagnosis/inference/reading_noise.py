@@ -12,12 +12,14 @@ from model.condition import States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
+from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
+from ..judgement import MEMORY
 from .labels import Labels
 from .problem import FitParameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
@@ -104,12 +106,13 @@ def floor_of(
     slope: Array,
     response: Array,
     known: NoiseComponents | None = None,
+    pace: float = STANDARD.time,
 ) -> tuple[NoiseComponents, float, float]:
     """Components of the noise of the robot's states, estimated unless `known`, and the rms of a single tip reading (m): beside
     what the model makes of the states that were read, and beside any proportion of that and of what was read, so that the
     model's sizes do not matter; of cameras as usual where nothing was repeated."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
-    default = USUAL
+    default = replace(USUAL, memory=MEMORY * pace)
     if not names:
         return default, _usual(default), _usual(default)
     of_robot = labels.kind < 3

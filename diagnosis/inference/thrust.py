@@ -7,7 +7,7 @@ settled where this leaves far less; the diagnosis then looks for what is beyond 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from model.robot import THRUST, Robot
 from model.stated import Stated
 
 from ..data.campaign import Campaign, spread_over
+from ..edits.search import Edited, edit_first
 from ..errors import BadCase
 from ..findings import Finding, finding
 from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
@@ -42,6 +43,19 @@ class SettledThrust:
     def finding(self) -> Finding:
         """The note on it."""
         return finding("thrust_settled", self.robot.actuators.words, walls_mm=1e3 * self.walls, cap_mm=1e3 * self.cap)
+
+
+def settled_and_edited(
+    robot: Robot, states: Campaign, catalogue: Collection[str], effects: Collection[str]
+) -> tuple[SettledThrust | None, Edited]:
+    """Thrust that is settled, and the robot and the states with the edits that are made first; where there are some, thrust is
+    settled after them, as a mistake hides it. `effects`: as `edit_first` takes them."""
+    settled = settle_thrust(robot, states, catalogue)
+    first = edit_first(robot if settled is None else settled.robot, states, effects)
+    if first.changes and settled is None:
+        settled = settle_thrust(first.robot, first.states, catalogue)
+        first = first if settled is None else replace(first, robot=settled.robot)
+    return settled, first
 
 
 def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> SettledThrust | None:

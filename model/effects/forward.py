@@ -139,7 +139,7 @@ class ForwardModel:
         if area not in ("one", "per_length"):
             raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
-        self.scales = sized or scales(robot, design.pressure)
+        self.scales = sized or scales(robot, design.pressure, design.pace)
         catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
         self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated))
         self._every_law = every_law

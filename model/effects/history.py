@@ -35,8 +35,8 @@ DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
 OF_PART = DRIVES // 2
 
-USUAL_PAUSE = 300.0
-"""s between trials whose times are not known."""
+USUAL_PAUSE = 20.0
+"""Paces of the campaign between trials whose times are not known."""
 
 
 def rest_columns(robot: Robot, layout: at.Layout) -> list[int]:
@@ -92,16 +92,16 @@ class Path:
         _hold(pulls, give, self.before, self.after, self.first, mean, rise)
         return mean, rise
 
-    def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array) -> Array:
+    def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array, usual_pause: float) -> Array:
         """m = max + min (v, n, DRIVES) of what each cell of the body has been through, mean over the cells of each part.
 
         In a cell, max(t) = max(max(t - dt) exp(-rate dt), drive(t)), from 0, and min likewise: m is 0 after equal bends to both
         sides, and the largest bend after bends to one side. `drive` (v, n, DRIVES); `covered` (v, n, CELLS) share 0..1 of
         each cell that the spine is in; `roll` (n,) rad by which the body was turned, as its cells remember in its own frame;
-        `rate` (v,) 1/s.
+        `rate` (v,) 1/s; `usual_pause` s between trials whose times are not known.
         """
         out = np.zeros(drive.shape)
-        pause = np.where(np.isfinite(self.stay), self.stay, USUAL_PAUSE)
+        pause = np.where(np.isfinite(self.stay), self.stay, usual_pause)
         _extremes(drive, covered, roll, self.after, pause + self.ramp + self.hold, rate, out)
         return out
 
@@ -182,7 +182,7 @@ class History:
         n, v = self.drive.shape[1], max(len(self.drive), len(covered), len(rate))
         drive, covered = _spread(self.drive, v, n, DRIVES), _spread(covered, v, n, CELLS)
         rates = _spread(rate[:, 0], v)
-        return self.path.extremes(drive, covered, q.design.roll, rates)
+        return self.path.extremes(drive, covered, q.design.roll, rates, USUAL_PAUSE * q.scales.time)
 
     def sliding(self, drive: Array, yields: Array) -> Array:
         """(v, n, c) mean state of sliding elements."""

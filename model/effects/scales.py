@@ -1,4 +1,4 @@
-"""What the sizes of effects are multiples of: a robot's own length, stiffness and largest pressure.
+"""What the sizes of effects are multiples of: a robot's own length, stiffness and largest pressure, and its campaign's pace.
 
 The catalogue holds sizes of a robot with the scales `STANDARD`; those of another robot are in proportion to its own. Of similar
 robots (lengths, moduli and pressures in proportion, gravity to match) the same share of a scale moves the tip by the same share
@@ -17,8 +17,8 @@ from model.body import body_of
 from model.errors import BadRobot
 from model.robot import Robot
 
-BALLOONING = "chamber_ballooning"
-"""Effect whose size is that at a pressure."""
+BALLOONING, MEMORY = "chamber_ballooning", "viscoelastic"
+"""Effects whose sizes are those at a pressure, and at a pace."""
 NEAR = 0.6
 """Share of robot.yaml's max_pressure from which states use all of it."""
 
@@ -35,9 +35,11 @@ class Scales:
     """Pa, the largest; at which sizes that grow with pressure are quoted."""
     gravity: float = 9.81
     """m/s^2."""
+    time: float = 16.0
+    """s, the pace of the campaign (`States.pace`); what is much faster or slower is not seen in it."""
 
     def of(self, unit: str) -> float:
-        """The scale of quantities with this unit; 1 for pure numbers, angles and times, which belong to material and instruments.
+        """The scale of quantities with this unit; 1 for pure numbers and angles.
 
         >>> STANDARD.of("rad/m"), STANDARD.of("Pa"), STANDARD.of("1")
         (2.5, 250000.0, 1.0)
@@ -46,7 +48,7 @@ class Scales:
         known = {
             "Pa": self.pressure, "m": self.length, "1/m": 1 / self.length, "rad/m": 1 / self.length, "N": force,
             "N m": force * self.length, "N/m": force / self.length, "m/N": self.length / force,
-            "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity,
+            "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity, "s": self.time, "1/s": 1 / self.time,
         }  # fmt: skip
         return known.get(unit, 1.0)
 
@@ -59,12 +61,13 @@ STANDARD = Scales(0.4, 507147.0 * math.pi / 4 * (0.05**4 - 0.029**4), 250e3)
 """A cast body of 40 cm and 10 cm across."""
 
 
-def scales(robot: Robot, pressure: NDArray[np.float64] | None = None) -> Scales:
-    """Scales of a robot whose states have these pressures (n, chambers), Pa; None: of any states.
+def scales(robot: Robot, pressure: NDArray[np.float64] | None = None, pace: float | None = None) -> Scales:
+    """Scales of a robot whose states have these pressures (n, chambers), Pa, and this pace, s; None: of any states.
 
     Its pressure is that of robot.yaml where it states one (`quoted_pressure`), or `max_pressure` where it states a size that is
     quoted there or states come near it; else the largest of the states, to two digits, so that noise does not change what a
-    size means. Raises `BadRobot` where such a size is stated without its pressure.
+    size means. Its pace is that of robot.yaml (`quoted_time`), the standard one where it states a memory without it, else that of
+    the states. Raises `BadRobot` where a size that is quoted at a pressure is stated without it.
     """
     quoted = robot.quoted_pressure
     if quoted is None and (BALLOONING in robot.effects or pressure is None):
@@ -79,4 +82,6 @@ def scales(robot: Robot, pressure: NDArray[np.float64] | None = None) -> Scales:
         near = robot.max_pressure is not None and NEAR * most <= highest <= most / NEAR
         quoted = most if near or highest == 0 else float(f"{highest:.2g}")
     stiffness = robot.youngs_modulus * body_of(robot).mean_second
-    return Scales(robot.length, stiffness, quoted, float(np.linalg.norm(robot.gravity)) or STANDARD.gravity)
+    gravity = float(np.linalg.norm(robot.gravity)) or STANDARD.gravity
+    time = robot.quoted_time or (None if MEMORY in robot.effects else pace) or STANDARD.time
+    return Scales(robot.length, stiffness, quoted, gravity, time)

@@ -24,7 +24,7 @@ class Measured:
 def row(trial: int, step: int, length: float, pressure: float, branch: str = "load", repeat: int = 1) -> TrialRow:
     used = tuple(pressure if c in (8, 0, 1) else 0.0 for c in range(9))
     tip = (-0.2 * pressure / 250e3, 0.0, 0.39)
-    return TrialRow(trial, step, "bending", repeat, branch, 60.0 * trial + step, length, used, hold=3.0, rate=25e3, tip=tip)
+    return TrialRow(trial, step, "bending", repeat, branch, 60.0 * trial + 8.0 * step, length, used, hold=3.0, rate=25e3, tip=tip)
 
 
 def sweep(repeats: int = 3, lengths: tuple[float, ...] = (0.0, 0.15, 0.3), unload: bool = True) -> list[TrialRow]:

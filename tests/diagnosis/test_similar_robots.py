@@ -6,8 +6,9 @@ import pytest
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import diagnose
+from model.effects.catalogue import CATALOGUE
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import FEW, measured, quick
+from tests.diagnosis.small_campaigns import FEW, RIVALS, SOME, measured, quick
 from tests.diagnosis.test_case import Measured
 from tests.model.effects.test_similarity import similar
 
@@ -27,9 +28,19 @@ def scaled(campaign: Measured, length: float, modulus: float) -> Measured:
     return Measured(similar(campaign.robot, length, modulus), Table.of(rows))
 
 
+@pytest.mark.parametrize("slower", (0.1, 10.0))
+def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_same_probability(slower: float) -> None:
+    campaign, some = measured(3, 1, FEW, viscoelastic__slow=0.2), {e: CATALOGUE[e] for e in ("viscoelastic", *RIVALS[:4])}
+    rows = [replace(r, t=slower * r.t, hold=slower * r.hold, rate=(r.rate or 0.0) / slower) for r in campaign.table]
+    given, timed = (diagnose(c, quick(some)).attribute for c in (campaign, Measured(campaign.robot, Table.of(rows))))
+    assert given.effects == timed.effects == ("viscoelastic",)
+    assert timed.probability == pytest.approx(given.probability, abs=0.02)
+
+
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
     campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.3)
-    given, small = (diagnose(c, quick()) for c in (campaign, scaled(campaign, 0.3, 0.2)))
+    rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
+    given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
 
     def growth(d: Diagnosis) -> float:
         return d.attribute.ranking[0].parameters["chamber_ballooning.growth"].value

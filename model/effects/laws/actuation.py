@@ -16,6 +16,8 @@ from model.robot import Robot
 
 DEADBAND_SOFTNESS = 0.2
 """Width of the smooth corner of a dead band, in dead bands."""
+SINGLE = 3.0
+"""Logarithm of the ratio of what one chamber differs by to what its neighbour does, where it differs alone."""
 ORDERS = ((1, -1), (-1, -1), (-1, 0), (-1, 1), (1, 1))
 """Ways to connect hoses wrongly, as sense and start of counting: turned back, three mirror images, turned on."""
 
@@ -114,11 +116,12 @@ def _chamber_order(q: Quantities, v: Values) -> None:
 
 
 def _areas(robot: Robot, v: Values) -> np.ndarray:
-    """From one side to the other (peak 0), or one chamber that differs from the others (strong above 0, weak below)."""
-    x, y, peak = (v[name][..., None] for name in ("x", "y", "peak"))
-    along = np.cos(np.deg2rad(robot.actuators.azimuths_deg) - np.arctan2(y, x))
-    sharp = np.where(peak == 0, 1.0, peak)
-    shape = np.where(peak == 0, along, np.expm1(sharp * along) / np.sinh(sharp))
+    """From one side to the other (single 0), or one chamber that differs from the others (strong at 1, weak at -1)."""
+    azimuths = np.deg2rad(robot.actuators.azimuths_deg)
+    x, y, single = (v[name][..., None] for name in ("x", "y", "single"))
+    along = np.cos(azimuths - np.arctan2(y, x))
+    sharp = np.where(single == 0, 1.0, single * SINGLE / (1 - np.cos(2 * np.pi / max(len(azimuths), 2))))
+    shape = np.where(single == 0, along, np.expm1(sharp * along) / np.sinh(sharp))
     return np.asarray(1 + np.hypot(x, y) * (shape - shape.mean(axis=-1, keepdims=True)))
 
 
@@ -234,11 +237,12 @@ SPECS = (
         label="difference between the {actuator_areas}",
         says="the {actuator_areas} differ by {}",
         stage="actuation",
-        equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g",
+        equation="A_i = A (1 + |g| (f_i - mean f)), f_i = (exp(k cos(az_i - az_g)) - 1) / sinh k, g = (x, y) towards az_g, "
+        "k = 3 s / (1 - cos(2 pi / n)) of n actuators; s = 1 or -1: one differs alone",
         parameters=(
             Parameter("x", "1", 0.1 / math.sqrt(2), -0.4, 0.4),
             Parameter("y", "1", 0.1 / math.sqrt(2), -0.4, 0.4),
-            Parameter("peak", "1", 1.0, -3.0, 3.0, role="shape"),
+            Parameter("single", "1", 0.5, -1.5, 1.5, role="shape"),
         ),
         law=Law(before=_chamber_gain),
         each=_areas,

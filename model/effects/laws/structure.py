@@ -16,8 +16,8 @@ YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
 GRIP = 2.0
 """Outer radii from the spine's end over which friction builds up (shear lag)."""
-RELAXATION_TIMES = {"fast": 5.0, "slow": 25.0, "long": 125.0}
-"""s; what lies between is a mixture of neighbours."""
+RELAXATION_TIMES = {"fast": 0.3, "slow": 1.5, "long": 7.5}
+"""Paces of the campaign; what lies between is a mixture of neighbours."""
 
 
 def _spine_slip(h: History, v: Values) -> None:
@@ -43,7 +43,7 @@ def _viscoelastic(h: History, v: Values) -> None:
     """A Zener solid, to first order in the amplitude: what has not yet relaxed is missing from curvature and strain."""
     share = h.silicone + v["spine"][..., None] * (1 - h.silicone)
     for name, time in RELAXATION_TIMES.items():
-        h.add(-v[name][..., None] * share * h.lag(time))
+        h.add(-v[name][..., None] * share * h.lag(time * h.quantities.scales.time))
 
 
 def _rest_shape(h: History, v: Values) -> None:
@@ -122,7 +122,7 @@ SPECS = (
         label="creep of the body",
         says="the silicone creeps by {} under load",
         stage="material",
-        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 5, 25 and 125 s, "
+        equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 0.3, 1.5 and 7.5 paces, "
         "s the silicone's share of EI, and share c of the spine's; axial strain likewise",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),

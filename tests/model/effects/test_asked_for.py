@@ -48,7 +48,7 @@ def test_an_effect_is_asked_for_where_a_campaign_can_show_it(paper_robot: Robot,
 @pytest.mark.parametrize(
     ("id", "sizes"),
     [
-        ("chamber_gain", {"x": 0.08, "y": -0.05, "peak": 0.7}),
+        ("chamber_gain", {"x": 0.08, "y": -0.05, "single": 0.1}),
         ("chamber_order", {"blend": 0.6, "which": 1.4}),
         ("tip_payload", {"mass": 0.15, "x": 0.02, "y": -0.01, "z": 0.04}),
         ("rest_shape", {"kept": 0.04, "recovery": 8e-4}),
@@ -81,7 +81,7 @@ def test_a_gain_is_no_area_factor_where_several_sides_are_inflated_and_nothing_e
 
 def areas(robot: Robot, design: States, **values: float) -> Array:
     q = unchanged(robot, design)
-    given = {name: np.full((1, 1), values.get(name, 0.0)) for name in ("x", "y", "peak")}
+    given = {name: np.full((1, 1), values.get(name, 0.0)) for name in ("x", "y", "single")}
     before = CATALOGUE["chamber_gain"].law.before
     assert before is not None
     before(q, given)
@@ -90,12 +90,12 @@ def areas(robot: Robot, design: States, **values: float) -> Array:
 
 def test_gains_leave_the_mean_and_range_over_twice_their_size(paper_robot: Robot) -> None:
     design = design_from_columns(paper_robot, THREE_SIDES)
-    for peak in (-3.0, 0.0, 3.0):
-        area = areas(paper_robot, design, x=0.1, peak=peak)
+    for x, single in ((-0.1, -1.0), (0.1, 0.0), (0.1, 1.0)):
+        area = areas(paper_robot, design, x=x, single=single)
         assert area.mean() == pytest.approx(1.0) and 0.16 < np.ptp(area) < 0.2001
-    strong = np.sort(areas(paper_robot, design, x=0.1, peak=3.0))
-    weak = np.sort(areas(paper_robot, design, x=0.1, peak=-3.0))
-    assert np.argmax(areas(paper_robot, design, y=0.1, peak=3.0)) in (2, 3)
+    strong = np.sort(areas(paper_robot, design, x=0.1, single=1.0))
+    weak = np.sort(areas(paper_robot, design, x=0.1, single=-1.0))
+    assert np.argmax(areas(paper_robot, design, y=0.1, single=1.0)) in (2, 3)
     assert np.median(strong) < 1 < np.median(weak)
 
 

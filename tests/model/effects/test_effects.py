@@ -89,7 +89,8 @@ def test_what_sits_on_the_robot_turns_with_it_and_a_tilted_base_does_not(
 
 def test_friction_makes_a_loop_that_no_rate_changes_and_relaxation_one_that_it_does(paper_robot: Robot) -> None:
     def loop(parameter: str, size: float, rate: float) -> float:
-        made = Moved(paper_robot, campaign(lengths=(0.2,), levels=(60e3, 120e3, 180e3), rate=rate))
+        robot = paper_robot.model_copy(update={"quoted_time": 16.0})
+        made = Moved(robot, campaign(lengths=(0.2,), levels=(60e3, 120e3, 180e3), rate=rate))
         moved = made.by(**{parameter: size})[:, 0]
         up, down = moved[2], moved[4]
         return float(up - down)

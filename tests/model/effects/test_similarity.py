@@ -82,6 +82,19 @@ def test_similar_robots_do_the_same_with_every_effect(paper_robot: Robot, length
         np.testing.assert_allclose(tips / unit, given[id], atol=2e-5, err_msg=id)
 
 
+@pytest.mark.parametrize("slower", (0.1, 10.0))
+def test_a_campaign_that_is_done_faster_or_slower_shows_the_same_of_every_effect(paper_robot: Robot, slower: float) -> None:
+    columns = campaign(lengths=(0.0, 0.2), levels=(100e3, 200e3, 250e3))
+    columns["hold"][::2] = 0.0
+    for name in ("qw", "qx", "qy", "qz"):
+        del columns[name]
+    timed = {**columns, "t": slower * columns["t"], "hold": slower * columns["hold"], "rate": columns["rate"] / slower}
+    given, made = (readings(paper_robot, own, EFFECTS) for own in (columns, timed))
+    for id, tips in made.items():
+        np.testing.assert_allclose(tips, given[id], atol=2e-5, err_msg=id)
+    assert np.abs(given["viscoelastic"] - given[""]).max() > 1e-3 < np.abs(given["time_offset"] - given[""]).max()
+
+
 @pytest.mark.parametrize(("length", "modulus"), SCALINGS)
 def test_similar_robots_with_tendons_do_too(reference_robot: Robot, length: float, modulus: float) -> None:
     ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
@@ -110,3 +123,10 @@ def test_a_size_that_is_quoted_at_a_pressure_needs_it(paper_robot: Robot) -> Non
         scales(stated)
     assert scales(stated.model_copy(update={"quoted_pressure": 120e3})).pressure == 120e3
     assert scales(stated.model_copy(update={"max_pressure": 300e3})).pressure == 300e3
+
+
+def test_relaxation_times_that_are_stated_are_those_of_the_campaign_they_were_fitted_to(paper_robot: Robot) -> None:
+    creeps = paper_robot.model_copy(update={"effects": {"viscoelastic": {"slow": Stated(value=0.1, unit="1")}}})
+    assert scales(paper_robot, pace=3.0).time == 3.0
+    assert scales(creeps, pace=3.0).time == scales(paper_robot).time == STANDARD.time
+    assert scales(creeps.model_copy(update={"quoted_time": 40.0}), pace=3.0).time == 40.0
