@@ -19,9 +19,9 @@ from benchmarks.blind.make import described, scatter, table_of, walk_of
 from benchmarks.blind.metrics import counted
 from benchmarks.blind.sweeps import BASE
 from benchmarks.blind.truth import SMALL, THRUST, TOLERANCES, Recipe, draw_robot
-from benchmarks.blind.worlds.campaign import Robot, read, respond, tails
+from benchmarks.blind.worlds.campaign import WorldRobot, read, respond, tails
 from benchmarks.blind.worlds.carried import rms, rows
-from benchmarks.blind.worlds.equilibrium import NoEquilibrium
+from benchmarks.blind.worlds.equilibrium import NoRodStands
 from benchmarks.blind.worlds.forms import EFFECTS
 from benchmarks.figures import write
 from diagnosis.compare_campaigns import compare_campaigns
@@ -47,7 +47,7 @@ class Pair:
     probability: float
 
 
-def another_day(robot: Robot, rng: np.random.Generator) -> Robot:
+def another_day(robot: WorldRobot, rng: np.random.Generator) -> WorldRobot:
     """The same robot, mounted and seen anew, on a day whose drift may go the other way."""
     where = robot.world
     sizes = dict(robot.sizes)
@@ -60,7 +60,7 @@ def another_day(robot: Robot, rng: np.random.Generator) -> Robot:
 
 def campaigns(seed: int, changed: bool) -> tuple[str, float, Case, Case]:
     """The changed effect or nothing, by how many floors it moves the tip, the reference and the later campaign. Raises
-    NoEquilibrium after some attempts."""
+    NoRodStands after some attempts."""
     recipe, walked = Recipe(f"drawn:{seed}", 1, seed, ("cluttered_none",)), walk_of(BASE)
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, 1, attempt])
@@ -74,12 +74,12 @@ def campaigns(seed: int, changed: bool) -> tuple[str, float, Case, Case]:
         try:
             response = respond(before, walked, (), difference)
             readings = read(before, walked, response, rng), read(after, walked, respond(after, walked), rng)
-        except NoEquilibrium:
+        except NoRodStands:
             continue
         floors = rms(rows(before, walked, response, effect)) / scatter(walked, readings[0]) if effect else 0.0
         reference, later = (Case(described(), table_of(BASE, r)) for r in readings)
         return effect, round(floors, 2), reference, later
-    raise NoEquilibrium
+    raise NoRodStands
 
 
 def compared(seed: int, changed: bool, cores: int) -> Pair:
@@ -111,7 +111,7 @@ def main() -> int:
     for k in range(a.pairs):
         try:
             pairs.append(compared(a.seed + k, bool(k % 2), a.cores))
-        except NoEquilibrium:
+        except NoRodStands:
             print(f"drawn:{a.seed + k}: the robot has no equilibrium, left out")
         else:
             print(pairs[-1], flush=True)

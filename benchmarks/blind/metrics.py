@@ -77,7 +77,7 @@ def carries_enough(named: Collection[str], carries: Mapping[str, float], floor: 
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedAnswer:
     """One case: what is true, and what was answered."""
 
     stratum: str
@@ -162,11 +162,11 @@ class Judged:
         return self.nearest is not None and float(self.nearest["leaves_mm"]) >= APART * self.floor
 
 
-def judged(truth: Mapping[str, Any], answer: Answer) -> Judged:
+def judged(truth: Mapping[str, Any], answer: Answer) -> JudgedAnswer:
     """A sealed truth beside its answer."""
     carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items()}
     causes = frozenset(truth["effects"])
-    return Judged(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
+    return JudgedAnswer(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Metric:
     found: Interval
 
 
-def _share(group: Sequence[Judged], test: Callable[[Judged], bool]) -> Interval:
+def _share(group: Sequence[JudgedAnswer], test: Callable[[JudgedAnswer], bool]) -> Interval:
     return share(np.array([test(c) for c in group], float))
 
 
@@ -190,7 +190,7 @@ def _median(values: Sequence[float]) -> Interval:
     return bootstrap(np.array(values, float), lambda v: float(np.median(v)))
 
 
-def metrics(cases: Sequence[Judged]) -> list[Metric]:
+def metrics(cases: Sequence[JudgedAnswer]) -> list[Metric]:
     """Figures of exact answers by kind; those without a case have n = 0."""
     single, pair, none, outside = ([c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside"))
     known = single + none
@@ -220,7 +220,7 @@ def metrics(cases: Sequence[Judged]) -> list[Metric]:
     ]  # fmt: skip
 
 
-def mm_metrics(cases: Sequence[Judged]) -> list[Metric]:
+def mm_metrics(cases: Sequence[JudgedAnswer]) -> list[Metric]:
     """Figures by stratum, by what carries; those without a case have n = 0."""
     out: list[Metric] = []
     for name in sorted({c.stratum for c in cases}):
@@ -232,7 +232,7 @@ def mm_metrics(cases: Sequence[Judged]) -> list[Metric]:
     return out
 
 
-def _known(name: str, own: Sequence[Judged]) -> list[Metric]:
+def _known(name: str, own: Sequence[JudgedAnswer]) -> list[Metric]:
     sure, caused = [c for c in own if c.named], [c for c in own if c.causes]
     largest, budgeted = [c for c in caused if c.largest in c.causes], [c for c in own if c.inside is not None]
     return [Metric(f"{name}.{key}", f"{name}: {label}", found) for key, label, found in (
@@ -251,7 +251,7 @@ def _known(name: str, own: Sequence[Judged]) -> list[Metric]:
     )]  # fmt: skip
 
 
-def _outside(name: str, own: Sequence[Judged], known: Sequence[Judged]) -> list[Metric]:
+def _outside(name: str, own: Sequence[JudgedAnswer], known: Sequence[JudgedAnswer]) -> list[Metric]:
     apart, near = [c for c in own if c.apart], [c for c in own if c.nearest is not None and not c.apart]
     cluttered = name.startswith("cluttered")
     comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
@@ -268,7 +268,7 @@ def _outside(name: str, own: Sequence[Judged], known: Sequence[Judged]) -> list[
     )]  # fmt: skip
 
 
-def flagged_at(known: Sequence[Judged], outside: Sequence[Judged], share_allowed: float = 0.10) -> Interval:
+def flagged_at(known: Sequence[JudgedAnswer], outside: Sequence[JudgedAnswer], share_allowed: float = 0.10) -> Interval:
     """Share of unknowns whose stated probability of "unknown" exceeds that of all but a tenth of the known cases.
 
     A score that is the same for all (always 0) flags nothing.
@@ -279,7 +279,7 @@ def flagged_at(known: Sequence[Judged], outside: Sequence[Judged], share_allowed
     return share(np.array([c.answer.unknown_probability > limit for c in outside], float))
 
 
-def confidence(cases: Sequence[Judged]) -> Array:
+def confidence(cases: Sequence[JudgedAnswer]) -> Array:
     """(n, 2): stated probability of the verdict, and whether it was right; failed answers left out."""
     rows = [(c.answer.probability, float(c.exact)) for c in cases if c.answer.verdict != "failed"]
     return np.array(rows, float).reshape(-1, 2)

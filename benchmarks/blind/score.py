@@ -14,7 +14,7 @@ from recordings.own_files import replaced
 
 from .answers import Answer, read_answer, read_foreign
 from .folder import SetFolder, open_seal
-from .metrics import Judged, Metric, judged, metrics, mm_metrics
+from .metrics import JudgedAnswer, Metric, judged, metrics, mm_metrics
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Score:
     about: dict[str, Any]
     after: int
     """Experiments that the diagnosis had chosen and was given, at most."""
-    cases: tuple[Judged, ...]
+    cases: tuple[JudgedAnswer, ...]
     figures: tuple[Metric, ...]
     aims: dict[str, Target]
 
@@ -143,7 +143,7 @@ def write(result: Score, root: Path, others: Path | None = None) -> Path:
     return place
 
 
-def _case(c: Judged) -> dict[str, Any]:
+def _case(c: JudgedAnswer) -> dict[str, Any]:
     a = c.answer
     return {
         "case": a.case, "kind": c.kind, "truth": sorted(c.causes), "verdict": a.verdict, "named": sorted(a.effects),

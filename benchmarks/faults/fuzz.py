@@ -161,7 +161,7 @@ def sources(folder: Path, recording: Path | None) -> dict[str, Go]:
 
 
 @dataclass
-class Tally:
+class FuzzTally:
     """What came of one kind."""
 
     n: int = 0
@@ -188,7 +188,7 @@ def forget_peak() -> None:
     Path("/proc/self/clear_refs").write_text("5")
 
 
-def tried(name: str, go: Go, seed: int, tally: Tally) -> None:
+def tried(name: str, go: Go, seed: int, tally: FuzzTally) -> None:
     """One mutation."""
     read = go(random.Random(f"{name} {seed}"))
     forget_peak()
@@ -225,8 +225,8 @@ def main() -> int:
     for name, go in sources(Path(tempfile.mkdtemp(prefix="fuzz-")), a.recording).items():
         if a.kind and a.kind not in name:
             continue
-        tally = tallies[name] = Tally()
-        tried(name, go, -1, Tally())  # whatever is loaded late is no cost of an input
+        tally = tallies[name] = FuzzTally()
+        tried(name, go, -1, FuzzTally())  # whatever is loaded late is no cost of an input
         for seed in range(a.seed, a.seed + a.count):
             tried(name, go, seed, tally)
         counts = f"{name:28s} {tally.n:6d} {tally.refused:8d} {len(tally.uncaught):9d}"

@@ -17,7 +17,7 @@ from benchmarks.blind.answers import Answer, answer_from
 from benchmarks.blind.folder import SetFolder, open_seal
 from benchmarks.blind.make import make, walk_of
 from benchmarks.blind.metrics import (
-    Judged,
+    JudgedAnswer,
     bootstrap,
     calibration_error,
     flagged_at,
@@ -95,9 +95,9 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     ((_, (first,)),) = draw(recipe)
     measured = making._measured
 
-    def snaps(order: making.Order, attempt: int) -> object:
+    def snaps(order: making.CaseOrder, attempt: int) -> object:
         if order.causes == (first,):
-            raise making.NoEquilibrium("snapped")
+            raise making.NoRodStands("snapped")
         return measured(order, attempt)
 
     monkeypatch.setattr(making, "_measured", snaps)
@@ -321,10 +321,10 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
 STRATA = {"single": "clean", "pair": "pairs"}
 
 
-def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> Judged:
+def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> JudgedAnswer:
     ranking = ((frozenset(named), p),) if named else ()
     a = Answer("1", verdict, frozenset(named), p, ranking, (frozenset(named),), **more)
-    return Judged(STRATA.get(kind, kind), frozenset(truth), a)
+    return JudgedAnswer(STRATA.get(kind, kind), frozenset(truth), a)
 
 
 def test_figures_of_answers_made_by_hand() -> None:
@@ -364,8 +364,8 @@ def answered(*named: str, p: float = 0.95, **more: Any) -> Answer:
     return Answer("1", verdict, frozenset(named), p, credible=(frozenset(named),), **more)
 
 
-def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> Judged:
-    return Judged(stratum, frozenset(causes), answer, carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0})
+def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> JudgedAnswer:
+    return JudgedAnswer(stratum, frozenset(causes), answer, carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0})
 
 
 def test_right_by_mm_is_what_carries_half_of_the_largest_and_a_floor() -> None:
@@ -402,7 +402,7 @@ def test_the_stage_of_an_outside_cause_is_scored_where_it_is_called_unknown() ->
     assert truth["stage"] == "material"
     assert drawing.Truth("1", "clean", *draw_robot(recipe, 0, "clean", ("contact",))).as_dict()["stage"] is None
 
-    def told(verdict: str, *stages: str) -> Judged:
+    def told(verdict: str, *stages: str) -> JudgedAnswer:
         errors = [{"stage": s, "dependence": "time", "gain": 9.0} for s in stages]
         return judged(truth, answer_from("1", {"attribute": {"verdict": verdict, "stage_errors": errors}}))
 

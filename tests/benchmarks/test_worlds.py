@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.blind.worlds.campaign import STEPS, Robot, Sweep, Trial, read, respond
+from benchmarks.blind.worlds.campaign import STEPS, Jamming, WalkedSweep, WorldRobot, read, respond
 from benchmarks.blind.worlds.carried import carried, nearest
 from benchmarks.blind.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
 from benchmarks.blind.worlds.forms_held_out import FORMS_HELD_OUT
@@ -149,18 +149,18 @@ def test_a_truth_with_an_outside_cause_goes_from_process_to_process() -> None:
         assert pickle.loads(pickle.dumps(cause)) == cause
 
 
-def a_robot(sizes: dict[str, float], outside: dict[str, float] | None = None, of: World = BENCH) -> Robot:
+def a_robot(sizes: dict[str, float], outside: dict[str, float] | None = None, of: World = BENCH) -> WorldRobot:
     known = {e: OUTSIDE[e] for e in outside or {}}
-    return Robot(of, sizes, outside or {}, known, PLACES, 1.6, 0.4, (0.0, 0.0, 0.0), 0.0)
+    return WorldRobot(of, sizes, outside or {}, known, PLACES, 1.6, 0.4, (0.0, 0.0, 0.0), 0.0)
 
 
-def a_sweep(repeats: int = 2) -> Sweep:
+def a_sweep(repeats: int = 2) -> WalkedSweep:
     trials = tuple(
-        Trial(spine, NOMINAL_VACUUM, repeat, 300.0 * (2 * (repeat - 1) + i))
+        Jamming(spine, NOMINAL_VACUUM, repeat, 300.0 * (2 * (repeat - 1) + i))
         for repeat in range(1, repeats + 1)
         for i, spine in enumerate((0.0, 0.2))
     )
-    return Sweep(trials, UP_AND_DOWN, 0.053, 0.0, 600.0 * repeats)
+    return WalkedSweep(trials, UP_AND_DOWN, 0.053, 0.0, 600.0 * repeats)
 
 
 def test_what_an_effect_moves_is_what_the_tip_loses_without_it() -> None:

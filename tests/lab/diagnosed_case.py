@@ -151,7 +151,7 @@ def edited(path: Path, rows: Sequence[TrialRow], changes: Mapping[str, str | Non
 def answered_once(root: Path) -> Answered:
     """One diagnosis for all tests of a process, in a new folder: a spine credited as by area moments, tried on other chambers."""
     effects = {"area_moment.blend": 0.9}
-    case = folder(root / "case", campaign(effects, repeats=2))
+    case = folder(root / "case", campaign(effects))
     other = folder(root / "other", campaign(effects, seed=2, repeats=2, lengths=(0.0, 0.2), chambers=(3, 4, 5)))
     made = Answered(case, other, root / "diagnosis.json", root / "diagnosis.html", root / "next")
     written = ["--json", made.json, "--report", made.page, "--protocols", made.protocols]

@@ -116,10 +116,5 @@ def inflate(rig: Rig, house: House) -> None:
 
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
-    """Look until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
-    deadline = timing.now() + within
-    while not condition():
-        if timing.now() > deadline:
-            return False
-        timing.sleep(0.005)
-    return True
+    """Wait until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
+    return timing.wait(condition, within)
