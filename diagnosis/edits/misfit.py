@@ -54,7 +54,7 @@ MOST = 60
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 ONE_AREA = 0.5
-"""Share of what area factors by spine length leave below which one for all is taken."""
+"""Share of what one area factor leaves below which those by spine length are kept where neither is near."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Sample:
         other = replace(sample, robot=robot.with_area_factor(area))
         starts = [((), np.eye(len(CALIBRATION))[AREA] * a) for a in AREAS]
         left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
-        return other if left_by_one < ONE_AREA * left else sample
+        return sample if left < max(ONE_AREA * left_by_one, judgement.EDIT_LOSS_SCALE * robot.length) else other
 
     @property
     def ambient(self) -> float:
