@@ -25,7 +25,7 @@ from rich.table import Table
 from benchmarks.blind.make import drawn, robot_yaml, table_of, walk_of, write_case
 from benchmarks.blind.sweeps import BASE, design
 from benchmarks.blind.truth import Recipe, Stratum, draw
-from benchmarks.blind.worlds.campaign import Robot, read, respond
+from benchmarks.blind.worlds.campaign import WorldRobot, read, respond
 from benchmarks.figures import write
 
 CACHE = "NUMBA_CACHE_DIR"
@@ -60,7 +60,7 @@ def waited(what: str, words: Sequence[str], cache: Path, rows: int | None = None
     return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / MIB, child.returncode, rows)
 
 
-def case_of(robot: Robot, repeats: int, folder: Path) -> Path:
+def case_of(robot: WorldRobot, repeats: int, folder: Path) -> Path:
     """Write the case folder of a robot that was swept this often."""
     sweep = replace(BASE, repeats=repeats)
     walked = walk_of(sweep)
@@ -70,7 +70,7 @@ def case_of(robot: Robot, repeats: int, folder: Path) -> Path:
     return folder
 
 
-def robot(stratum: Stratum) -> Robot:
+def robot(stratum: Stratum) -> WorldRobot:
     """Draw a robot with one cause that a sweep shows well, alone or among many small effects."""
     recipe = Recipe("bench", 1, SEED, (stratum,), causes=("chamber_azimuth",))
     ((_, causes),) = draw(recipe)

@@ -1,9 +1,9 @@
-"""Mistakes in robot.yaml or the table: is the mistake named? `python -m benchmarks.mistakes [--kind K] [--robot R] [--seed S]`
+"""Mistakes in robot.yaml or the table: is the mistake named? `python -m benchmarks.mistakes [--kind K] [--robot R] [--draw SEED]`
 
 Three robots are measured by the rod model, each with a modulus, an area factor and a noise that its robot.yaml does not state:
-nine chambers hanging, three chambers hanging, four chambers held horizontally. Each of `KINDS` makes one mistake in what is
-written down of it. A line for each: the verdict, whether the mistake is named, and whether the answer is acceptable (it is named,
-or nothing else is stated with a probability above 0.9).
+nine chambers hanging, three chambers hanging, four chambers held horizontally; or three that `--draw` makes, of other numbers,
+sizes and attitudes. Each of `KINDS` makes one mistake in what is written down of it. A line for each: the verdict, whether the
+mistake is named, and whether the answer is acceptable (it is named, or nothing else is stated with a probability above 0.9).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from diagnosis.errors import BadCase
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.files.robot_file import robot_yaml
+from model.body import body_of
 from model.condition import conditions
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
@@ -41,13 +42,15 @@ FLOOR, TRUE_MODULUS, TRUE_AREA = 0.15e-3, 1.06, 1.25
 """m of noise at each reading; what the robot's E and area are in units of what robot.yaml states."""
 
 
-def _robot(length: float, radius: float, chambers: int, pressure: float, gravity: tuple[float, float, float]) -> Robot:
+def _robot(
+    length: float, radius: float, chambers: int, pressure: float, gravity: Sequence[float], modulus: float = 450e3
+) -> Robot:
     return robot_from_dict(
         {
             "name": f"{chambers} chambers", "length": length, "outer_radius": radius, "inner_radius": 0.0, "density": 1080.0,
-            "youngs_modulus": 450e3, "shear_modulus": 150e3, "tip_mass": 0.25 * 1080 * np.pi * radius**2 * length,
+            "youngs_modulus": modulus, "shear_modulus": modulus / 3, "tip_mass": 0.25 * 1080 * np.pi * radius**2 * length,
             "gravity": list(gravity), "max_pressure": pressure, "area_factor": 1.0,
-            "chambers": {"radius": 0.22 * radius, "path_radius": 0.62 * radius,
+            "chambers": {"radius": min(0.22, 0.55 * np.pi / (chambers + 1)) * radius, "path_radius": 0.62 * radius,
                          "azimuths_deg": [360.0 / chambers * k for k in range(chambers)]},
         }
     )  # fmt: skip
@@ -58,6 +61,23 @@ ROBOTS = {
     "three": _robot(0.15, 0.018, 3, 90e3, (0.0, 0.0, 9.81)),
     "four": _robot(0.20, 0.021, 4, 110e3, (-9.81, 0.0, 0.0)),
 }
+
+
+def drawn(seed: int) -> dict[str, Robot]:
+    """Three robots: one hangs, one is held horizontally, one stands tilted; the highest pressure bends them by about a radian."""
+    rng = np.random.default_rng(seed)
+    robots = {}
+    for attitude, angle in (("hanging", 0.0), ("horizontal", 90.0), ("tilted", rng.uniform(20, 70))):
+        length, chambers = rng.uniform(0.1, 0.6), int(rng.integers(2, 10))
+        modulus = float(np.exp(rng.uniform(np.log(150e3), np.log(2e6))))
+        radius = length * rng.uniform(0.09, 0.14)
+        down = 9.81 * np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
+        gravity = Rotation.from_euler("z", rng.uniform(0, 360), degrees=True).apply(down).round(4).tolist()
+        one = _robot(length, radius, chambers, 100e3, gravity, modulus)
+        bends = abs(one.bending_directions[:1].sum()) * body_of(one).mean_arm[0] * length / (modulus * body_of(one).mean_second)
+        pressure = rng.uniform(0.5, 1.0) / (TRUE_AREA * bends)
+        robots[attitude] = one.model_copy(update={"max_pressure": float(pressure), "name": f"{attitude}, {chambers} chambers"})
+    return robots
 
 
 @dataclass
@@ -109,14 +129,15 @@ def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda 
     pressures = np.array(read)
     moduli = {name: getattr(robot, name) * TRUE_MODULUS for name in ("youngs_modulus", "shear_modulus")}
     built = robot.model_copy(update=moduli).with_area_factor(TRUE_AREA)
-    found = solve(rods_of(built, conditions(built, np.zeros(len(read)), change(pressures))), FINE).trusted()
-    numbers = np.array(trial)
-    frame = pd.DataFrame({"trial": numbers, "step": np.arange(len(read)) % len(levels) + 1, "protocol": "bending"})
+    found = solve(rods_of(built, conditions(built, np.zeros(len(read)), change(pressures))), FINE)
+    order, numbers = np.flatnonzero(found.converged), np.array(trial)[found.converged]  # a body that snaps is not read
+    found, pressures = found.take(order), pressures[order]
+    frame = pd.DataFrame({"trial": numbers, "step": order % len(levels) + 1, "protocol": "bending"})
     frame["repeat"] = np.where(numbers > len(groups), 2, 1)
-    frame["branch"] = np.where(np.arange(len(read)) % len(levels) > 4, "unload", "load")
-    frame["t"], frame["hold"], frame["spine_length"] = 8.0 * np.arange(len(read)) + 20 * numbers, 5.0, 0.0
+    frame["branch"] = np.where(order % len(levels) > 4, "unload", "load")
+    frame["t"], frame["hold"], frame["spine_length"] = 8.0 * order + 20 * numbers, 5.0, 0.0
     for k in range(count):
-        frame[f"p{k + 1}"] = pressures[:, k] + 0.001 * float(robot.max_pressure or 0) * rng.normal(size=len(read))
+        frame[f"p{k + 1}"] = pressures[:, k] + 0.001 * float(robot.max_pressure or 0) * rng.normal(size=len(order))
     frame[["x", "y", "z"]] = found.tip + FLOOR * rng.normal(size=found.tip.shape)
     turn = Rotation.from_quat(found.orientation, scalar_first=True) * Rotation.from_rotvec(
         2e-3 * rng.normal(size=found.tip.shape)
@@ -149,7 +170,7 @@ def acting(change: Callable[[Array], Array]) -> Callable[[Robot, int], Told]:
 
 
 def _dead(p: Array) -> Array:
-    p[:, 2] = 0.0
+    p[:, min(2, p.shape[1] - 1)] = 0.0
     return p
 
 
@@ -262,15 +283,17 @@ def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.mistakes", description=__doc__)
     parser.add_argument("--kind", action="append", choices=KINDS)
-    parser.add_argument("--robot", action="append", choices=ROBOTS)
+    parser.add_argument("--robot", action="append")
+    parser.add_argument("--draw", type=int, metavar="SEED", help="three other robots")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--text", action="store_true", help="print what was said")
     a = parser.parse_args()
+    robots = ROBOTS if a.draw is None else drawn(a.draw)
     named = acceptable = count = 0
-    for name, kind in itertools.product(a.robot or ROBOTS, a.kind or KINDS):
+    for name, kind in itertools.product(a.robot or robots, a.kind or KINDS):
         pattern, make = KINDS[kind]
         began = time.process_time()
-        verdict, said, sure = answer(make(ROBOTS[name], a.seed + count))
+        verdict, said, sure = answer(make(robots[name], a.seed + count))
         own = OWN.get(kind, set())
         is_named = bool(re.search(pattern, said)) and not sure - own
         is_acceptable = is_named or not sure - own

@@ -12,10 +12,6 @@ own tips go with more and more elements. SoRoMoX' law is the rod's.
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -167,21 +163,19 @@ STATES, RODS = 231, 1_000
 
 
 @dataclass(frozen=True)
-class Row:
+class PeerRow:
     """One method with one setting."""
 
     method: str
     setting: str
     solve_s: float = float("nan")
     """Processor time of a solve."""
-    once_s: float = float("nan")
+    once_s: float = 0.0
     """On the clock, before: models and compiling."""
     error_mm: float = float("nan")
     """Worst of the nine tips."""
     own_mm: float | None = None
     """The same from the method's own converged tips, where its law is its own."""
-    first_s: float = float("nan")
-    """On the clock, instead of `once_s` the first time on a machine, where compiled code is kept."""
     missed: int = 0
     """Rods that it did not solve."""
     absent: str = ""
@@ -194,7 +188,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Way:
+class PeerWay:
     """A method with a setting, before it is measured."""
 
     method: str
@@ -208,16 +202,16 @@ class Measured:
 
     rods: Rods
     truth: Array
-    rows: list[Row] = field(default_factory=list)
+    rows: list[PeerRow] = field(default_factory=list)
     tips: list[Array] = field(default_factory=list)
 
-    def add(self, way: Way) -> None:
+    def add(self, way: PeerWay) -> None:
         """Solve twice: what the first takes longer is needed once."""
         clock = time.perf_counter()
         try:
             call = way.prepare(self.rods)
         except ImportError as why:
-            self.rows.append(Row(way.method, way.setting, absent=f"not installed ({why.name}): make bench PEERS=1"))
+            self.rows.append(PeerRow(way.method, way.setting, absent=f"not installed ({why.name}): make bench PEERS=1"))
             self.tips.append(np.full_like(self.truth, np.nan))
             return
         call()
@@ -227,7 +221,7 @@ class Measured:
         solve_s = least(call, 1) / len(self.rods)
         missed = int(np.isnan(tips).any(axis=1).sum())
         once = max(first - second, 0.0)
-        self.rows.append(Row(way.method, way.setting, solve_s, once, farthest(tips, self.truth), missed=missed))
+        self.rows.append(PeerRow(way.method, way.setting, solve_s, once, farthest(tips, self.truth), missed=missed))
         self.tips.append(tips)
 
     def own_errors(self, method: str, converged: Array) -> None:
@@ -261,26 +255,12 @@ def least(call: Callable[[], object], rounds: int) -> float:
 
 SPAN = 0.1
 """s of processor time, of which some systems count hundredths."""
-FIRST = "import time; from benchmarks.rod_cases import paper_rods; from model.rods import solve; r = paper_rods(1, 0)"
-TIMED = "; t = time.perf_counter(); solve(r); print(time.perf_counter() - t)"
 
 
-def first_solves() -> tuple[float, float]:
-    """Seconds of the first solve of a process: the first on a machine, which compiles, and each later one."""
-    with tempfile.TemporaryDirectory() as cache:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        taken = [
-            subprocess.run([sys.executable, "-c", FIRST + TIMED], env=environment, check=True, capture_output=True).stdout
-            for _ in range(2)
-        ]
-    return float(taken[0]), float(taken[1])
-
-
-def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
+def fast_ways(rods: Rods, quick: bool) -> Iterator[PeerRow]:
     """The rod's own, in a batch cold and warm and one by one."""
     many = paper_rods(4_000 if quick else 35_000, seed=1)
     before, fine = eased(many), solve(many, Fast(40.0, 1e-11)).trusted().tip
-    first, once = first_solves()
     truth = solve(rods, REFERENCE).trusted().tip
     for divisions, close in ((2.0, 1e-4), (3.0, 1e-5), (4.0, 2e-6), (8.0, 1e-8), (20.0, 1e-11)):
         name = f"{divisions:g} divisions"
@@ -294,29 +274,29 @@ def fast_ways(rods: Rods, quick: bool) -> Iterator[Row]:
         }
         for method, (call, right) in calls.items():
             tips = call()  # the first compiles
-            yield Row(method, name, least(call, 5) / len(right), once, farthest(tips, right), first_s=first)
+            yield PeerRow(method, name, least(call, 5) / len(right), error_mm=farthest(tips, right))
 
 
-def ways(quick: bool) -> list[Way]:
+def ways(quick: bool) -> list[PeerWay]:
     """Of all others."""
     found = []
     for steps in (100, 1_000) if quick else (100, 1_000, 10_000, 100_000):
-        found.append(Way("paper's way", f"{steps} steps", lambda r, n=steps: lambda: solve(r, Paper(n)).tip))
+        found.append(PeerWay("paper's way", f"{steps} steps", lambda r, n=steps: lambda: solve(r, Paper(n)).tip))
     for tolerance in (1e-2, 1e-3, 1e-4, 1e-6):
         name = f"tolerance {tolerance:g}"
-        found.append(Way("SciPy solve_bvp", name, lambda r, t=tolerance: lambda: collocation(r, t)))
+        found.append(PeerWay("SciPy solve_bvp", name, lambda r, t=tolerance: lambda: collocation(r, t)))
     for elements in (10, 20) if quick else (10, 20, 40, 80):
-        found.append(Way(PYELASTICA, f"{elements} elements", lambda r, n=elements: pyelastica(r, n, AT_REST)))
+        found.append(PeerWay(PYELASTICA, f"{elements} elements", lambda r, n=elements: pyelastica(r, n, AT_REST)))
     for segments in (4,) if quick else (4, 10, 20):
         name = f"{segments} segments"
-        found.append(Way("SoRoMoX, constant strain", name, lambda r, n=segments: soromox_constant(r, n)))
+        found.append(PeerWay("SoRoMoX, constant strain", name, lambda r, n=segments: soromox_constant(r, n)))
     for order, points in ((1, 5),) if quick else ((1, 5), (2, 5), (3, 8)):
         name = f"order {order}, 2 segments"
-        found.append(Way("SoRoMoX, polynomial strain", name, lambda r, k=order, g=points: soromox_polynomial(r, k, g)))
+        found.append(PeerWay("SoRoMoX, polynomial strain", name, lambda r, k=order, g=points: soromox_polynomial(r, k, g)))
     return found
 
 
-def figures(quick: bool) -> list[Row]:
+def figures(quick: bool) -> list[PeerRow]:
     """All rows."""
     rods = paper_rods(35, seed=4)[:: 16 if quick else 4]
     measured = Measured(rods, solve(rods, REFERENCE).trusted().tip)
@@ -328,9 +308,9 @@ def figures(quick: bool) -> list[Row]:
     return [*fast_ways(rods, quick), *measured.rows]
 
 
-def reached(rows: list[Row], level: float) -> dict[str, Row]:
+def reached(rows: list[PeerRow], level: float) -> dict[str, PeerRow]:
     """The quickest setting of each method that is within `level` mm by its own law on all rods."""
-    found: dict[str, Row] = {}
+    found: dict[str, PeerRow] = {}
     for row in rows:
         if row.missed or not row.off_mm <= level:
             continue
@@ -339,7 +319,7 @@ def reached(rows: list[Row], level: float) -> dict[str, Row]:
     return found
 
 
-def wait(row: Row, solves: int) -> float:
+def wait(row: PeerRow, solves: int) -> float:
     """Seconds for this many solves one after another in a fresh process, without its imports."""
     return row.once_s + solves * row.solve_s
 
@@ -352,7 +332,7 @@ def shown(seconds: float) -> str:
     return f"{seconds / 1e-6:.3g} us"
 
 
-def all_rows(rows: list[Row]) -> Table:
+def all_rows(rows: list[PeerRow]) -> Table:
     """Every method and setting."""
     table = Table(title="The paper's rods, every way (worst tip)", title_justify="left")
     for column in ("way", "setting", "a solve", "once", "off, mm", "by its own law, mm", "missed"):
@@ -368,7 +348,7 @@ def all_rows(rows: list[Row]) -> Table:
     return table
 
 
-def at_equal_error(rows: list[Row]) -> Table:
+def at_equal_error(rows: list[PeerRow]) -> Table:
     """What a person waits at each level."""
     table = Table(title="At equal error: the quickest setting within this many mm, or the most exact", title_justify="left")
     for column in ("within, mm", "way", "setting", "a solve", "times the rod's batch", f"{STATES} states", f"{RODS} rods"):
@@ -394,7 +374,6 @@ def main() -> int:
     rows = figures(options.quick)
     console = Console(width=150)
     console.print(all_rows(rows), at_equal_error(rows))
-    console.print(f"rod: first solve on a machine {shown(rows[0].first_s)}, of a process {shown(rows[0].once_s)}")
     write(options.json, "rows", rows)
     return 0
 

@@ -1,10 +1,9 @@
 """What looking at a run costs it, and how old what is seen is.
 
-    python -m benchmarks.watch [--seconds S] [--browser] [--json FILE]
+    python -m benchmarks.watch [--seconds S] [--json FILE]
 
 The rig's streams are recorded at their true pace, in turn without anybody looking and with ten who look, one of whom takes
-nothing of what is sent to him. Stamps are those of the host's clock, so that the age of what a viewer has is known. With
-`--browser` a headless browser draws the page, and what it has drawn is looked at; it takes processor time of its own.
+nothing of what is sent to him. Stamps are those of the host's clock, so that the age of what a viewer has is known.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,15 +28,12 @@ from numpy.typing import NDArray
 
 from lab.live.beside import Page
 
-from .browser import Browser, installed
 from .figures import Figure, show
 from .recording.speed import Paced, paced_run
 from .recording.stream import TOTAL
 
 VIEWERS = 10
 TURNS = 3
-LOOK = 0.02
-"""Host seconds between two looks at what a browser has drawn."""
 
 
 @dataclass
@@ -135,7 +131,6 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
         ages += [np.array(viewer["ages"][20:]) for viewer in seen]
         whole &= all(viewer["count"] == beside[-1].messages for viewer in seen)
     before, after = (np.quantile(np.concatenate([p.delays for p in part]), (0.5, 0.99, 0.999)) for part in (alone, beside))
-    hosts = [float(np.quantile(np.concatenate([p.bare for p in part]), 0.999)) for part in (alone, beside)]
     spread = [np.quantile(p.delays, 0.999) for p in alone]
     age = np.quantile(np.concatenate(ages), (0.5, 0.99))
     lost = sum(p.dropped for p in beside)
@@ -150,8 +145,7 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
             "the producers' delay with and without viewers",
             "p99.9 not above the largest turn without by more than a quarter",
             f"p99.9 {after[2]:.0f} us with, {before[2]:.0f} us without (turns {min(spread):.0f} to {max(spread):.0f}); p99 "
-            f"{after[1]:.0f} and {before[1]:.0f}, p50 {after[0]:.1f} and {before[0]:.1f} us; one append in its place p99.9 "
-            f"{hosts[1]:.0f} and {hosts[0]:.0f} us",
+            f"{after[1]:.0f} and {before[1]:.0f}, p50 {after[0]:.1f} and {before[0]:.1f} us",
             bool(after[2] <= 1.25 * max(spread)),
             {"with_p999_us": float(after[2]), "without_p999_us": float(before[2]), "without_most_us": float(max(spread))},
         ),
@@ -163,36 +157,10 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
     ]  # fmt: skip
 
 
-def drawn(folder: Path, seconds: float) -> Figure:
-    """Age of the newest sample in what a browser has just drawn."""
-    path = installed()
-    if path is None:
-        return Figure("age on the page", "p99 <= 250 ms", "no browser is installed", True, {})
-    file, ages = folder / "drawn.mcap", dict[int, float]()
-    with ExitStack() as stack:
-        address = stack.enter_context(page_of(file))
-        run = threading.Thread(target=paced_run, args=(file, seconds, seconds, 1.0))
-        run.start()
-        page = stack.enter_context(Browser(path, folder / "profile"))
-        page.open(address)
-        page.until("live.drawn > 20")
-        while run.is_alive():
-            number, age = page.value("[live.drawn, live.drawnAt - live.drawnNewest]")
-            ages[number] = age
-            time.sleep(LOOK)
-        run.join()
-    p50, p99 = np.quantile(list(ages.values()), (0.5, 0.99)).tolist()
-    return Figure(
-        f"age on the page, as {len(ages)} frames of a browser show it", "p99 <= 250 ms", f"p50 {p50:.0f}, p99 {p99:.0f} ms",
-        p99 <= 250.0, {"p50_ms": p50, "p99_ms": p99},
-    )  # fmt: skip
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print, write."""
     p = argparse.ArgumentParser(description="Measures what looking at a run costs it.")
     p.add_argument("--seconds", type=float, default=60.0, help="of each turn (default 60)")
-    p.add_argument("--browser", action="store_true", help="what a headless browser has drawn, too")
     p.add_argument("--json", type=Path, default=Path("out/watch.json"), help="where the table is written as JSON")
     p.add_argument("--look", metavar="ADDRESS", help=argparse.SUPPRESS)
     a = p.parse_args(arguments)
@@ -201,8 +169,6 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
     with tempfile.TemporaryDirectory(prefix="watch-", ignore_cleanup_errors=True) as name:
         figures = cost(Path(name), a.seconds)
-        if a.browser:
-            figures.append(drawn(Path(name), a.seconds))
     return show("A run that is looked at", figures, a.json)
 
 

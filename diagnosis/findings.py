@@ -58,8 +58,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "robot.yaml, and the unit of the {pressures} (psi and kPa differ by 6.9); until then no cause is certain"
         ),
         "unconfirmed_guesses": (
-            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove its "
-            "line {mark!r}, and import again"
+            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove it "
+            "from `{key}`, and import again"
         ),
     },
     "warning": {
@@ -164,6 +164,42 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "column_in_unit": (
             "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
             "map.yaml, or its scale{rather}"
+        ),
+        "stiffness_unit": (
+            "{place}, column {column}: {value:.4g} {si}, {ratio:.2g} times the stiffness that robot.yaml's modulus gives: looks "
+            "like {looks} (p = {p:.2f}); write {si}: {remedy}"
+        ),
+        "pressures_in_unit": (
+            "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
+            "map.yaml, or their scale{rather}"
+        ),
+        "places_in_unit": (
+            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit in map.yaml, "
+            "or their scale{rather}"
+        ),
+        "attitudes_elsewhere": (
+            "the tip's orientations are in another frame or order than its places (p = {p:.2f}), columns qw, qx, qy, qz: "
+            "{remedy}{rather}"
+        ),
+        "displacements": (
+            "columns x, y, z look like the displacement from the rest position (p = {p:.2f}); at rest the tip must be near "
+            "(0, 0, {length:g}) m: add {length:g} to z{rather}"
+        ),
+        "points_exchanged": (
+            "the tip and marker {number} are exchanged (p = {p:.2f}): exchange their columns in the table, or points in map.yaml"
+            "{rather}"
+        ),
+        "axes_of_point": (
+            "{point} stands along other axes (p = {p:.2f}): in the base's order its columns are {axes}; check its columns x, y, z"
+            "{rather}"
+        ),
+        "scale_far_off": (
+            "the tip moves {factor:.2g} times as far as the rod with the numbers of robot.yaml under these {pressures}: check "
+            "the unit and scale of the {pressures}, the moduli, radii and path_radius"
+        ),
+        "tip_far_off": (
+            "the tip is {mm:.3g} mm (rms, outliers down-weighted) from where the rod of robot.yaml has it, and no single mistake "
+            "explains it: check which marker is the tip, the frame, the columns x, y, z and p1 .., tip_mass and moduli"
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),

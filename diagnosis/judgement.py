@@ -75,10 +75,14 @@ EDIT_NEAR_BOUND, EDIT_AT_BOUND = 0.75, 0.98
 """Shares of a bound: above the first edits are tried, above the second the answer says that another number is wrong too."""
 EDIT_LOSS_SCALE = 0.01
 """Scale of the robust loss, robot lengths, and the robust rms from which edits are tried."""
+EDIT_LOSS_TURN = 0.2
+"""The same of attitudes, rad: bodies of markers are stuck on a few degrees off."""
 EDIT_REPEATED = 4e-3
 """Robust rms of repeats, robot lengths, from which edits are tried: far more than cameras and re-grown spines scatter."""
 EDIT_MODEL_ERROR, EDIT_NOISE = 1.5e-3, 1e-3
 """Robot lengths of robust rms that no edit is asked to go below: models and repeats are no better."""
+EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 5
+"""rad of attitudes that no edit is asked to go below, and conditions of them that count at most."""
 EDIT_CONDITIONS, EDIT_REPEATS = 7, 14
 """Conditions and repeats that count at most in the evidence of edits. Seven: an edit with a prior of a hundredth is sure where it
 leaves less than 0.3 of the rms. Laws of another form can look like a modulus or an origin, but do not reduce the gap this far."""
@@ -86,6 +90,11 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
+EDIT_GROSS = 0.02
+"""Robot lengths of robust rms, calibrated, above which edits are tried at reading: the rest is left to the diagnosis."""
+EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
+"""Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
+a table in another frame is refused, as nothing can be said of its robot."""
 EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3

@@ -8,6 +8,7 @@ body's alone; the shear modulus of the part with spine keeps the ratio to Young'
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,10 +58,12 @@ def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
     return np.where(length > 0, mixed, robot.youngs_modulus)
 
 
-def rods_of(robot: Robot, states: States) -> Rods:
+def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None = None) -> Rods:
     """The rods of all states without any effect, after checking that the states fit the robot; raises `BadCondition`.
 
-    Elements are those of `model.effects.layout`, their sections, loads and actuation those of `model.effects.compose`.
+    `variants`: fields of `model.effects.quantities`, (v, n or 1, ..), in place of the robot's own; the rods of one variant follow
+    those of another. Elements are those of `model.effects.layout`, their sections, loads and actuation those of
+    `model.effects.compose`.
     """
     from model.effects.compose import (
         rod_columns,  # the compiler comes with it; who asks for a section alone waits for neither
@@ -74,4 +77,7 @@ def rods_of(robot: Robot, states: States) -> Rods:
     body = body_of(robot)
     layout = layout_of(body, robot.spine is not None)
     q = baseline(robot, body, layout, states, robot.area_factor_at(states.spine_length), np.array([1.0, 0.0]))
-    return plain_rods(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states))).check()
+    for name, values in (variants or {}).items():
+        setattr(q, name, values)
+    count = max(map(len, (variants or {}).values()), default=1)
+    return plain_rods(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states), count)).check()

@@ -218,24 +218,20 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
 def _visit_all(p: Bending, shapes: Shapes, walk: Walk) -> None:
     """Visit all levels once: stop and read at each, or read without stopping between the turning points."""
     shapes.begin()
+    held: list[Settled | Window] = [around(h, p.settle.average) for h in p.hold_times]
+    rules = held if p.reading == "hold" else [settled(p.settle)]
     for (branch, ramped), some in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
         if ramped and p.reading == "sweep":
             _read_on_the_fly(p, shapes, walk, list(some), branch)
             continue
         for level in some:
             walk.visit(
-                _chambers(p, level.pressure), branch, _rules(p), _chambers(p, max(p.pressures)),
+                _chambers(p, level.pressure), branch, rules, _chambers(p, max(p.pressures)),
                 partial(_judge, shapes, walk, level),
             )  # fmt: skip
     if shapes.seen:
         walk.trials.mark(walk.trial.number, "soft", shapes.seen)
         walk.bench.say(f'Trial {walk.trial.number} is marked (doubt "soft"): {shapes.seen}')
-
-
-def _rules(p: Bending) -> list[Settled | Window]:
-    if p.reading == "hold":
-        return [around(h, p.settle.average) for h in p.hold_times]
-    return [settled(p.settle)]
 
 
 def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel], branch: Branch) -> None:

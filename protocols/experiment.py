@@ -316,9 +316,13 @@ class Trials:
         return True
 
     def _concluded(self, state: State, judged: str, wait: float) -> TrialRow:
+        buffers, concluded_up_to = self.bench.recorder.buffers, -math.inf
+
         def look() -> TrialRow | None:
+            nonlocal concluded_up_to
             self.bench.steering.check_skip()
-            return conclude(self.bench.recorder.buffers, state)
+            before, concluded_up_to = concluded_up_to, min(buffers.newest(topic) for topic in state.topics)
+            return conclude(buffers, state) if concluded_up_to > before else None  # it depends on nothing newer
 
         def stood() -> str:
             now = self.bench.clock.now()

@@ -22,7 +22,6 @@ Reading:
     campaign.replay.compare(recording) -> ReplayComparison    equal to the last bit, or where not
     table_file.read_csv(path), write_csv(table, path)   trials.csv
     campaign.info.info(path), campaign.export.export_streams, campaign.export.export_case
-    file.player.play(recording, sink, speed)            its messages in the order of time, at any pace
     file.clocks.clocks(recording), file.clocks.aligned(recording, "/tip")     the instruments' own clocks
 
 Keeping:
@@ -30,5 +29,5 @@ Keeping:
     file.verify.verify(path) -> Verification            is every byte what was written
     file.recover.recover(path, target) -> Recovery      all that can be read of a torn or damaged file
     file.journal.Journal, campaign.replay.tables        a run that was broken off, and those that resumed it
-    campaign.shelf.runs(folder, since=..., protocol=..., spine=...)     the recordings of a folder tree
+    campaign.shelf.runs(folder, where)                  the recordings of a folder tree
 """

@@ -69,7 +69,3 @@ class BadTable(RecordingError, ValueError):
 
 class BadJournal(RecordingError, ValueError):
     """A journal that does not tell what is finished."""
-
-
-class MissingPackage(RecordingError, ImportError):
-    """An optional package that is not installed."""

@@ -1,8 +1,10 @@
-"""JSON from outside: values of bounded depth, or a ValueError. The only place of this room where JSON is read."""
+"""JSON from outside: values of bounded depth, or a ValueError. The only place of this room where JSON is read; and numbers that
+JSON does not know."""
 
 from __future__ import annotations
 
 import json
+import math
 import re
 from typing import Any
 
@@ -27,3 +29,14 @@ def read_json(text: str | bytes) -> Any:
         # Two halves that belong together are one character by now; one alone can be neither printed nor written.
         json.dumps(values, ensure_ascii=False).encode("utf-8")
     return values
+
+
+def plain_numbers(value: Any) -> Any:
+    """The value with None for every number that is none (NaN, infinite): JSON knows none such."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [plain_numbers(item) for item in value]
+    if isinstance(value, dict):
+        return {key: plain_numbers(item) for key, item in value.items()}
+    return value

@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import compress
@@ -30,6 +30,8 @@ MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
 MOST_ROWS, LARGEST = 50_000, 50_000_000
 """Of a table of trials, and bytes of a table; a row has some 300."""
+MOST_STATES = 200_000
+"""Rows of any other table."""
 LIMITS = (
     (r"p[0-9]+", -100e3, 2e6,
      "{value:g} Pa is outside {low:g} .. {high:g} Pa gauge; pressures are gauge, in Pa: check the unit"),
@@ -50,11 +52,15 @@ _CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
 
 def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     """Write the table; numbers read back as the same floats. The file is replaced at once or not at all."""
+    rows = zip(*(_texts(name, table[name]) for name in table.columns), strict=True)
+    replaced(Path(path), csv_text([table.columns, *rows]))
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Rows as CSV; numbers read back as the same floats, and None is an empty cell."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows(zip(*(_texts(name, table[name]) for name in table.columns), strict=True))
-    replaced(Path(path), text.getvalue())
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def _texts(name: str, column: NDArray[Any]) -> list[str]:
@@ -107,6 +113,21 @@ def read_columns(
 
     cells = zip(header, zip(*(line for _, line in rows), strict=True), strict=True)
     return header, {n: _parsed(n, [cell.strip() for cell in column], place) for n, column in cells if n in chosen}, place
+
+
+def read_numbers(path: Path, wanted: Collection[str], pattern: str, needed: str) -> dict[str, NDArray[Any]]:
+    """The columns named in `wanted`, or that match `pattern`, of a table of states to predict or of targets, in SI units; others
+    are not read.
+
+    `needed`: what a person has to give. Raises `BadTable` naming file, line, column and value.
+    """
+
+    def used(header: list[str]) -> list[str]:
+        if names := [name for name in header if name in wanted or (pattern and re.fullmatch(pattern, name))]:
+            return names
+        raise BadTable(f"{path}: has no column that is known here; its first line must name {needed}")
+
+    return read_columns(path, used, MOST_STATES)[1]
 
 
 def _check_header(path: Path, first: list[str], header: list[str]) -> None:

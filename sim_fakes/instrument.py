@@ -39,12 +39,14 @@ class FakeRegulators:
     """Two channels (from 1) whose hoses are exchanged: each inflates the other's chambers."""
 
     def hoses(self, wiring: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
-        """Chambers that each channel really feeds."""
-        groups = list(wiring)
+        """Chambers that each channel really feeds; ValueError where a swapped one does not exist."""
+        groups = dict(enumerate(wiring, 1))
         if self.swapped is not None:
-            a, b = self.swapped[0] - 1, self.swapped[1] - 1
+            a, b = self.swapped
+            if not {a, b} <= groups.keys():
+                raise ValueError(f"swaps channels {a} and {b} of {len(groups)}")
             groups[a], groups[b] = groups[b], groups[a]
-        return tuple(groups)
+        return tuple(groups.values())
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,6 @@ SEEDS = MappingProxyType({"force": 1, "spine": 2, "valve": 3, "gauge": 4, "press
 OF_SPINE = ("spine", "valve", "gauge")
 REQUESTS = ("prepare", "confirm", "state", "faults", "fault", "drop_out", "panel", "accident", "tip_visible")
 """Of the back door."""
-THREE_SETS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 
 
 class FakeRig:
@@ -126,7 +125,6 @@ class FakeRig:
         seed: int = 0,
         regulators: str | FakeRegulators = "alicat",
         spine: str = USUAL["spine"],
-        channels: int = 3,
         truth: RobotTruth | None = None,
         others: Mapping[str, str] | None = None,
         sensors: Mapping[str, str] | None = None,
@@ -135,7 +133,7 @@ class FakeRig:
         """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `spine`: the length unit's
         driver; empty for a robot without a spine, which has no valve and gauge either. `others`: key of rig.yaml -> driver
         of arm, force, valve, gauge and mocap where it is not the usual one. `sensors`: name -> driver of sensors of the
-        lab's own. `known`: the fakes that there are, by the name of their driver.
+        lab's own. `known`: the fakes that there are, by the name of their driver. Three of nine chambers share a channel.
         """
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
@@ -143,7 +141,7 @@ class FakeRig:
         self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
-        self.wiring = THREE_SETS if channels == 3 and chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
+        self.wiring = ((9, 1, 2), (3, 4, 5), (6, 7, 8)) if chambers == 9 else tuple((i,) for i in range(1, chambers + 1))
         self.host = free_host()
         self.regulators = FakeRegulators(regulators) if isinstance(regulators, str) else regulators
         self.parts: dict[str, FakePart] = {}

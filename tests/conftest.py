@@ -8,6 +8,7 @@ import ast
 import contextlib
 import functools
 import gc
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,6 +52,9 @@ shares one diagnosis. Any other file is a group of its own."""
 
 gc.set_threshold(20_000, 50, 10)
 """Of the libraries' many objects few are ever garbage: looking through them took a tenth of the time."""
+
+os.fsync = lambda fd: None
+"""What was written outlives a killed process all the same; a loss of power is not tried here."""
 
 settings.register_profile("lab", deadline=None)
 settings.load_profile("lab")

@@ -13,9 +13,9 @@ from lab.failures import explained
 from lab.files.config import ConfigError
 
 from .make import make
-from .run import Further, attribute_folder, diagnose_folder, propose_folder, run
+from .run import attribute_folder, diagnose_folder, propose_folder, run
 from .score import score, write
-from .sheet import draw, sheet
+from .sheet import sheet
 from .truth import KINDS, Recipe, drawable
 
 
@@ -42,7 +42,7 @@ def _make(a: argparse.Namespace) -> int:
 
 def _run(a: argparse.Namespace) -> int:
     quick = propose_folder if a.chosen else attribute_folder
-    done = run(a.out, quick if a.quick else diagnose_folder, Further(a.chosen), a.workers)
+    done = run(a.out, quick if a.quick else diagnose_folder, a.chosen, a.workers)
     out.print(f"{done} cases diagnosed")
     return 0
 
@@ -50,12 +50,11 @@ def _run(a: argparse.Namespace) -> int:
 def _score(a: argparse.Namespace) -> int:
     result = score(a.out, a.answers)
     path = write(result, a.out, a.answers)
-    picture = draw(result, path.with_suffix(".png"))
     if a.json:
         print(json.dumps(result.as_dict(), indent=1))
     else:
         out.print(sheet(result))
-        out.print(f"{path}, {picture}")
+        out.print(str(path))
     return 1 if result.shortfalls else 0
 
 
@@ -76,8 +75,8 @@ def parser() -> argparse.ArgumentParser:
     making.add_argument("--design", default="full", help="tip, full (orientation and unload), full+markers, full+extras")
     making.add_argument("--clutter", type=float, help="of cluttered kinds: every other effect at this share of its scale "
                         "(default: the world's own)")  # fmt: skip
-    making.add_argument("--world", default="bench", metavar="W", help="physics of the robots: bench (default), workshop, cellar, "
-                        "attic, shared, field, quiet, or drawn:SEED")  # fmt: skip
+    making.add_argument("--world", default="bench", metavar="W", help="physics of the robots: bench (default), drawn:SEED, or "
+                        "new:SEED of forms that nothing is developed on")  # fmt: skip
     making.add_argument("--kind", action="append", choices=tuple(KINDS), help="only cases of this kind (repeatable; default: a "
                         "mixture)")  # fmt: skip
     making.add_argument("--held-out", action="store_true", help="held-out outside causes, for a final score")

@@ -33,8 +33,6 @@ class Answer:
     """The 95 % set; the empty set stands for "none"."""
     none_probability: float = 0.0
     unknown_probability: float = 0.0
-    sizes: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
-    """Parameters (value, sd) by effect, of the named hypothesis."""
     share_closed: float = math.nan
     seconds: float = math.nan
     asked: tuple[str, ...] = ()
@@ -110,23 +108,11 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
     return Answer(
         case, verdict, effects, p, tuple(ranking),
         tuple(frozenset(x) - {"none"} for x in attribute.get("credible_set") or ()),
-        none, unknown, _sizes(attribute, effects), _number(shrink.get("share_closed")), seconds, asked,
+        none, unknown, _number(shrink.get("share_closed")), seconds, asked,
         budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
                 for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
         stage=next((str(x["stage"]) for x in attribute.get("stage_errors") or () if isinstance(x, Mapping)), ""),
     )  # fmt: skip
-
-
-def _sizes(attribute: Mapping[str, Any], effects: Effects) -> dict[str, dict[str, tuple[float, float]]]:
-    """Parameters of the hypothesis that was named, by effect; a bare name belongs to all of its effects."""
-    entry = next((e for e in attribute.get("ranking") or () if frozenset(e.get("effects") or ()) == effects), None)
-    out: dict[str, dict[str, tuple[float, float]]] = {name: {} for name in effects}
-    for name, value in ((entry or {}).get("parameters") or {}).items():
-        effect, dot, parameter = str(name).rpartition(".")
-        pair = (_number(value.get("value")), _number(value.get("sd")))
-        for owner in [effect] if dot and effect in out else effects:
-            out[owner][parameter if dot else str(name)] = pair
-    return out
 
 
 def _number(value: object, default: float = math.nan) -> float:

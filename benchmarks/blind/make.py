@@ -16,18 +16,17 @@ from lab.files.config import ConfigError, check, parse_yaml
 from lab.files.inputs import read_case
 from lab.files.robot_file import paper_robot
 from model.effects.catalogue import CATALOGUE
-from model.robot import Robot as Described
+from model.robot import Robot
 from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 
 from .folder import SetFolder, new_set, seal
-from .sweeps import AGAIN, BASE, BASE_SETTLED, MENU, Design, State, Sweep, design
+from .sweeps import BASE, BASE_SETTLED, MENU, Design, MenuSweep, PlannedState, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import spread
-from .worlds.campaign import Readings, Response, Robot, Trial, courses, read, respond
-from .worlds.campaign import Sweep as Walked
+from .worlds.campaign import Jamming, Response, SweptReadings, WalkedSweep, WorldRobot, courses, read, respond
 from .worlds.carried import TRIED, Carried, carried, nearest
-from .worlds.equilibrium import NoEquilibrium
+from .worlds.equilibrium import NoRodStands
 from .worlds.forms import EFFECTS
 from .worlds.table import world
 from .worlds.walk import Leg
@@ -41,7 +40,7 @@ SMALLEST_PAIR, LARGEST_PAIR = 0.25, 2.0
 
 
 @dataclass(frozen=True)
-class Order:
+class CaseOrder:
     """What one worker makes."""
 
     place: int
@@ -69,7 +68,7 @@ def make(
     shown = design(design_name)
     folder = new_set(root)
     orders = [
-        Order(place, stratum, causes, recipe, shown, folder, menu or shown.extras, simulator)
+        CaseOrder(place, stratum, causes, recipe, shown, folder, menu or shown.extras, simulator)
         for place, (stratum, causes) in enumerate(draw(recipe))
     ]
     truths = sorted(spread(make_case, orders, workers, "cases made"), key=lambda t: t.case)
@@ -85,7 +84,7 @@ def _clutter(recipe: Recipe) -> float:
     return world(recipe.world).clutter if recipe.clutter is None else recipe.clutter
 
 
-def make_case(order: Order) -> Truth:
+def make_case(order: CaseOrder) -> Truth:
     """Measure one case and write its folder; returns its truth. Sizes are drawn again until the robot keeps its equilibrium, and
     where none does, another cause as well."""
     for attempt in range(2 * ATTEMPTS):
@@ -94,7 +93,7 @@ def make_case(order: Order) -> Truth:
             order = replace(order, causes=causes)
         try:
             truth, tables = _measured(order, attempt)
-        except (NoEquilibrium, Unequal):
+        except (NoRodStands, Unequal):
             continue
         case = order.folder.case(truth.case)
         robot = robot_yaml(markers=order.design.markers)
@@ -116,15 +115,15 @@ class Unequal(RuntimeError):
 class Drawn:
     """A robot in front of its campaign, before cameras read it."""
 
-    robot: Robot
+    robot: WorldRobot
     effects: dict[str, float]
-    walked: Walked
+    walked: WalkedSweep
     response: Response
     weight: Carried
 
 
 def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], attempt: int) -> Drawn:
-    """A robot and what its effects do; a pair's partners carry alike. Raises NoEquilibrium and Unequal."""
+    """A robot and what its effects do; a pair's partners carry alike. Raises NoRodStands and Unequal."""
     robot, effects = draw_robot(recipe, place, stratum, causes, attempt)
     walked = walk_of(BASE_SETTLED if recipe.settled else BASE)
     pair = KINDS[stratum] == "pair"
@@ -138,7 +137,7 @@ def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], a
     return Drawn(robot, effects, walked, response, weight)
 
 
-def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
+def _measured(order: CaseOrder, attempt: int) -> tuple[Truth, dict[str, Table]]:
     recipe = order.recipe
     base = BASE_SETTLED if recipe.settled else BASE
     d = drawn(recipe, order.place, order.stratum, order.causes, attempt)
@@ -146,7 +145,7 @@ def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
     tables = {base.name: table_of(base, readings)}
-    for sweep in (*MENU, replace(base, name=AGAIN)) if order.menu else ():
+    for sweep in MENU if order.menu else ():
         # experiments of the menu are done when the campaign of the base sweep is over
         later = walk_of(sweep, late=1e6)
         changing = respond(robot, later, tuple(courses(robot, later)))
@@ -162,7 +161,7 @@ def _measured(order: Order, attempt: int) -> tuple[Truth, dict[str, Table]]:
     return truth, tables
 
 
-def _comparable(robot: Robot, effects: dict[str, float], walked: Walked) -> tuple[Robot, dict[str, float]]:
+def _comparable(robot: WorldRobot, effects: dict[str, float], walked: WalkedSweep) -> tuple[WorldRobot, dict[str, float]]:
     """Sizes of a pair at which both carry alike, within what is plausible. Raises `Unequal`."""
     one, two = (e for e in effects if e != THRUST)
     weight = carried(robot, walked, respond(robot, walked, (one, two)))
@@ -182,13 +181,13 @@ def _ratio(weight: Carried, pair: Sequence[str]) -> float:
     return min(carry) / max(max(carry), 1e-9)
 
 
-def noise_floor(robot: Robot, walked: Walked, response: Response, seed: int, place: int) -> float:
+def noise_floor(robot: WorldRobot, walked: WalkedSweep, response: Response, seed: int, place: int) -> float:
     """mm, scatter of repeats without causes outside the catalogue: one that comes and goes must not raise the floor that it is
     judged by."""
     return scatter(walked, read(replace(robot, outside={}), walked, response, np.random.default_rng([seed, 8, place])))
 
 
-def scatter(walked: Walked, readings: Readings) -> float:
+def scatter(walked: WalkedSweep, readings: SweptReadings) -> float:
     """mm, rms distance of a reading from the mean of its repeats, degrees of freedom counted."""
     groups: dict[tuple[float, float], list[int]] = {}
     for i, t in enumerate(walked.trials):
@@ -201,7 +200,7 @@ def scatter(walked: Walked, readings: Readings) -> float:
     return float(np.sqrt(total / max(freedom, 1)) * 1e3)
 
 
-def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
+def walk_of(sweep: MenuSweep, late: float = 0.0) -> WalkedSweep:
     """The sweep as trials and legs, begun `late` seconds into the campaign."""
     states = list(sweep.states())
     first = [s for s in states if s.trial == 1]
@@ -219,17 +218,17 @@ def walk_of(sweep: Sweep, late: float = 0.0) -> Walked:
     # s between trials: vent, grow, jam
     period = 40.0 + ramps
     count = max(s.trial for s in states)
-    trials = tuple(Trial(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1)
-    return Walked(trials, tuple(legs), sweep.tip_mass, float(np.radians(sweep.roll_deg)), count * period)
+    trials = tuple(Jamming(s.spine_length, s.vacuum, s.repeat, late + (s.trial - 1) * period) for s in states if s.step == 1)
+    return WalkedSweep(trials, tuple(legs), sweep.tip_mass, float(np.radians(sweep.roll_deg)), count * period)
 
 
-def _pressures(sweep: Sweep, pressure: float) -> tuple[float, ...]:
+def _pressures(sweep: MenuSweep, pressure: float) -> tuple[float, ...]:
     return tuple(pressure if c in sweep.chambers else 0.0 for c in range(1, 10))
 
 
-def table_of(sweep: Sweep, readings: Readings) -> Table:
+def table_of(sweep: MenuSweep, readings: SweptReadings) -> Table:
     """Rows as the protocol writes them."""
-    states: dict[int, list[State]] = {}
+    states: dict[int, list[PlannedState]] = {}
     for s in sweep.states():
         states.setdefault(s.trial, []).append(s)
     rows = []
@@ -298,6 +297,6 @@ def robot_yaml(*, markers: bool) -> str:
     return yaml.safe_dump(robot, sort_keys=False)
 
 
-def described() -> Described:
+def described() -> Robot:
     """That robot as it is read, without markers and with one area factor."""
-    return check(parse_yaml(robot_yaml(markers=False), "robot.yaml"), Described)
+    return check(parse_yaml(robot_yaml(markers=False), "robot.yaml"), Robot)

@@ -77,7 +77,7 @@ def carries_enough(named: Collection[str], carries: Mapping[str, float], floor: 
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedAnswer:
     """One case: what is true, and what was answered."""
 
     stratum: str
@@ -162,11 +162,11 @@ class Judged:
         return self.nearest is not None and float(self.nearest["leaves_mm"]) >= APART * self.floor
 
 
-def judged(truth: Mapping[str, Any], answer: Answer) -> Judged:
+def judged(truth: Mapping[str, Any], answer: Answer) -> JudgedAnswer:
     """A sealed truth beside its answer."""
     carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items()}
     causes = frozenset(truth["effects"])
-    return Judged(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
+    return JudgedAnswer(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Metric:
     found: Interval
 
 
-def _share(group: Sequence[Judged], test: Callable[[Judged], bool]) -> Interval:
+def _share(group: Sequence[JudgedAnswer], test: Callable[[JudgedAnswer], bool]) -> Interval:
     return share(np.array([test(c) for c in group], float))
 
 
@@ -190,7 +190,7 @@ def _median(values: Sequence[float]) -> Interval:
     return bootstrap(np.array(values, float), lambda v: float(np.median(v)))
 
 
-def metrics(cases: Sequence[Judged]) -> list[Metric]:
+def metrics(cases: Sequence[JudgedAnswer]) -> list[Metric]:
     """Figures of exact answers by kind; those without a case have n = 0."""
     single, pair, none, outside = ([c for c in cases if c.kind == k] for k in ("single", "pair", "none", "outside"))
     known = single + none
@@ -220,7 +220,7 @@ def metrics(cases: Sequence[Judged]) -> list[Metric]:
     ]  # fmt: skip
 
 
-def mm_metrics(cases: Sequence[Judged]) -> list[Metric]:
+def mm_metrics(cases: Sequence[JudgedAnswer]) -> list[Metric]:
     """Figures by stratum, by what carries; those without a case have n = 0."""
     out: list[Metric] = []
     for name in sorted({c.stratum for c in cases}):
@@ -232,7 +232,7 @@ def mm_metrics(cases: Sequence[Judged]) -> list[Metric]:
     return out
 
 
-def _known(name: str, own: Sequence[Judged]) -> list[Metric]:
+def _known(name: str, own: Sequence[JudgedAnswer]) -> list[Metric]:
     sure, caused = [c for c in own if c.named], [c for c in own if c.causes]
     largest, budgeted = [c for c in caused if c.largest in c.causes], [c for c in own if c.inside is not None]
     return [Metric(f"{name}.{key}", f"{name}: {label}", found) for key, label, found in (
@@ -251,7 +251,7 @@ def _known(name: str, own: Sequence[Judged]) -> list[Metric]:
     )]  # fmt: skip
 
 
-def _outside(name: str, own: Sequence[Judged], known: Sequence[Judged]) -> list[Metric]:
+def _outside(name: str, own: Sequence[JudgedAnswer], known: Sequence[JudgedAnswer]) -> list[Metric]:
     apart, near = [c for c in own if c.apart], [c for c in own if c.nearest is not None and not c.apart]
     cluttered = name.startswith("cluttered")
     comparable = [c for c in known if c.stratum.startswith("cluttered") == cluttered] or known
@@ -268,7 +268,7 @@ def _outside(name: str, own: Sequence[Judged], known: Sequence[Judged]) -> list[
     )]  # fmt: skip
 
 
-def flagged_at(known: Sequence[Judged], outside: Sequence[Judged], share_allowed: float = 0.10) -> Interval:
+def flagged_at(known: Sequence[JudgedAnswer], outside: Sequence[JudgedAnswer], share_allowed: float = 0.10) -> Interval:
     """Share of unknowns whose stated probability of "unknown" exceeds that of all but a tenth of the known cases.
 
     A score that is the same for all (always 0) flags nothing.
@@ -279,7 +279,7 @@ def flagged_at(known: Sequence[Judged], outside: Sequence[Judged], share_allowed
     return share(np.array([c.answer.unknown_probability > limit for c in outside], float))
 
 
-def confidence(cases: Sequence[Judged]) -> Array:
+def confidence(cases: Sequence[JudgedAnswer]) -> Array:
     """(n, 2): stated probability of the verdict, and whether it was right; failed answers left out."""
     rows = [(c.answer.probability, float(c.exact)) for c in cases if c.answer.verdict != "failed"]
     return np.array(rows, float).reshape(-1, 2)
@@ -287,58 +287,6 @@ def confidence(cases: Sequence[Judged]) -> Array:
 
 def calibration_error(pairs: Array) -> float:
     """Expected calibration error over ten equal bins of probability: mean of |right - stated|, weighted by cases."""
-    return float(sum(abs(stated - right) * n for stated, right, n in reliability(pairs)) / max(len(pairs), 1))
-
-
-def reliability(pairs: Array) -> list[tuple[float, float, int]]:
-    """(mean stated, share right, cases) of each bin that holds cases."""
     bins = np.minimum((pairs[:, 0] * 10).astype(int), 9)
-    out = []
-    for b in np.unique(bins):
-        own = pairs[bins == b]
-        out.append((float(own[:, 0].mean()), float(own[:, 1].mean()), len(own)))
-    return out
-
-
-def confusion(cases: Sequence[Judged]) -> tuple[list[str], list[str], NDArray[np.int64]]:
-    """Rows: single truths, pairs, none, outside; columns: what was named; counts."""
-    rows = [*sorted({_one(c.truth) for c in cases if c.kind == "single"}), "pair", "none", "outside"]
-    rows = [r for r in rows if r not in ("pair", "none", "outside") or any(c.kind == r for c in cases)]
-    named = sorted({x for c in cases for x in c.answer.effects} | {r for r in rows if r not in ("pair", "none", "outside")})
-    columns = [*named, "several", "none", "unknown", "failed"]
-    counts = np.zeros((len(rows), len(columns)), np.int64)
-    for c in cases:
-        row = _one(c.truth) if c.kind == "single" else c.kind
-        verdict = c.answer.verdict
-        if verdict == "effect":
-            verdict = _one(c.answer.effects) if len(c.answer.effects) == 1 else "several"
-        counts[rows.index(row), columns.index(verdict)] += 1
-    # an effect that was never named keeps its column: without it a wrong answer would come to stand on the diagonal
-    keep = [j for j, name in enumerate(columns) if counts[:, j].any() or name in rows]
-    return rows, [columns[j] for j in keep], counts[:, keep]
-
-
-def _one(effects: Effects) -> str:
-    # where the gas acts belongs to the design of some robots, beside their cause
-    return min(effects, key=lambda e: (e == "chamber_thrust", e))
-
-
-def best_temperature(cases: Sequence[Judged]) -> float:
-    """The temperature that would make the stated probabilities of single and no-effect cases score best.
-
-    Each hypothesis' probability is raised to 1/T and all are made to sum to one again; 1 means that they are honest as they
-    are, more that they are too bold. NaN without a case.
-    """
-    known = [c for c in cases if c.kind in ("single", "none") and c.answer.verdict != "failed"]
-    if not known:
-        return math.nan
-    grid = np.exp(np.linspace(math.log(0.5), math.log(30.0), 120))
-    losses = [sum(_loss(c, t) for c in known) for t in grid]
-    return float(grid[int(np.argmin(losses))])
-
-
-def _loss(c: Judged, temperature: float) -> float:
-    a = c.answer
-    stated = np.array([p for _, p in a.ranking] + [a.none_probability, a.unknown_probability, c.probability_on_truth])
-    weights = np.maximum(stated, 1e-12) ** (1 / temperature)
-    return -math.log(max(float(weights[-1] / weights[:-1].sum()), LEAST_PROBABILITY))
+    off = (abs(float(np.subtract(*pairs[bins == b].mean(axis=0)))) * np.sum(bins == b) for b in np.unique(bins))
+    return float(sum(off) / max(len(pairs), 1))

@@ -7,10 +7,10 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,9 @@ from recordings.trials import Table
 from .answers import answer_from
 from .folder import SetFolder
 from .make import PREDICTED
-from .sweeps import AGAIN, BASE, BASE_SETTLED, CHANNELS, MENU
+from .sweeps import CHANNELS, MENU
 from .workers import spread
 
-Choice = Literal["information", "random", "repeat"]
 Diagnose = Callable[[Path], dict[str, Any]]
 """A case folder in, diagnosis.json out."""
 MENU_OF = {
@@ -37,24 +36,6 @@ MENU_OF = {
     "other_chambers": "other_group", "roll": "roll", "tip_mass": "tip_mass", "hold": "hold", "rate": "fast", "vacuum": "vacuum",
 }  # fmt: skip
 """What is on the menu, by the id that a diagnosis has for it."""
-
-
-@dataclass(frozen=True)
-class Round:
-    """One diagnosis of a case, after what it had asked for."""
-
-    asked: tuple[str, ...]
-    seconds: float
-    diagnosis: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Further:
-    """Experiments that a case is given after its first diagnosis, until its answer is settled."""
-
-    most: int = 0
-    choose: Choice = "information"
-    """What the diagnosis asks for; one of the menu at random; or the sweep measured again, for comparison."""
 
 
 def diagnose_folder(folder: Path) -> dict[str, Any]:
@@ -80,8 +61,8 @@ def _answered(folder: Path, options: Options) -> dict[str, Any]:
     return found
 
 
-def run(root: Path, diagnose: Diagnose, further: Further = Further(), workers: int = 1) -> int:  # noqa: B008 (frozen)
-    """Diagnose all cases that have no answer yet; returns how many.
+def run(root: Path, diagnose: Diagnose, most: int = 0, workers: int = 1) -> int:
+    """Diagnose all cases that have no answer yet, giving each up to `most` experiments; returns how many.
 
     Raises ConfigError when the set has been scored already.
     """
@@ -90,47 +71,33 @@ def run(root: Path, diagnose: Diagnose, further: Further = Further(), workers: i
     if folder.score.exists():
         raise ConfigError(f"{folder.score} exists: the seal was opened, answers given now are not blind; make a new set")
     todo = [n for n in folder.names() if not (folder.answers(n) / "rounds.json").exists()]
-    done = spread(partial(answer, folder, diagnose, further), todo, workers, "cases diagnosed")
+    done = spread(partial(answer, folder, diagnose, most), todo, workers, "cases diagnosed")
     return sum(1 for _ in done)
 
 
-def answer(folder: SetFolder, diagnose: Diagnose, further: Further, name: str) -> str:
+def answer(folder: SetFolder, diagnose: Diagnose, most: int, name: str) -> str:
     """Diagnose one case and write its rounds; a diagnosis that fails is an answer too. Returns the case's name."""
-    found = rounds(folder.case(name), diagnose, further)
+    found = rounds(folder.case(name), diagnose, most)
     target = folder.answers(name)
     target.mkdir(parents=True, exist_ok=True)
-    write_rounds(target / "rounds.json", found)
+    replaced(target / "rounds.json", json.dumps(found, indent=1))
     return name
 
 
-def rounds(case: Path, diagnose: Diagnose, further: Further, begun: Sequence[Round] = ()) -> list[Round]:
-    """Diagnoses of a case folder, each after one experiment more, until it is settled, asks for nothing more or had the most;
-    they go on from the first, where that is known (`begun`)."""
-    table, menu, name = read_csv(case / "trials.csv"), case / "menu", case.name
-    found = list(begun)
+def rounds(case: Path, diagnose: Diagnose, most: int) -> list[dict[str, Any]]:
+    """Diagnoses of a case folder (`asked`, `seconds`, `diagnosis`), each after one experiment more, until it is settled, asks
+    for nothing more or had the most."""
+    table, menu = read_csv(case / "trials.csv"), case / "menu"
+    found: list[dict[str, Any]] = []
     asked: tuple[str, ...] = ()
     while True:
-        if len(found) == len(asked):
-            began = time.monotonic()
-            answered = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
-            found.append(Round(asked, time.monotonic() - began, answered))
-        if len(asked) >= further.most or not menu.is_dir():
-            return found
-        wish = CHOICES[further.choose](found[-1].diagnosis, asked, menu, name)
+        began = time.monotonic()
+        answered = _diagnosed(diagnose, [case / "robot.yaml", case / PREDICTED], table)
+        found.append({"asked": asked, "seconds": time.monotonic() - began, "diagnosis": answered})
+        wish = wanted(answered, asked, case.name) if len(asked) < most and menu.is_dir() else None
         if wish is None:
             return found
         table, asked = granted(table, menu, wish), (*asked, wish)
-
-
-def write_rounds(path: Path, found: Sequence[Round]) -> None:
-    """As `score` reads them."""
-    text = [{"asked": r.asked, "seconds": r.seconds, "diagnosis": r.diagnosis} for r in found]
-    replaced(path, json.dumps(text, indent=1))
-
-
-def read_rounds(path: Path) -> list[Round]:
-    """What `write_rounds` wrote."""
-    return [Round(tuple(r["asked"]), r["seconds"], r["diagnosis"]) for r in json.loads(path.read_text())]
 
 
 def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[str, Any]:
@@ -145,7 +112,7 @@ def _diagnosed(diagnose: Diagnose, files: Sequence[Path], table: Table) -> dict[
             return {"error": f"{type(e).__name__}: {e}"}
 
 
-def wanted(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
+def wanted(diagnosis: dict[str, Any], had: Sequence[str], name: str) -> str | None:
     """As `lab investigate` chooses: the first experiment of `next_experiment` that is worth doing, on the menu and not done
     yet; None when none is, or when the answer is settled."""
     if answer_from(name, diagnosis).settled:
@@ -153,23 +120,6 @@ def wanted(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str)
     items = (i for i in diagnosis.get("next_experiment") or () if i.get("expected_bits", np.inf) >= LEAST_BITS)
     asked = (MENU_OF.get(item.get("id")) for item in items)
     return next((key for key in asked if key is not None and key not in had), None)
-
-
-def random_one(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
-    """Any of the menu, by the name of the case."""
-    left = sorted({path.stem for path in menu.glob("*.csv")} - {BASE.name, BASE_SETTLED.name, AGAIN, *had})
-    if answer_from(name, diagnosis).settled or not left:
-        return None
-    return left[int(np.random.default_rng([int(name), len(had)]).integers(len(left)))]
-
-
-def repeated(diagnosis: dict[str, Any], had: Sequence[str], menu: Path, name: str) -> str | None:
-    """The base sweep again."""
-    there = (menu / f"{AGAIN}.csv").exists()
-    return AGAIN if there and AGAIN not in had and not answer_from(name, diagnosis).settled else None
-
-
-CHOICES = {"information": wanted, "random": random_one, "repeat": repeated}
 
 
 def granted(table: Table, menu: Path, wish: str) -> Table:

@@ -9,15 +9,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lab.files.config import ConfigError
 from recordings.own_files import replaced
 
 from .answers import Answer, read_answer, read_foreign
 from .folder import SetFolder, open_seal
-from .metrics import Judged, Metric, best_temperature, confidence, confusion, judged, metrics, mm_metrics, reliability
+from .metrics import JudgedAnswer, Metric, judged, metrics, mm_metrics
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ class Score:
     about: dict[str, Any]
     after: int
     """Experiments that the diagnosis had chosen and was given, at most."""
-    cases: tuple[Judged, ...]
+    cases: tuple[JudgedAnswer, ...]
     figures: tuple[Metric, ...]
     aims: dict[str, Target]
 
@@ -94,19 +91,8 @@ class Score:
             if m.key in self.aims and m.found.n and not self.aims[m.key].met(m.found.value)
         ]
 
-    @property
-    def confusion(self) -> tuple[list[str], list[str], NDArray[np.int64]]:
-        """True effects, named effects, counts."""
-        return confusion(self.cases)
-
-    @property
-    def reliability(self) -> list[tuple[float, float, int]]:
-        """Stated probability, share right, cases."""
-        return reliability(confidence(self.cases))
-
     def as_dict(self) -> dict[str, Any]:
         """JSON-able."""
-        rows, columns, counts = self.confusion
         return {
             "schema": "blind-score/1",
             "set": self.name,
@@ -118,9 +104,6 @@ class Score:
                  "met": self.aims[m.key].met(m.found.value) if m.key in self.aims and m.found.n else None}
                 for m in self.figures
             ],
-            "best_temperature": _finite({"value": best_temperature(self.cases)})["value"],
-            "confusion": {"true": rows, "named": columns, "counts": counts.tolist()},
-            "reliability": [{"stated": s, "right": r, "cases": n} for s, r, n in self.reliability],
             "cases": [_case(c) for c in self.cases],
         }  # fmt: skip
 
@@ -160,7 +143,7 @@ def write(result: Score, root: Path, others: Path | None = None) -> Path:
     return place
 
 
-def _case(c: Judged) -> dict[str, Any]:
+def _case(c: JudgedAnswer) -> dict[str, Any]:
     a = c.answer
     return {
         "case": a.case, "kind": c.kind, "truth": sorted(c.causes), "verdict": a.verdict, "named": sorted(a.effects),

@@ -17,7 +17,7 @@ ALL = tuple(range(1, 10))
 
 
 @dataclass(frozen=True)
-class State:
+class PlannedState:
     """One reading of a sweep. SI units; `rate` signed, `hold` since the ramp's end, 0 when read while ramping."""
 
     trial: int
@@ -32,7 +32,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class MenuSweep:
     """Spine lengths by pressures of one chamber group, up and perhaps down again. SI units."""
 
     name: str
@@ -59,7 +59,7 @@ class Sweep:
         """The protocol that does it."""
         return "elongation" if self.chambers == ALL else "bending"
 
-    def states(self) -> Iterator[State]:
+    def states(self) -> Iterator[PlannedState]:
         """Every reading, in order."""
         up = [(0.0, "load")] * self.zero_state + [(p, "load") for p in self.pressures]
         down = [(p, "unload") for p in self.pressures[-2::-1]] + [(0.0, "unload")] * self.zero_state
@@ -75,7 +75,7 @@ class Sweep:
                     before = pressure
                     for hold in self._holds(pressure):
                         step += 1
-                        yield State(trial, step, repeat, branch, spine, vacuum, self._at(pressure, branch), rate, hold)
+                        yield PlannedState(trial, step, repeat, branch, spine, vacuum, self._at(pressure, branch), rate, hold)
 
     def _at(self, pressure: float, branch: str) -> float:
         """Where a level is read: on the fly the last of a ramp just before its end."""
@@ -94,22 +94,20 @@ class Sweep:
 
 PAPER_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 PAPER_PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
-BASE = Sweep("base", PAPER_LENGTHS, PAPER_PRESSURES, repeats=3, unload=True, reading="fly", rate=5e3)
+BASE = MenuSweep("base", PAPER_LENGTHS, PAPER_PRESSURES, repeats=3, unload=True, reading="fly", rate=5e3)
 """The paper's 35 states, loading and unloading, three times, with the state at zero pressure."""
-AGAIN = "again"
-"""The base sweep measured once more, as others do instead of choosing."""
 BASE_SETTLED = replace(BASE, reading="settled", rate=25e3)
 
 _FEW = (0.0, 0.15, 0.30)
-MENU: tuple[Sweep, ...] = (
-    Sweep("tip_mass", _FEW, (50e3, 150e3, 250e3), repeats=2, tip_mass=0.153),
-    Sweep("all_chambers", _FEW, (50e3, 100e3, 150e3), chambers=ALL, repeats=2),
-    Sweep("other_group", _FEW, (100e3, 200e3), chambers=(3, 4, 5), repeats=2),
-    Sweep("roll", _FEW, (100e3, 200e3), repeats=2, roll_deg=90.0),
-    Sweep("hold", _FEW, (150e3,), repeats=2, zero_state=False, reading="hold",
+MENU: tuple[MenuSweep, ...] = (
+    MenuSweep("tip_mass", _FEW, (50e3, 150e3, 250e3), repeats=2, tip_mass=0.153),
+    MenuSweep("all_chambers", _FEW, (50e3, 100e3, 150e3), chambers=ALL, repeats=2),
+    MenuSweep("other_group", _FEW, (100e3, 200e3), chambers=(3, 4, 5), repeats=2),
+    MenuSweep("roll", _FEW, (100e3, 200e3), repeats=2, roll_deg=90.0),
+    MenuSweep("hold", _FEW, (150e3,), repeats=2, zero_state=False, reading="hold",
           holds=(2.0, 5.0, 10.0, 30.0)),
-    Sweep("fast", _FEW, PAPER_PRESSURES, repeats=2, unload=True, reading="fly", rate=20e3),
-    Sweep("vacuum", (0.10, 0.20, 0.30), (100e3, 200e3), repeats=2, vacuums=(30e3, 50e3)),
+    MenuSweep("fast", _FEW, PAPER_PRESSURES, repeats=2, unload=True, reading="fly", rate=20e3),
+    MenuSweep("vacuum", (0.10, 0.20, 0.30), (100e3, 200e3), repeats=2, vacuums=(30e3, 50e3)),
 )  # fmt: skip
 """Experiments a diagnosis may ask for, each measured on the same robot."""
 

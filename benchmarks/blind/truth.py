@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .worlds.campaign import Robot, tails
+from .worlds.campaign import WorldRobot, tails
 from .worlds.forms import EFFECTS, ON_REQUEST
 from .worlds.outside import OUTSIDE, Cause
 from .worlds.robot import LENGTH, draw_places
@@ -47,7 +47,7 @@ class Truth:
 
     case: str
     stratum: Stratum
-    robot: Robot
+    robot: WorldRobot
     effects: Mapping[str, float]
     """The drawn causes; one outside the catalogue is among them."""
     moves_mm: Mapping[str, float] = field(default_factory=dict)
@@ -150,7 +150,7 @@ def _around(rng: np.random.Generator, names: Sequence[str]) -> Any:
 
 def draw_robot(
     recipe: Recipe, place: int, stratum: Stratum, ids: Sequence[str], attempt: int = 0
-) -> tuple[Robot, dict[str, float]]:
+) -> tuple[WorldRobot, dict[str, float]]:
     """A robot and the sizes of its causes; another `attempt` draws sizes, clutter and tolerances anew."""
     rng = np.random.default_rng([recipe.seed, 6, place, attempt])
     where = world(recipe.world)
@@ -175,7 +175,7 @@ def draw_robot(
         if e in EFFECTS:
             sizes[e] += s
     a, b, c = (float(x) for x in where.tolerance * SMALL * tails(rng, where.heavy, (3,)))
-    robot = Robot(
+    robot = WorldRobot(
         where, {e: s for e, s in sizes.items() if s}, outside, {e: known[e] for e in outside}, draw_places(rng),
         float(rng.uniform(1.4, 1.8)), LENGTH + where.tolerance * SMALL * float(tails(rng, where.heavy, ())), (a, b, c),
         where.drift * float(rng.uniform(0.4, 1.0)) * (1 if rng.random() < 0.7 else -1),

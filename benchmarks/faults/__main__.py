@@ -12,20 +12,20 @@ from pathlib import Path
 
 from sim_fakes.faults import FAULTS
 
-from .cells import PHASES, SUBJECTS, Cell, Verdict, cells
-from .trial import Bench
+from .cells import PHASES, SUBJECTS, FaultCell, Verdict, cells
+from .trial import FaultBench
 
 
-def run(todo: list[Cell], report: Path | None) -> list[Verdict]:
+def run(todo: list[FaultCell], report: Path | None) -> list[Verdict]:
     """All cells on this process's own fakes, one after another."""
     verdicts: list[Verdict] = []
-    bench: Bench | None = None
+    bench: FaultBench | None = None
     try:
         for cell in todo:
             if bench is None or bench.second_rig != cell.second_rig:
                 if bench is not None:
                     bench.close()
-                bench = Bench(cell.second_rig)
+                bench = FaultBench(cell.second_rig)
             began = time.monotonic()
             verdict = bench.verdict(cell)
             verdicts.append(verdict)
@@ -55,12 +55,12 @@ def shared(arguments: argparse.Namespace, report: Path) -> list[Verdict]:
     return list(read(report).values())
 
 
-def read(report: Path) -> dict[Cell, Verdict]:
+def read(report: Path) -> dict[FaultCell, Verdict]:
     """The last verdict on each cell of a report."""
-    found: dict[Cell, Verdict] = {}
+    found: dict[FaultCell, Verdict] = {}
     for line in report.read_text().splitlines() if report.exists() else []:
         entry = json.loads(line)
-        verdict = Verdict(**{**entry, "cell": Cell(**entry["cell"]), "unsafe": tuple(entry["unsafe"])})
+        verdict = Verdict(**{**entry, "cell": FaultCell(**entry["cell"]), "unsafe": tuple(entry["unsafe"])})
         found[verdict.cell] = verdict
     return found
 

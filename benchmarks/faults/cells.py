@@ -30,7 +30,7 @@ LANDING = 5.0
 
 
 @dataclass(frozen=True)
-class Cell:
+class FaultCell:
     """One trial of the matrix."""
 
     subject: str
@@ -54,7 +54,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Job:
+class FaultJob:
     """What the worker is to do: run a protocol, or land and unlock the rig when there is none."""
 
     rig: str
@@ -64,7 +64,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Result:
+class FaultResult:
     """What the worker found."""
 
     ended: float = 0.0
@@ -85,7 +85,7 @@ class Verdict:
     """How a cell went: "." completed and safe, "e" ended with its typed error and safe, "l" ended, the faulty instrument
     cannot be confirmed and the rig is locked, "X" anything else."""
 
-    cell: Cell
+    cell: FaultCell
     mark: str
     why: str = ""
     seconds: float = 0.0
@@ -97,7 +97,9 @@ class Verdict:
     tries: int = 1
 
 
-def cells(subjects: tuple[str, ...] = SUBJECTS, faults: tuple[str, ...] = FAULTS, phases: tuple[str, ...] = PHASES) -> list[Cell]:
+def cells(
+    subjects: tuple[str, ...] = SUBJECTS, faults: tuple[str, ...] = FAULTS, phases: tuple[str, ...] = PHASES
+) -> list[FaultCell]:
     """All cells, phase by phase; those of one rig together."""
-    every = [Cell(s, f, p) for s in subjects for f in faults for p in phases]
+    every = [FaultCell(s, f, p) for s in subjects for f in faults for p in phases]
     return sorted(every, key=lambda c: (ORDER.index(c.phase), c.second_rig))

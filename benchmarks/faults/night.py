@@ -23,8 +23,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from lab.campaign.design import campaign_of
-from lab.campaign.planned import planned_table
+from lab.campaign.design import campaign_of, planned_table
 from lab.files.inputs import read_case
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE, write_rig
 from recordings.campaign.replay import compare
@@ -57,7 +56,7 @@ class Trouble:
 
 
 @dataclass(frozen=True)
-class Report:
+class NightReport:
     """What became of a night."""
 
     runs: int
@@ -97,7 +96,7 @@ class Night:
         """Lines of the journal when a fault was switched on; 0: none is."""
         self.kills = self.faults = self.sessions = 0
 
-    def go(self) -> Report:
+    def go(self) -> NightReport:
         """From the first session to the last."""
         began = time.monotonic()
         self.fakes.on_confirm = lambda trouble: self._mend()
@@ -173,7 +172,7 @@ class Night:
             assert time.monotonic() < give_up, done.stdout + done.stderr
             time.sleep(0.5)
 
-    def _report(self, seconds: float) -> Report:
+    def _report(self, seconds: float) -> NightReport:
         files = sorted(self.folder.glob("*/*.mcap"))
         campaign = campaign_of(self.folder / "campaign.yaml", self.rig, 0)
         planned = planned_table(campaign)
@@ -184,7 +183,7 @@ class Night:
         beyond = [s for k, s in enumerate(had) if any(s[:2] == o[:2] for o in had[:k]) or not any(_same(w, s) for w in wanted)]
         again = [compare(Recording.open(file)) for file in files]
         outcomes = [json.loads(line) for line in self._journal() if '"outcome"' in line]
-        return Report(
+        return NightReport(
             runs=len(campaign.runs), planned=len(wanted), found=len(had), missing=len(missing), beyond=len(beyond),
             differing=sum(len(c.differences) for c in again), kills=self.kills, faults=self.faults, sessions=self.sessions,
             failures=sum(line["outcome"] == "failed" for line in outcomes), recordings=len(files),

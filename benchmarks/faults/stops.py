@@ -39,7 +39,7 @@ SEEN_WITHIN = 20.0
 
 
 @dataclass(frozen=True)
-class Trial:
+class Landing:
     """One landing."""
 
     regulators: str
@@ -55,7 +55,7 @@ class Trial:
     """Until the landing had reported."""
 
 
-class Bench:
+class LandingBench:
     """Fakes of one rig."""
 
     def __init__(self, regulators: str, folder: Path) -> None:
@@ -63,7 +63,7 @@ class Bench:
         self.fakes = FakeRig(speed=SPEED, seed=3, regulators=regulators).start()
         self.rig = folder / f"{regulators}.yaml"
 
-    def one(self, way: str, state: str, failing: tuple[str, ...], dead_units: str = "") -> Trial:
+    def one(self, way: str, state: str, failing: tuple[str, ...], dead_units: str = "") -> Landing:
         """One landing, from a sound rig to a sound rig."""
         write_rig(self.fakes, self.rig)
         self.rig.with_suffix(".latch").unlink(missing_ok=True)
@@ -81,7 +81,7 @@ class Bench:
             told, ended = self._timed(
                 lambda: make_safe_with_new_guard(file, clock, ACTUATORS, "bench", unlock=True), state, failing, dead_units
             )
-        return Trial(self.regulators, way, state, failing, dead_units, told, ended)
+        return Landing(self.regulators, way, state, failing, dead_units, told, ended)
 
     def _inflate(self) -> None:
         """Set-points as an earlier program left them."""
@@ -148,7 +148,7 @@ def main() -> int:
     rng, trials = random.Random(0), []
     folder = Path(tempfile.mkdtemp(prefix="stops-"))
     for regulators in a.regulators or ("alicat", "smc_itv"):
-        bench = Bench(regulators, folder)
+        bench = LandingBench(regulators, folder)
         try:
             for way, state, failing, dead in plan(tuple(a.way or ("anew", "own"))):
                 if rng.random() > a.share:
@@ -164,7 +164,7 @@ def main() -> int:
     return summary(trials)
 
 
-def summary(trials: list[Trial]) -> int:
+def summary(trials: list[Landing]) -> int:
     """The figures of each way; 1 when a landing was later than the limit."""
     late = [t for t in trials if not t.told_ms <= LIMIT_MS]
     for regulators, way in sorted({(t.regulators, t.way) for t in trials}):

@@ -22,7 +22,7 @@ from lab.files.robot_file import paper_robot
 from lab.verbs.fakes import PATIENT, PATIENT_SETTLE
 from sim_fakes.rig import FakeRig
 
-from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, Cell, Job, Result, Verdict
+from .cells import CONNECT_HANG, HANG, LANDING, SPEED, TIME_OUTS, FaultCell, FaultJob, FaultResult, Verdict
 
 ARM = {"max_age": 1.0, "watchdog_frequency": PATIENT["instruments"]["arm"]["watchdog_frequency"]}
 """Age of its state (s) and kicks of its watchdog (Hz): a fake's stream and ours are late when every processor is busy."""
@@ -40,7 +40,7 @@ SETTLED = 1.5
 """Host seconds after the end in which the plant may come to rest."""
 
 
-class Bench:
+class FaultBench:
     """Fakes of one rig and a worker; cells run one after another."""
 
     def __init__(self, second_rig: bool, seed: int = 1) -> None:
@@ -59,7 +59,7 @@ class Bench:
         self._end_worker()
         self.fakes.stop()
 
-    def verdict(self, cell: Cell) -> Verdict:
+    def verdict(self, cell: FaultCell) -> Verdict:
         """How a cell goes; tried again where the rig stopped, safe, before the fault was given."""
         found = self.run(cell)
         while not found.given and not found.unsafe and found.tries < TRIES:
@@ -67,7 +67,7 @@ class Bench:
             found = replace(self.run(cell), tries=found.tries + 1)
         return found
 
-    def run(self, cell: Cell) -> Verdict:
+    def run(self, cell: FaultCell) -> Verdict:
         """One cell, from a sound rig to a sound rig."""
         for left in ("rig.latch", "rig.guard.log"):
             (self.folder / left).unlink(missing_ok=True)
@@ -79,7 +79,7 @@ class Bench:
         else:
             trigger.start()
         line = self._start_worker()
-        line.send(Job(str(self.rig), str(self.folder), cell.protocol, QUICK[cell.protocol]))
+        line.send(FaultJob(str(self.rig), str(self.folder), cell.protocol, QUICK[cell.protocol]))
         result = self._await(line, trigger)
         trigger.stop()
         verdict = self._judge(cell, trigger, result)
@@ -127,13 +127,13 @@ class Bench:
             self._worker.wait()
             self._worker = None
 
-    def _await(self, line: Connection, trigger: Trigger) -> Result | str:
+    def _await(self, line: Connection, trigger: Trigger) -> FaultResult | str:
         """The worker's result, or what became of it."""
         deadline = time.monotonic() + LIMIT
         with contextlib.suppress(EOFError, OSError):
             while line.poll(max(0.0, deadline - time.monotonic())):
                 said = line.recv()
-                if isinstance(said, Result):
+                if isinstance(said, FaultResult):
                     return said
                 trigger.landing()
                 line.send("go")
@@ -144,20 +144,20 @@ class Bench:
         last = (self.folder / "worker.log").read_text(errors="replace").strip().rpartition("\n")[2]
         return f"the program died with code {code}: {last}"
 
-    def _unlock(self, cell: Cell, verdict: Verdict) -> Verdict:
+    def _unlock(self, cell: FaultCell, verdict: Verdict) -> Verdict:
         """A repaired rig must be unlocked by `lab safe --clear`."""
         self._write_rig(cell.protocol)
         line = self._start_worker()
-        line.send(Job(str(self.rig), str(self.folder)))
+        line.send(FaultJob(str(self.rig), str(self.folder)))
         result = self._await(line, Trigger(self.fakes, cell))
-        if isinstance(result, Result) and not result.error:
+        if isinstance(result, FaultResult) and not result.error:
             return verdict
         self._end_worker()
         text = result if isinstance(result, str) else result.error
         return Verdict(cell, "X", f"{verdict.why} repaired, but: {text}", verdict.seconds, verdict.error)
 
     # -- judging
-    def _judge(self, cell: Cell, trigger: Trigger, result: Result | str) -> Verdict:
+    def _judge(self, cell: FaultCell, trigger: Trigger, result: FaultResult | str) -> Verdict:
         unsafe = self._unsafe(cell)
         if isinstance(result, str):
             return Verdict(cell, "X", result, unsafe=unsafe)
@@ -193,14 +193,14 @@ class Bench:
         """Whether the guard has unlocked the rig after its report, by a confirmation that came later."""
         return " s later: " in self.rig.with_suffix(".guard.log").read_text(encoding="utf-8")
 
-    def _unsafe(self, cell: Cell) -> tuple[str, ...]:
+    def _unsafe(self, cell: FaultCell) -> tuple[str, ...]:
         """Actuators that are not in the safe state in truth."""
         give_up = time.monotonic() + SETTLED
         while (found := self._moving_or_loaded(cell)) and time.monotonic() < give_up:
             time.sleep(0.05)
         return found
 
-    def _moving_or_loaded(self, cell: Cell) -> tuple[str, ...]:
+    def _moving_or_loaded(self, cell: FaultCell) -> tuple[str, ...]:
         plant = self.fakes.plant
         with plant.lock:
             drive, pressure, valve = plant.spine_drive, float(plant.chamber_pressure.max()), plant.valve_on
@@ -222,7 +222,7 @@ class Bench:
 class Trigger(threading.Thread):
     """Switches the fault on when the plant shows that its phase has come."""
 
-    def __init__(self, fakes: FakeRig, cell: Cell) -> None:
+    def __init__(self, fakes: FakeRig, cell: FaultCell) -> None:
         super().__init__(name="trigger", daemon=True)
         self._fakes, self._cell = fakes, cell
         self._ended = threading.Event()

@@ -21,7 +21,7 @@ from lab.verbs.run import execute, job
 from lab.verbs.safe import safe
 from protocols.errors import Suspended
 
-from .cells import Job, Result
+from .cells import FaultJob, FaultResult
 
 
 class Told(Rig):
@@ -41,12 +41,12 @@ class Told(Rig):
         return self.report
 
 
-def work(todo: Job, line: Connection) -> Result:
+def work(todo: FaultJob, line: Connection) -> FaultResult:
     """One experiment, or one unlocking."""
     path = Path(todo.rig)
     if not todo.protocol:
         code = safe(path, clear=True).code
-        return Result(error="" if code == 0 else "still locked", locked=Latch(path).read() is not None)
+        return FaultResult(error="" if code == 0 else "still locked", locked=Latch(path).read() is not None)
     error: Exception | None = None
     report, ended, rows = SafeReport(), 0.0, 0
     try:
@@ -63,7 +63,7 @@ def work(todo: Job, line: Connection) -> Result:
     except RigLocked as e:
         error, landed = e, time.monotonic()
     cause = error.cause if isinstance(error, Suspended) else error
-    return Result(
+    return FaultResult(
         ended=ended or landed,
         landed=landed,
         error=str(cause or ""),

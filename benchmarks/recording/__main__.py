@@ -1,7 +1,7 @@
 """The figures of the recordings: `python -m benchmarks.recording [--quick] [--json FILE]`.
 
 The full table takes about five minutes; `--real-time` records the ten minutes in ten minutes instead of one, `--quick`
-takes fewer kills, flips and seconds. Exit code 1 when a target is missed.
+takes fewer seconds. Exit code 1 when a target is missed.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..figures import Figure, show
-from . import safety, speed
-from .run import full_disk_in_a_run, replays
+from . import speed
 from .stream import record
 
 HOUR, SHORT = 3600.0, 120.0
@@ -22,7 +21,7 @@ HOUR, SHORT = 3600.0, 120.0
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print, write."""
     p = argparse.ArgumentParser(description="Measures the figures of the recordings.")
-    p.add_argument("--quick", action="store_true", help="fewer kills and flips, ten seconds instead of a minute")
+    p.add_argument("--quick", action="store_true", help="ten seconds instead of a minute")
     p.add_argument("--real-time", action="store_true", help="record the ten minutes in ten minutes")
     p.add_argument("--json", type=Path, default=Path("out/recording.json"), help="where the table is written as JSON")
     p.add_argument("--only", default="", help="figures whose name has this word")
@@ -38,16 +37,11 @@ def main(arguments: list[str] | None = None) -> int:
 
         wall = 10.0 if a.quick else speed.TEN_MINUTES if a.real_time else 60.0
         todo: dict[str, Callable[[], Figure]] = {
-            "start": lambda: safety.start_up(folder),
-            "kills": lambda: safety.kills(folder, 5 if a.quick else 50),
-            "truncation": lambda: safety.truncation(folder),
-            "flips": lambda: safety.flips(folder, 100 if a.quick else 1000),
+            "start": lambda: speed.start_up(folder),
             "paced": lambda: speed.paced(folder, wall),
-            "full": lambda: safety.full_disk(folder),
-            "full in a run": lambda: full_disk_in_a_run(folder),
             "reading": lambda: speed.reading(made(hour, HOUR), made(short, SHORT)),
             "writing": lambda: speed.writing(folder, 30.0 if a.quick else SHORT),
-            "replays": lambda: replays(made(short, SHORT)),
+            "replays": lambda: speed.replays(made(short, SHORT)),
             "table": lambda: speed.table(made(hour, HOUR)),
         }
         figures = [measure() for name, measure in todo.items() if a.only in name]

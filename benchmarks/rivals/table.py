@@ -16,7 +16,7 @@ from rich.table import Table
 
 from benchmarks.blind.answers import Answer, read_answer, read_foreign
 from benchmarks.blind.folder import SetFolder, open_seal, read_table
-from benchmarks.blind.metrics import Interval, Judged, counted, judged, share
+from benchmarks.blind.metrics import Interval, JudgedAnswer, counted, judged, share
 from benchmarks.blind.score import score, write
 from diagnosis.judgement import CAUSE_PROBABILITY
 from lab.pages.figures import BLUE, STYLE, save
@@ -32,7 +32,7 @@ PANELS = {
 
 
 @dataclass(frozen=True)
-class Row:
+class RivalRow:
     """One method. Cases of an outside cause count in `outside` alone."""
 
     method: str
@@ -50,15 +50,15 @@ class Row:
         return share(np.array(self.cases[column], float))
 
 
-def row(method: str, cases: Sequence[Judged], seconds: Sequence[float]) -> Row:
+def row(method: str, cases: Sequence[JudgedAnswer], seconds: Sequence[float]) -> RivalRow:
     """From the judged cases of one method."""
     known = [w for w in cases if not w.stratum.endswith("outside")]
     outside = [w for w in cases if w.stratum.endswith("outside")]
 
-    def sure(w: Judged) -> bool:
+    def sure(w: JudgedAnswer) -> bool:
         return w.answer.verdict in ("effect", "none") and w.answer.probability > CAUSE_PROBABILITY
 
-    groups: dict[str, tuple[Sequence[Judged], Callable[[Judged], bool]]] = {
+    groups: dict[str, tuple[Sequence[JudgedAnswer], Callable[[JudgedAnswer], bool]]] = {
         "clean": ([w for w in known if not w.stratum.startswith("cluttered")], lambda w: w.right),
         "clutter": ([w for w in known if w.stratum.startswith("cluttered")], lambda w: w.right),
         "all": (known, lambda w: w.right),
@@ -68,13 +68,13 @@ def row(method: str, cases: Sequence[Judged], seconds: Sequence[float]) -> Row:
     }
     closed = [w.answer.share_closed for w in cases if np.isfinite(w.answer.share_closed)]
     counts = {column: [test(w) for w in own] for column, (own, test) in groups.items()}
-    return Row(method, counts, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
+    return RivalRow(method, counts, float(np.median(seconds)), float(np.median(closed)) if closed else np.nan, len(closed))
 
 
-def report(roots: Sequence[Path], out: Path, methods: Sequence[str]) -> list[Row]:
+def report(roots: Sequence[Path], out: Path, methods: Sequence[str]) -> list[RivalRow]:
     """Open the seals, print the table, write OUT/figures.json and OUT/figures.svg over all sets; methods that answered all cases
     of a set are scored on it."""
-    found: dict[str, tuple[list[Judged], list[float]]] = {}
+    found: dict[str, tuple[list[JudgedAnswer], list[float]]] = {}
 
     def count(method: str, truth: Mapping[str, Any], answers: Sequence[Answer], seconds: Sequence[float]) -> None:
         cases, spent = found.setdefault(method, ([], []))
@@ -102,7 +102,7 @@ def report(roots: Sequence[Path], out: Path, methods: Sequence[str]) -> list[Row
     return rows
 
 
-def table(rows: Sequence[Row]) -> Table:
+def table(rows: Sequence[RivalRow]) -> Table:
     """The figures, shares with their exact 95 % intervals."""
     made = Table(title="right by mm (95 %)", title_justify="left")
     titles = ("method", "clean", "among small effects", "both", f"p > {CAUSE_PROBABILITY}", "of these right")
@@ -114,7 +114,7 @@ def table(rows: Sequence[Row]) -> Table:
     return made
 
 
-def draw(rows: Sequence[Row], path: Path) -> Path:
+def draw(rows: Sequence[RivalRow], path: Path) -> Path:
     """Shares right with their intervals: a panel for each group of cases, below each other, for narrow screens too."""
     style = {**STYLE, "font.size": 13, "axes.titlesize": 13, "svg.fonttype": "path", "axes.grid": False}
     with plt.rc_context(style):
@@ -132,7 +132,7 @@ def draw(rows: Sequence[Row], path: Path) -> Path:
         return save(figure, path)
 
 
-def _panel(axis: Axes, rows: Sequence[Row], column: str, title: str) -> None:
+def _panel(axis: Axes, rows: Sequence[RivalRow], column: str, title: str) -> None:
     for y, r in enumerate(rows):
         found, ink = r.interval(column), BLUE if r.method == "diagnosis" else "0.45"
         axis.plot([found.low, found.high], [y, y], color=ink, lw=3, alpha=0.45, solid_capstyle="butt")

@@ -8,7 +8,6 @@ import numpy as np
 
 from model.actuators import Words
 from model.robot import Robot
-from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask
@@ -16,14 +15,11 @@ from ..errors import BadCase
 from ..findings import Finding, finding
 from .campaign import Campaign
 from .levels import SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, step_gap
-from .units import FORCE_UNITS, LENGTH_UNITS, nearest
 
 FARTHEST = 0.3
 """Largest deflection of beam theory, as a share of the cantilever's length."""
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
-IMPLAUSIBLE_FORCE_RATIO = {"body": 30.0, "spine": 300.0}
-"""Ratios of force measured to force expected: a body's modulus is known within a few, a jammed spine's may be a guess."""
 
 
 def complete(table: Table) -> Mask:
@@ -35,14 +31,14 @@ def _of_body(given: Table) -> Mask:
     return np.asarray(given.get("specimen") == "body")
 
 
-def _lengths(robot: Robot, given: Table) -> Array:
+def cantilevers(robot: Robot, given: Table) -> Array:
     """(n,) m of the cantilevers."""
     return np.where(_of_body(given), robot.length, given.spine_length)
 
 
 def require_plausible(robot: Robot, given: Table) -> None:
     """Raises `BadCase` for states that no stiffness trial of this robot gives."""
-    long, deflection = _lengths(robot, given), given.get("deflection")
+    long, deflection = cantilevers(robot, given), given.get("deflection")
     if robot.spine is None and (of_spine := np.flatnonzero(~_of_body(given))).size:
         raise BadCase(
             f"{given.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
@@ -53,54 +49,10 @@ def require_plausible(robot: Robot, given: Table) -> None:
             f"{given.place(i)}: a stiffness trial of a spine of {long[i]:g} m: check spine_length (m), or write specimen body"
         )
     for i in np.flatnonzero(np.abs(deflection) > FARTHEST * long)[:1].tolist():
+        looks = "looks like mm; deflections are in m: divide by 1000" if abs(deflection[i]) > long[i] else "check the unit (m)"
         raise BadCase(
             f"{given.place(i)}: deflection {deflection[i]:g} m of a cantilever of {long[i]:g} m; beam theory holds up to "
-            f"{FARTHEST:g} of its length: check the unit (m), or leave the row out"
-        )
-
-
-def implausible_pushes(robot: Robot, table: Table) -> Iterator[str]:
-    """Messages about deflections longer than the cantilever, and about forces of another unit."""
-    finite = table.take(complete(table))
-    for specimen in ("body", "spine"):
-        own = finite.take((finite.get("specimen") == specimen) & (_lengths(robot, finite) >= SHORTEST))
-        if not len(own) or (specimen == "spine" and robot.spine is None):
-            continue
-        deflection, long = np.abs(own.get("deflection")), _lengths(robot, own)
-        worst = int(np.argmax(deflection / long))
-        if deflection[worst] > long[worst]:
-            yield (
-                f"{own.place(worst)}, column deflection: {deflection[worst]:g} m of a cantilever of {long[worst]:g} m: looks "
-                "like mm; deflections are in m: divide by 1000"
-            )
-        else:
-            yield from _forces(robot, specimen, own, deflection, long)
-
-
-def _forces(robot: Robot, specimen: str, own: Table, deflection: Array, long: Array) -> Iterator[str]:
-    """The slope of force over deflection against 3 E I / L^3."""
-    if robot.spine is not None and specimen == "spine":
-        bending = robot.spine.modulus_at(long) * annulus_second_moment(robot.spine.radius)
-    else:
-        bending = np.full(len(own), robot.youngs_modulus * body_second_moment(robot))
-    expected, force = 3 * bending / long**3 * deflection, own.get("force")
-    if len(own) < 3 or np.ptp(expected) == 0 or np.ptp(force) == 0 or abs(np.corrcoef(force, expected)[0, 1]) < 0.9:
-        return
-    ratio, limit = abs(float(np.polyfit(expected, force, 1)[0])), IMPLAUSIBLE_FORCE_RATIO[specimen]
-    worst = int(np.argmax(np.abs(force)))
-    place, needed = (
-        own.place(worst),
-        f"{expected[worst]:.3g} N expected from robot.yaml's modulus",
-    )
-    if ratio > limit and (unit := nearest(ratio, FORCE_UNITS, within=10.0)) is not None:
-        yield (
-            f"{place}, column force: {force[worst]:g} N for {deflection[worst] * 1e3:.3g} mm, {needed}: looks like "
-            f"{unit.name}; forces are in N: {unit.remedy}"
-        )
-    elif ratio < 1 / limit and nearest(1 / ratio, LENGTH_UNITS[:1], within=10.0) is not None:
-        yield (
-            f"{place}, column deflection: {deflection[worst]:g} m under {abs(force[worst]):g} N, {needed}: looks like mm; "
-            "deflections are in m: divide by 1000"
+            f"{FARTHEST:g} of its length: {looks}, or leave the row out"
         )
 
 

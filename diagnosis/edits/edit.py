@@ -3,26 +3,144 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
+from model.rotation import from_vector, multiply, to_base
 from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
-from ..arrays import Array
+from ..arrays import Array, Ints
+from ..data.campaign import tip_masses
 from ..findings import Finding
 
-Edited = tuple[Robot, Table]
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 """What every hypothesis calibrates within `EDIT_USUAL`: logarithms of factors, rad, robot lengths."""
 AREA, MODULUS, AZIMUTH, GRAVITY, ORIGIN = 0, 1, 2, slice(3, 5), slice(5, 8)
 FORCE = ("force_x", "force_y", "force_z")
 
 
-def _as_it_is(robot: Robot, table: Table, values: Array) -> Edited:
-    return robot, table
+@dataclass(frozen=True)
+class Variants:
+    """v variants of what a robot.yaml and a table of n states say, from which rods and tips follow."""
+
+    robot: Robot
+    table: Table
+    area: Array
+    """(v, 1) times the area factor."""
+    modulus: Array
+    """(v, 1) times all stiffnesses of the body."""
+    stretch: Array
+    """(v, 1) times the length."""
+    azimuth: Array
+    """(v, 1, actuators) deg."""
+    gravity: Array
+    """(v, 1, 3) m/s^2."""
+    mass: Array
+    """(v, n) kg at the tip."""
+    roll: Array
+    """(v, n) deg."""
+    pressure: Array
+    """(v, n, actuators) Pa."""
+    force: Array
+    """(v, n, 3) N at the tip."""
+    tip: Array
+    """(v, n, 3) m."""
+    orientation: Array
+    """(v, n, 4) w, x, y, z; NaN where there is none."""
+    markers: Array
+    """(v, n, k, 3) m."""
+
+    @classmethod
+    def of(cls, robot: Robot, table: Table) -> Variants:
+        """One variant: as described."""
+        one = np.ones((1, 1))
+        of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force, table.tip,
+                     table.orientation, table.markers)  # fmt: skip
+        azimuth, gravity = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.gravity))
+        return cls(robot, table, one, one, one, azimuth, gravity, *(values[None] for values in of_states))
+
+    def repeated(self, count: int) -> Variants:
+        """This one variant, `count` times."""
+        copies: dict[str, Any] = {n: np.broadcast_to(a, (count, *a.shape[1:])) for n, a in self.arrays(ROD + SEEN).items()}
+        return replace(self, **copies)
+
+    def take(self, variants: slice | Ints) -> Variants:
+        """Some of the variants."""
+        return replace(self, **{name: a[variants] for name, a in self.arrays(ROD + SEEN).items()})
+
+    @classmethod
+    def stacked(cls, parts: Sequence[Variants]) -> Variants:
+        """The variants of several, one after the other."""
+        joined: dict[str, Any] = {name: np.concatenate([getattr(v, name) for v in parts]) for name in ROD + SEEN}
+        return replace(parts[0], **joined)
+
+    def arrays(self, names: Sequence[str]) -> dict[str, Any]:
+        """Fields by name."""
+        return {name: getattr(self, name) for name in names}
+
+    def moved(self, shift: Array) -> Variants:
+        """Places moved by (v, n or 1, 3) m."""
+        return replace(self, tip=self.tip + shift, markers=self.markers + shift[:, :, None])
+
+    def turned(self, turn: Array, sign: Array | None = None) -> Variants:
+        """Places, orientations and forces turned by quaternions (v, 4), then mirrored by the signs (3,) of three axes."""
+        q, signs = turn[:, None], np.ones(3) if sign is None else sign
+        orientation = multiply(np.broadcast_to(q, self.orientation.shape), self.orientation)
+        return replace(
+            self,
+            tip=to_base(q, self.tip) * signs,
+            force=to_base(q, self.force) * signs,
+            markers=to_base(q[:, :, None], self.markers) * signs,
+            orientation=orientation * np.array([1.0, *signs * np.prod(signs)]),
+        )
+
+    def with_gravity_turned(self, turn: Array) -> Variants:
+        """Gravity turned in the base frame by quaternions (v, 4)."""
+        return replace(self, gravity=to_base(turn[:, None], self.gravity))
+
+    def calibrated(self, theta: Array) -> Variants:
+        """With calibrations theta (v, 8)."""
+        made = replace(
+            self,
+            area=self.area * np.exp(theta[:, [AREA]]),
+            modulus=self.modulus * np.exp(theta[:, [MODULUS]]),
+            azimuth=self.azimuth + np.degrees(theta[:, AZIMUTH])[:, None, None],
+        ).with_gravity_turned(from_vector(np.pad(theta[:, GRAVITY], ((0, 0), (0, 1)))))
+        return made.moved(-theta[:, None, ORIGIN] * self.robot.length)
+
+    def written(self) -> tuple[Robot, Table]:
+        """Robot and table of the first variant; what is as described stays as it is."""
+        given, robot, columns = Variants.of(self.robot, self.table), self.robot, dict[str, Array]()
+        changed = {f.name: getattr(self, f.name)[0] for f in fields(self)
+                   if f.name in ROD + SEEN
+                   and not np.array_equal(getattr(self, f.name)[0], getattr(given, f.name)[0], equal_nan=True)}  # fmt: skip
+        if "azimuth" in changed:
+            robot = robot.with_azimuths(tuple(self.azimuth[0, 0].tolist()))
+        if "modulus" in changed:
+            robot = robot.with_modulus(float(self.modulus[0, 0]))
+        if "area" in changed:
+            factor, area = robot.area_factor, float(self.area[0, 0])
+            areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
+            robot = robot.model_copy(update={"area_factor": areas})
+        if "gravity" in changed:
+            robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
+        if "stretch" in changed:
+            robot = with_length(robot, robot.length * float(self.stretch[0, 0]))
+        names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "mass": ("tip_mass",),
+                                           "roll": ("roll_deg",), "pressure": pressure_columns(self.pressure.shape[2]),
+                                           "markers": sum(marker_columns(self.markers.shape[2]), ())}  # fmt: skip
+        for name in names.keys() & changed:
+            columns |= zip(names[name], changed[name].reshape(len(self.table), -1).T, strict=True)
+        return robot, self.table.replaced(columns)
+
+
+ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force")
+"""Fields of `Variants` that change the rod."""
+SEEN = ("tip", "orientation", "markers")
+"""Those that were measured of it."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +152,8 @@ class Edit:
     says: Callable[[Robot, Array, Array, float, str], Sequence[Finding]] = field(default=lambda *_: (), repr=False)
     """Robot as described, calibration (8,), own parameters, probability and what else it may be (text) -> findings; none where
     nothing is changed."""
-    apply: Callable[[Robot, Table, Array], Edited] = field(default=_as_it_is, repr=False)
-    """Robot and table as they would be without the mistake."""
+    apply: Callable[[Variants, Array], Variants] = field(default=lambda v, _: v, repr=False)
+    """What would be written without the mistake, of own parameters (v, k)."""
     starts: tuple[tuple[float, ...], ...] = ((),)
     """Of the numbers that it widens, then of its own."""
     bounds: tuple[tuple[float, float], ...] = ()
@@ -48,53 +166,15 @@ class Edit:
     """Whether another campaign on the robot is without it."""
 
 
-def calibrated(robot: Robot, table: Table, theta: Array) -> Edited:
-    """Robot and table with calibration theta (8,), unchecked."""
-    area, modulus = np.exp(theta[:2]).tolist()
-    factor = robot.area_factor
-    areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
-    azimuths = tuple(a + float(np.degrees(theta[AZIMUTH])) for a in robot.actuators.azimuths_deg)
-    made = with_gravity(robot.with_azimuths(azimuths).with_modulus(modulus), Rotation.from_rotvec([*theta[GRAVITY], 0.0]))
-    made = made.model_copy(update={"area_factor": areas})
-    return made, table.moved((-theta[ORIGIN] * robot.length).tolist()) if theta[ORIGIN].any() else table
-
-
-def with_gravity(robot: Robot, turn: Rotation) -> Robot:
-    """The robot with gravity turned in its base frame."""
-    x, y, z = turn.apply(np.array(robot.gravity)).tolist()
-    return robot.model_copy(update={"gravity": (x, y, z)})
-
-
 def with_length(robot: Robot, length: float) -> Robot:
     """The robot with everything along its axis stretched to another length (m), unchecked."""
-    ratio, own = length / robot.length, robot.actuators
+    ratio, drive = length / robot.length, robot.actuators
     name = "chambers" if robot.chambers is not None else "tendons"
-    ends = {name: own.model_copy(update={"ends": tuple(ratio * s for s in own.ends)})}
+    ends: dict[str, Any] = {name: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
     sections = tuple(part.model_copy(update={"length": ratio * part.length}) for part in robot.sections)
     return robot.model_copy(update={"length": length, "sections": sections, **ends})
-
-
-def turned(table: Table, turn: Rotation, sign: Sequence[float] = (1.0, 1.0, 1.0)) -> Table:
-    """The table with places, orientations and forces turned, then mirrored by the signs of three axes."""
-    places = [names for names in (TIP, FORCE, *marker_columns(table.markers.shape[1])) if names[0] in table.values]
-    columns: dict[str, Array] = {}
-    for names in places:
-        seen = np.column_stack([table.get(name) for name in names])
-        columns |= zip(names, (turn.apply(seen) * sign).T, strict=True)
-    if ORIENTATION[0] in table.values:
-        q, known = table.orientation, np.isfinite(table.orientation).all(axis=1)
-        q[known] = (turn * Rotation.from_quat(q[known], scalar_first=True)).as_quat(scalar_first=True)
-        mirror = np.array([1.0, *np.array(sign) * np.prod(sign)])
-        columns |= zip(ORIENTATION, (q * mirror).T, strict=True)
-    return table.replaced(columns)
 
 
 def with_pressures(table: Table, pressures: Array) -> Table:
     """The table with other pressures (n, chambers) Pa."""
     return table.replaced(dict(zip(pressure_columns(pressures.shape[1]), pressures.T, strict=True)))
-
-
-def heavier(robot: Robot, table: Table, mass: float) -> Edited:
-    """Robot and table with `mass` (kg) more at the tip, or less where some hangs there."""
-    kept = np.maximum(table.get("tip_mass", robot.tip_mass) + mass, 0.0)
-    return robot, table.replaced({"tip_mass": kept})

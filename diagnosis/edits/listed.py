@@ -6,7 +6,8 @@ exists for each chamber, pair or trial, the share is divided by their number.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations, product
 from typing import Any
@@ -14,33 +15,32 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.errors import ModelError
 from model.robot import Robot
+from model.rotation import CONJUGATE, from_vector, multiply
 from model.section import body_mass
-from recordings.trials import Table
+from recordings.trials import TIP, Table
 
 from .. import judgement
 from ..arrays import Array
 from ..findings import Finding, finding
-from .edit import (
-    AREA,
-    AZIMUTH,
-    GRAVITY,
-    MODULUS,
-    ORIGIN,
-    Edit,
-    Edited,
-    heavier,
-    turned,
-    with_gravity,
-    with_length,
-    with_pressures,
-)
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, Edit, Variants
 from .misfit import Fit, Sample
 
 QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
 """Azimuths by which chambers may be counted from another one, rad."""
 UNITS = {6.895: "psi", 1 / 6.895: "psi", 1e3: "kPa", 6895.0: "psi", 1e5: "bar", 100.0: "mbar"}
 """Times that a column's pressures must be larger -> the unit that it looks like, or that of all others."""
+PRESSURES = {6895.0: "psi", 1e3: "kPa", 1e5: "bar", 100.0: "mbar", 1e6: "MPa"}
+PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
+"""The same of all columns."""
+SMALL, LARGE = 20e3, 500e3
+"""Pa: soft robots hold more than the first in a larger unit than Pa, and less than the second."""
+LENGTHS = {1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e3: "m taken for mm", 100.0: "m taken for cm"}
+"""Times that positions must be larger -> what they are in."""
+EFFECT = 6.0
+"""Prior standard deviations of a parameter within which an effect competes."""
 AXES = np.eye(3)
 FRAMES = [
     np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
@@ -50,8 +50,8 @@ FRAMES = [
 
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
     """The edits that this robot and table can have; `near`: the robot as it is described."""
-    found = [*_of_robot(sample.robot), *_of_frame(sample, near), *_of_columns(sample), *_left_to_the_diagnosis(sample.robot)]
-    return [edit for edit in found if edit.starts]
+    of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
+    return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
 
 
 # ------------------------------------------------------------------ robot.yaml
@@ -103,10 +103,9 @@ def _azimuth(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> l
     return [_refitted(name, first, found, "deg", p, rather)] if _beyond(theta, AZIMUTH) else []
 
 
-def _mirrored(robot: Robot, table: Table, own: Array) -> Edited:
+def _mirrored(v: Variants, own: Array) -> Variants:
     """Chambers counted the other way round, from the first one."""
-    azimuths = robot.actuators.azimuths_deg
-    return robot.with_azimuths(tuple(2 * azimuths[0] - a for a in azimuths)), table
+    return replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth)
 
 
 def _counted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -117,9 +116,8 @@ def _counted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> l
     return [_refitted(f"{short} round, azimuth of the second", second, found, "deg", p, rather, short=short)]
 
 
-def _gravity(down: Array, robot: Robot, table: Table, own: Array) -> Edited:
-    x, y, z = down.tolist()
-    return robot.model_copy(update={"gravity": (x, y, z)}), table
+def _gravity(down: Array, v: Variants, own: Array) -> Variants:
+    return replace(v, gravity=np.broadcast_to(down, v.gravity.shape))
 
 
 def _gravity_says(down: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -140,10 +138,10 @@ def _tilted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> li
     return [_refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", p, rather, limit, "gravity")]
 
 
-def _tilt(robot: Robot, table: Table, own: Array) -> Edited:
-    """Base turned by own (2,) rad about x and y: places as the level base would have them, gravity as the tilted one has it."""
-    turn = Rotation.from_rotvec([*own, 0.0]).inv()
-    return with_gravity(robot, turn), turned(table, turn)
+def _tilt(v: Variants, own: Array) -> Variants:
+    """Base turned by own (v, 2) rad about x and y: places as the level base would have them, gravity as the tilted one has it."""
+    turn = from_vector(-np.pad(own, ((0, 0), (0, 1))))
+    return v.with_gravity_turned(turn).turned(turn)
 
 
 def _tilt_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -155,8 +153,8 @@ def _tilt_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) ->
     return [finding("base_tilted", about=about, given=given, short="tilt of the base", p=p, rather=rather)]
 
 
-def _length(robot: Robot, table: Table, own: Array) -> Edited:
-    return with_length(robot, robot.length * (1 + float(own[0]))), table
+def _length(v: Variants, own: Array) -> Variants:
+    return replace(v, stretch=v.stretch * (1 + own))
 
 
 def _length_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -177,28 +175,40 @@ def _origin(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> li
 # ------------------------------------------------------------------ the cameras' frame
 def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     seen, robot = sample.table.tip, sample.robot
-    predicted = np.nan_to_num(sample.predicted(robot, sample.table))
+    predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
     turn = Rotation.align_vectors(predicted, seen)[0]
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
-            yield Edit("frame", 0.006, partial(_axes_say, axes), partial(_axes, axes))
+            yield Edit("frame", 0.006, partial(axes_say, axes), partial(_axes, axes))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
-    for trial in _steps(sample, near.missed):
+    for factor, unit in LENGTHS.items():
+        if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
+            yield Edit("unit", 0.01, partial(_unit_says, factor, unit), partial(_unit, factor))
+    for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         says = partial(_step_says, trial)
         yield Edit("step", share, says, moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
 
 
-def _axes(axes: Array, robot: Robot, table: Table, own: Array) -> Edited:
+def _unit(factor: float, v: Variants, own: Array) -> Variants:
+    return replace(v, tip=factor * v.tip, markers=factor * v.markers)
+
+
+def _unit_says(factor: float, unit: str, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    return [finding("places_in_unit", unit=unit, factor=factor, short="unit of the positions", p=p, rather=rather)]
+
+
+def _axes(axes: Array, v: Variants, own: Array) -> Variants:
     """Places along other axes of the file; `axes` (3, 3) from the file's to the base's."""
-    sign = np.array([1.0, 1.0, np.linalg.det(axes)])
-    return robot, turned(table, Rotation.from_matrix(np.diag(sign) @ axes), sign.tolist())
+    sign = np.array([1.0, 1.0, np.round(np.linalg.det(axes))])
+    turn = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
+    return v.turned(np.broadcast_to(turn, (len(own), 4)), sign)
 
 
-def _axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     mirrored = np.linalg.det(axes) < 0
     angle, about, line = _turned_says(Rotation.from_matrix(-axes if mirrored else axes), axes)
     if mirrored:
@@ -206,9 +216,9 @@ def _axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rat
     return [finding("frame_turned", angle=angle, about=about, line=line, short="the cameras' frame", p=p, rather=rather)]
 
 
-def _turn(robot: Robot, table: Table, own: Array) -> Edited:
-    """Places that a frame turned by own (3,) rad has as the base's own."""
-    return robot, turned(table, Rotation.from_rotvec(own).inv())
+def _turn(v: Variants, own: Array) -> Variants:
+    """Places that a frame turned by own (v, 3) rad has as the base's own."""
+    return v.turned(from_vector(-own))
 
 
 def _turn_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -248,10 +258,8 @@ def _steps(sample: Sample, missed: Array) -> list[int]:
     return [int(trials[1:][k]) for k in order if explained[k] > 0]
 
 
-def _step(trial: int, robot: Robot, table: Table, own: Array) -> Edited:
-    late = table.trial >= trial
-    moved = table.moved((-own).tolist())
-    return robot, table.replaced({n: np.where(late, moved.values[n], c) for n, c in table.values.items() if c.dtype.kind == "f"})
+def _step(trial: int, v: Variants, own: Array) -> Variants:
+    return v.moved(-own[:, None] * (v.table.trial >= trial)[:, None])
 
 
 def _step_says(trial: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -260,9 +268,49 @@ def _step_says(trial: int, robot: Robot, theta: Array, own: Array, p: float, rat
     return [finding("frame_moved", mm=mm, trial=trial, by=by, short="the cameras' frame", p=p, rather=rather)]
 
 
+# ------------------------------------------------------------------ attitudes
+def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
+    """The way in which attitudes are written that agrees best with the rods of a fit."""
+    edited = sample.edited([(near.edits, near.x[None])])
+    measured, predicted = edited.orientation, sample.rods(edited).orientation
+    if not np.isfinite(measured * predicted).any():
+        return
+
+    def agrees(way: Callable[[Array], Array]) -> float:
+        return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
+
+    words, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
+    yield Edit("attitude", 0.03, partial(_attitudes_say, words), partial(_attitude, way))
+
+
+def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+    """What is to do, and orientations (.., 4) with it: the plainest first."""
+    yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
+    yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
+    none = np.array([1.0, 0.0, 0.0, 0.0])
+    for turn in Rotation.create_group("O").as_quat(canonical=True, scalar_first=True).round(6):
+        by, back = (f"({', '.join(f'{x + 0.0:.3g}' for x in q)})" for q in (turn, turn * CONJUGATE))
+        yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
+        yield f"multiply each quaternion from the right by {by}", partial(_framed, none, turn)
+        both = f"multiply each quaternion from the left by {by} and from the right by {back}"
+        yield both, partial(_framed, turn, turn * CONJUGATE)
+
+
+def _framed(left: Array, right: Array, orientation: Array) -> Array:
+    return multiply(multiply(left, orientation), right)
+
+
+def _attitude(way: Callable[[Array], Array], v: Variants, own: Array) -> Variants:
+    return replace(v, orientation=way(v.orientation))
+
+
+def _attitudes_say(words: str, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    return [finding("attitudes_elsewhere", remedy=words, short="the tip's orientation", p=p, rather=rather)]
+
+
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
-    pressures, robot = sample.table.pressures, sample.robot
+    pressures = sample.table.pressures
     highest = np.abs(pressures).max(axis=0)
     pairs = [(i, j) for i, j in combinations(range(len(highest)), 2)
              if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
@@ -280,8 +328,12 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
             bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
             apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
             yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
-    low = pressures.min()
-    if robot.chambers is not None and 75e3 < low < 107e3:
+    widest = float(np.log(2e5))
+    for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
+        starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
+        if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
+            yield Edit("pressures", 0.03, _all_say, _all, starts, (bounds,))
+    if low := sample.ambient:
         yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))
 
     roll = np.abs(sample.table.get("roll_deg", 0.0))
@@ -289,16 +341,16 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         yield Edit("roll", 0.03, _roll_says, _roll)
 
 
-def _roll(robot: Robot, table: Table, own: Array) -> Edited:
-    return robot, table.replaced({"roll_deg": np.degrees(table.get("roll_deg", 0.0))})
+def _roll(v: Variants, own: Array) -> Variants:
+    return replace(v, roll=np.degrees(v.roll))
 
 
 def _roll_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     return [finding("roll_in_rad", short="column roll_deg", p=p, rather=rather)]
 
 
-def _order(order: list[int], robot: Robot, table: Table, own: Array) -> Edited:
-    return robot, with_pressures(table, table.pressures[:, order])
+def _order(order: list[int], v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=v.pressure[:, :, order])
 
 
 def _order_says(i: int, j: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -307,10 +359,10 @@ def _order_says(i: int, j: int, robot: Robot, theta: Array, own: Array, p: float
     return [finding("actuators_exchanged", words, first=i + 1, second=j + 1, short=short, p=p, rather=rather)]
 
 
-def _gain(k: int, factor: float, robot: Robot, table: Table, own: Array) -> Edited:
-    pressures = table.pressures
-    pressures[:, k] *= factor * float(np.exp(own.sum()))
-    return robot, with_pressures(table, pressures)
+def _gain(k: int, factor: float, v: Variants, own: Array) -> Variants:
+    pressure = v.pressure.copy()
+    pressure[:, :, k] *= factor * np.exp(own.sum(axis=1, keepdims=True))
+    return replace(v, pressure=pressure)
 
 
 def _dead_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -328,8 +380,19 @@ def _gain_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather:
     return [finding("column_in_unit", number=k + 1, factor=factor, looks=looks, short=short, p=p, rather=rather)]
 
 
-def _ambient(ambient: float, robot: Robot, table: Table, own: Array) -> Edited:
-    return robot, with_pressures(table, table.pressures - ambient)
+def _all(v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
+
+
+def _all_say(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    factor, words = float(np.exp(own[0] + theta[AREA])), robot.actuators.words
+    unit = min(PRESSURES, key=lambda ratio: abs(np.log(ratio / factor)))
+    short = words.fill("unit of the {pressures}")
+    return [finding("pressures_in_unit", words, factor=unit, looks=PRESSURES[unit], short=short, p=p, rather=rather)]
+
+
+def _ambient(ambient: float, v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=v.pressure - ambient)
 
 
 def _ambient_says(ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -338,7 +401,8 @@ def _ambient_says(ambient: float, robot: Robot, theta: Array, own: Array, p: flo
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself
-def _left_to_the_diagnosis(robot: Robot) -> Iterator[Edit]:
+def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
+    robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
     yield Edit("weight", 0.1, apply=_payload, starts=starts, bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)
@@ -349,18 +413,44 @@ def _left_to_the_diagnosis(robot: Robot) -> Iterator[Edit]:
         apply = partial(_gain, k, 1.0)
         yield Edit(f"gain {k}", 0.1 / len(robot.actuators.azimuths_deg), apply=apply, starts=((0.0,),),
                    bounds=((-gain, gain),), left=True)  # fmt: skip
+    signatures = _signatures(*sample.edited([((), near.x[None])]).written())
+    for slope, bounds in signatures:
+        apply = partial(_effect, slope)
+        yield Edit("effect", 0.3 / len(signatures), apply=apply, starts=((0.0,) * len(slope),), bounds=bounds, left=True)
 
 
-def _payload(robot: Robot, table: Table, own: Array) -> Edited:
-    return heavier(robot, table, float(own[0]))
+def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[float, float], ...]]]:
+    """Of each effect of the catalogue that shows: (k, n, 3) m by which tips move with its k parameters, to first order and for
+    one prior standard deviation of each, and their bounds in such."""
+    columns = {name: table[name] for name in table.columns}
+    try:
+        design = design_from_columns(robot, columns, TIP)
+        shown = {id: spec for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
+        forward = ForwardModel(robot, design, "one", shown)
+        slope = np.nan_to_num(forward.linearise(np.zeros(len(forward.parameters)))[1])
+    except ModelError:  # a table so far off that nothing shows an effect
+        return []
+    out = []
+    for id in shown:
+        infos = [(k, forward.parameters[k]) for k in forward.index(id) if slope[:, k].any()]
+        if infos:
+            moved = np.stack([slope[:, k].reshape(-1, 3) * info.sd for k, info in infos])
+            out.append((moved, tuple((max(p.low / p.sd, -EFFECT), min(p.high / p.sd, EFFECT)) for _, p in infos)))
+    return out
 
 
-def _weight(robot: Robot, table: Table, own: Array) -> Edited:
-    x, y, z = (own[0] * np.array(robot.gravity)).tolist()
-    return robot.model_copy(update={"gravity": (x, y, z)}), table
+def _effect(slope: Array, v: Variants, own: Array) -> Variants:
+    return v.moved(-np.einsum("vk,kni->vni", own, slope))
 
 
-def _drift(robot: Robot, table: Table, own: Array) -> Edited:
-    """Tips that wander by own (3,) robot lengths over the campaign."""
-    share = np.linspace(-0.5, 0.5, len(table))
-    return robot, table.replaced({a: table.get(a) - d * robot.length * share for a, d in zip("xyz", own, strict=True)})
+def _payload(v: Variants, own: Array) -> Variants:
+    return replace(v, mass=np.maximum(v.mass + own, 0.0))
+
+
+def _weight(v: Variants, own: Array) -> Variants:
+    return replace(v, gravity=own[:, :, None] * v.gravity)
+
+
+def _drift(v: Variants, own: Array) -> Variants:
+    """Tips that wander by own (v, 3) robot lengths over the campaign."""
+    return v.moved(-own[:, None] * v.robot.length * np.linspace(-0.5, 0.5, len(v.table))[:, None])

@@ -1,46 +1,60 @@
 """How far the rod is from the tips under edits of robot and table: one robust misfit, fitted and weighed for all of them.
 
-    min sum_i rho(|tip_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
+    min sum_i rho(|y_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
 
-theta: the calibration, within what the diagnosis fits itself, and the parameters of the edits; s is 1 % of the robot's length.
-The evidence of edits with k free parameters on C conditions, of residual rms b of their means and w of repeats about these,
+y: tips and markers, s 1 % of the robot's length, and attitudes, s 0.2 rad; theta: the calibration, within what the diagnosis fits
+itself, and the parameters of the edits. The evidence of edits with k free parameters on C conditions, of residual rms b of the
+places' means, w of repeats about these and a of attitudes,
 
-    log p = log prior - B log max(b, b0) - W log max(w, w0) - k / 2 log(B + W),     B = min(C, 7), W = min(repeats, 14):
+    log p = log prior - B log max(b, b0) - W log max(w, w0) - A log max(a, a0) - k / 2 log(B + W),
+    B = min(C, 7), W = min(repeats, 14), A = min(C, 3):
 
-errors of the model are the same whenever a condition is repeated, and smooth over conditions, so that few of these count.
+errors of the model are the same whenever a condition is repeated, and smooth over conditions, so that few of these count. All
+hypotheses descend at once: the rods of all states of all of them, at all points next to theirs, are one batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from model.errors import ModelError
+from model.condition import States
 from model.robot import Robot
-from model.rods import FINE, solve
+from model.rods import Fast, solve
+from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.section import rods_of
-from recordings.trials import ORIENTATION, TIP, Table
+from recordings.trials import Table
 
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings, spread_over
-from .edit import AREA, CALIBRATION, Edit, Edited, calibrated
+from .edit import AREA, AZIMUTH, CALIBRATION, ROD, Edit, Variants
 
-STEP = 1.5e-8
+STEP = 1e-4
 """Of differences by parameters, relative."""
-CONVERGED, TINY = 1e-3, 1e-9
-"""Relative decrease of the cost at which a fit has converged; slack of bounds."""
-DIRECT = replace(FINE, follow=False)
+SHARES = 3.0 ** -np.arange(3)
+"""Of a step of Gauss and Newton that are tried."""
+CONVERGED = 1e-3
+"""Relative decrease of the cost at which a fit has converged."""
+DIRECT = Fast(close=1e-9, follow=False)
 """A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
+DIVISIONS = 6
+"""Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
+BATCH = 20_000
+"""Rods that are solved in one call, as memory allows."""
 AREAS = np.log([1.0, 3.0, 1 / 3, 9.0, 1 / 9])
 """Logarithms of area factors with which a fit may begin."""
-PLACES = (*TIP, *ORIENTATION)
+COSTLY = (AZIMUTH, 3, 4)
+"""Numbers of the calibration that a first comparison of edits leaves: they need rods of their own and change little."""
 MOST = 60
 """States that are compared."""
+AMBIENT = (75e3, 107e3)
+"""Pa absolute, from high places to a high on the coast."""
+ONE_AREA = 0.5
+"""Share of what area factors by spine length leave below which one for all is taken."""
 
 
 @dataclass(frozen=True)
@@ -48,28 +62,43 @@ class Fit:
     """The parameters with which edits come nearest."""
 
     edits: tuple[Edit, ...]
-    theta: Array
-    """(8,) calibration."""
-    own: tuple[Array, ...]
-    """Parameters of each edit."""
+    x: Array
+    """All parameters: (8,) calibration, then those of each edit."""
     missed: Array
-    """(n, 3) m, tip predicted minus measured."""
+    """(readings, 3) m, predicted minus measured, see `Sample.missed`."""
     log_posterior: float
 
     @property
-    def x(self) -> Array:
-        """All parameters."""
-        return np.concatenate([self.theta, *self.own])
+    def theta(self) -> Array:
+        """(8,) calibration."""
+        return self.x[: len(CALIBRATION)]
+
+    @property
+    def own(self) -> tuple[Array, ...]:
+        """Parameters of each edit."""
+        ends = np.cumsum([len(CALIBRATION), *(len(edit.bounds) for edit in self.edits)])
+        return tuple(np.split(self.x, ends)[1:-1])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sample:
-    """The states that are compared, and the robot as described, with one area factor unless its table is near."""
+    """The n states that are compared, and the robot as described, with one area factor unless its table is near."""
 
     robot: Robot
     table: Table
     condition: Ints
     """(n,) 0 .."""
+
+    @cached_property
+    def _content(self) -> tuple[str, ...]:
+        columns = [("", self.condition), *sorted(self.table.values.items())]
+        return (self.robot.model_dump_json(), *(f"{name} {column.tobytes()!r}" for name, column in columns))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Sample) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
 
     @classmethod
     def of(cls, robot: Robot, states: Campaign) -> Sample:
@@ -84,23 +113,114 @@ class Sample:
         if not isinstance(robot.area_factor, dict):
             return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        near = sample.rms(sample.fitted((), [np.zeros(len(CALIBRATION))], 2).missed) < judgement.EDIT_LOSS_SCALE * robot.length
-        return sample if near else replace(sample, robot=robot.with_area_factor(area))
+        other = replace(sample, robot=robot.with_area_factor(area))
+        starts = [((), np.eye(len(CALIBRATION))[AREA] * a) for a in AREAS]
+        left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
+        return other if left_by_one < ONE_AREA * left else sample
 
-    def edited(self, edits: Sequence[Edit], theta: Array, own: Sequence[Array]) -> Edited:
-        """Robot and table with calibration and edits."""
-        made = calibrated(self.robot, self.table, theta)
-        for edit, values in zip(edits, own, strict=True):
-            made = edit.apply(*made, values)
-        return made
+    @property
+    def ambient(self) -> float:
+        """Pa, the lowest pressure where no chamber is ever below ambient pressure, as if they were absolute; else 0."""
+        lowest = float(self.table.pressures.min())
+        return lowest if self.robot.chambers is not None and AMBIENT[0] < lowest < AMBIENT[1] else 0.0
 
-    def predicted(self, robot: Robot, table: Table) -> Array:
-        """(n, 3) m, the tip; NaN where the rod has no equilibrium."""
-        try:
-            rod = solve(rods_of(robot, settings(robot, table)), DIRECT)
-        except ModelError:
-            return np.full((len(table), 3), np.nan)
-        return np.where(rod.converged[:, None], rod.tip, np.nan)
+    def near(self, fit: Fit) -> bool:
+        """Whether a fit comes near."""
+        between, within = self.between_and_within(fit.missed)
+        return between < judgement.EDIT_LOSS_SCALE * self.robot.length and within < judgement.EDIT_REPEATED * self.robot.length
+
+    def reached(self, fit: Fit) -> bool:
+        """Whether a fit leaves no more than models and repeats are off by."""
+        between, within = self.between_and_within(fit.missed)
+        return between < max(judgement.EDIT_MODEL_ERROR * self.robot.length, within) and self.near(fit)
+
+    def aligned(self, fit: Fit) -> bool:
+        """Whether attitudes are where a fit has them."""
+        return self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
+
+    @cached_property
+    def described(self) -> Variants:
+        """What is written down."""
+        made = Variants.of(self.robot, self.table)
+        known = made.markers if made.markers.shape[2] == len(self.robot.markers) else made.markers[:, :, :0]
+        norm = np.linalg.norm(made.orientation, axis=-1, keepdims=True)
+        return replace(made, markers=known, orientation=made.orientation / np.where(norm > 0, norm, np.nan))
+
+    @cached_property
+    def _measured(self) -> Mask:
+        """(readings,) those that were measured, of all tips, markers and attitudes."""
+        v = self.described
+        return np.concatenate([np.isfinite(a.reshape(-1, a.shape[-1])).all(axis=1) for a in (v.tip, v.markers, v.orientation)])
+
+    @cached_property
+    def places(self) -> Mask:
+        """(readings,) those of tips and markers."""
+        return (np.arange(len(self._measured)) < len(self._measured) - len(self.table))[self._measured]
+
+    @cached_property
+    def _place_condition(self) -> Ints:
+        """(places,) condition of each, those of each marker apart."""
+        markers = self.described.markers.shape[2]
+        condition = np.concatenate([self.condition, (self.condition[:, None] * markers + np.arange(markers)).ravel()
+                                    + self.condition.max() + 1])  # fmt: skip
+        return np.unique(condition[self._measured[: len(condition)]], return_inverse=True)[1]
+
+    @cached_property
+    def _states(self) -> States:
+        return settings(self.robot, self.table, vented=True)
+
+    def edited(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> Variants:
+        """With calibrations and edits of parameters (v, 8 + own), one hypothesis after the other."""
+        theta = np.concatenate([x[:, : len(CALIBRATION)] for _, x in hypotheses])
+        made, at, out = self.described.repeated(len(theta)).calibrated(theta), 0, []
+        for edits, x in hypotheses:
+            one, at, own = made.take(slice(at, at + len(x))), at + len(x), len(CALIBRATION)
+            for edit in edits:
+                one, own = edit.apply(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
+            out.append(one)
+        return Variants.stacked(out)
+
+    def rods(self, v: Variants) -> Variants:
+        """The same with tips, orientations and markers of the rods; NaN where one has no equilibrium."""
+        robot, states = self.robot, self._states
+        tip_force = v.force - states.force + (v.mass - states.tip_mass)[:, :, None] * v.gravity
+        changed = {
+            "pressure": v.pressure, "tip_force": tip_force, "gravity": v.gravity, "length": v.stretch * robot.length,
+            "area_factor": (v.area * robot.area_factor_at(states.spine_length))[:, :, None], "body_modulus": v.modulus *
+            robot.youngs_modulus, "azimuth": np.radians(v.azimuth + v.roll[:, :, None]),
+        }  # fmt: skip
+        rods = rods_of(robot, states, changed)
+        shares = rods.field("length") / rods.whole_length[:, None]
+        steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
+        arcs = np.minimum(robot.markers, rods.whole_length[:, None]) if v.markers.size else None
+        solution = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+        solved = np.where(solution.converged, 1.0, np.nan)[:, None]
+        shape = (len(v.area), len(states), -1)
+        markers = (solution.shape * solved[:, :, None]).reshape(*shape[:2], v.markers.shape[2], 3)
+        tip, orientation = ((a * solved).reshape(shape) for a in (solution.tip, solution.orientation))
+        return replace(v, tip=tip, orientation=orientation, markers=markers)
+
+    def missed(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> list[Array]:
+        """(v, readings, 3) m for each hypothesis, edits and parameters (v, ..): tips and markers predicted minus measured, then
+        the turn between attitudes in units of s; a robot length where the rod has no equilibrium. Variants with the same rods
+        are solved once."""
+        made = self.edited(hypotheses)
+        keys = np.concatenate([values.reshape(len(values), -1) for values in made.arrays(ROD).values()], axis=1)
+        first: dict[bytes, int] = {}
+        which = np.array([first.setdefault(row.tobytes(), len(first)) for row in keys])
+        once = np.unique(which, return_index=True)[1]
+        each = max(1, BATCH // len(self.table))
+        solved = [self.rods(made.take(once[k : k + each])) for k in range(0, len(once), each)]
+        missed = self._between(Variants.stacked(solved).take(which), made)
+        return np.split(missed, np.cumsum([len(x) for _, x in hypotheses])[:-1])
+
+    def _between(self, rods: Variants, v: Variants) -> Array:
+        """(v, readings, 3) m, see `missed`."""
+        turn = rotation_vector(multiply(rods.orientation, v.orientation * CONJUGATE))
+        turn *= judgement.EDIT_LOSS_SCALE / judgement.EDIT_LOSS_TURN * self.robot.length
+        parts = [rods.tip - v.tip, (rods.markers - v.markers).reshape(len(v.tip), -1, 3), turn]
+        missed = np.concatenate(parts, axis=1)[:, self._measured]
+        return np.where(np.isfinite(missed), missed, self.robot.length)
 
     def rms(self, missed: Array) -> float:
         """m, s sqrt(mean rho(d^2 / s^2)): the rms of distances d that are small, while large ones count less."""
@@ -110,129 +230,147 @@ class Sample:
 
     @cached_property
     def _repeated(self) -> Array:
-        """(n,) factor from a deviation from the mean of its condition to a reading's error; 0 of those not repeated."""
-        count = np.bincount(self.condition)[self.condition]
+        """(places,) factor from a deviation from the mean of its condition to a reading's error; 0 of those not repeated."""
+        count = np.bincount(self._place_condition)[self._place_condition]
         return np.where(count > 1, np.sqrt(count / np.maximum(count - 1, 1)), 0.0)
 
     def between_and_within(self, missed: Array) -> tuple[float, float]:
-        """m, rms of the means of conditions, and of repeats about these."""
-        count = np.bincount(self.condition)[:, None]
-        mean = np.stack([np.bincount(self.condition, axis) for axis in missed.T], axis=1) / count
+        """m, rms of the means of places' conditions, and of repeats about these."""
+        condition, places = self._place_condition, missed[self.places]
+        mean = np.stack([np.bincount(condition, axis) for axis in places.T], axis=1) / np.bincount(condition)[:, None]
         repeated = self._repeated > 0
-        deviation = ((missed - mean[self.condition]) * self._repeated[:, None])[repeated]
+        deviation = ((places - mean[condition]) * self._repeated[:, None])[repeated]
         return self.rms(mean), self.rms(deviation)
+
+    def turn(self, missed: Array) -> float:
+        """rad, robust rms of attitudes."""
+        per_metre = judgement.EDIT_LOSS_TURN / judgement.EDIT_LOSS_SCALE / self.robot.length
+        return self.rms(missed[~self.places]) * per_metre
 
     def log_evidence(self, missed: Array, parameters: int) -> float:
         """As stated above, without the prior."""
         between, within = self.between_and_within(missed)
-        conditions = min(len(np.unique(self.condition)), judgement.EDIT_CONDITIONS)
-        repeats = min(len(self.condition) - len(np.unique(self.condition)), judgement.EDIT_REPEATS)
+        count = len(np.unique(self.condition))
+        conditions, repeats = min(count, judgement.EDIT_CONDITIONS), min(len(self.condition) - count, judgement.EDIT_REPEATS)
         model, noise = judgement.EDIT_MODEL_ERROR * self.robot.length, judgement.EDIT_NOISE * self.robot.length
         cost = conditions * np.log(np.hypot(between, model)) + repeats * np.log(np.hypot(within, noise))
+        cost += min(count, judgement.EDIT_ATTITUDES) * np.log(np.hypot(self.turn(missed), judgement.EDIT_TURN_ERROR))
         return float(-cost - parameters / 2 * np.log(conditions + repeats))
 
-    def fitted(self, edits: tuple[Edit, ...], starts: Iterable[Array], steps: int, alone: bool = False) -> Fit:
-        """The best of edits, from the best of the starts (8 + own,) after this many steps; `alone`: of their own numbers, area
-        factor and modulus."""
-        problem = _Problem(self, edits)
-        start = min((problem.inside(x) for x in starts), key=lambda x: self.rms(problem.missed(x)))
-        x = problem.descended(start, steps, alone)
-        theta, own = problem.split(x)
-        missed = problem.missed(x)
-        count = sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in edits)
-        prior = sum(float(np.log(edit.prior)) for edit in edits)
-        return Fit(edits, theta, own, missed, prior + self.log_evidence(missed, count))
+    def fitted(self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False) -> list[Fit]:
+        """Fits of edits from starts (8 + own,), after this many steps of Gauss and Newton within the bounds, readings far off
+        weighed down, each shortened until it gains; `alone`: without those of `COSTLY` that they do not widen."""
+        problems = [_Problem.of(self, edits, x, alone) for edits, x in starts]
+        for problem, missed in zip(problems, self.missed([(p.edits, p.x[None]) for p in problems]), strict=True):
+            problem.missed = missed[0]
+        active = problems
+        for _ in range(steps):
+            beside = self.missed([(p.edits, p.beside) for p in active])
+            tried = [p.steps(missed) for p, missed in zip(active, beside, strict=True)]
+            there = self.missed([(p.edits, x) for p, x in zip(active, tried, strict=True)])
+            active = [p for p, x, missed in zip(active, tried, there, strict=True) if p.gains(x, missed)]
+            if not active:
+                break
+        return [p.fit(self) for p in problems]
 
-    def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[list[Array]]:
-        """Where fits of edits may begin: beside the calibration of `near`, a fit of all but the last, and as described."""
+    def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[tuple[Array, ...]]:
+        """Where fits of edits may begin: with the calibration of `near`, a fit of all but the last, or as described."""
         last = edits[-1]
-        for theta in (near.theta, np.zeros(len(CALIBRATION))):
-            out = []
-            for values in last.starts:
-                made = theta.copy()
-                made[[*last.widens]] = values[: len(last.widens)]
-                out.append(np.concatenate([made, *near.own, values[len(last.widens) :]]))
-            yield out
+        for values in last.starts:
+            both = np.stack([near.theta, np.zeros(len(CALIBRATION))])
+            both[:, [*last.widens]] = values[: len(last.widens)]
+            yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
 
 
+@dataclass
 class _Problem:
-    """The misfit of robot and table with parameters x, its derivatives by forward differences, and its minimum."""
+    """A hypothesis on its way to its minimum."""
 
-    def __init__(self, sample: Sample, edits: tuple[Edit, ...]) -> None:
-        self._sample, self._edits = sample, edits
-        bound, self._sd = judgement.EDIT_USUAL.copy(), judgement.EDIT_SD.copy()
+    edits: tuple[Edit, ...]
+    x: Array
+    low: Array
+    high: Array
+    sd: Array
+    """(8,) of the calibration's priors."""
+    free: Ints
+    """Numbers of the parameters that are fitted."""
+    unit: float
+    """m, s."""
+    missed: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @classmethod
+    def of(cls, sample: Sample, edits: tuple[Edit, ...], x: Array, alone: bool) -> _Problem:
+        """With bounds and priors as the edits have them."""
+        bound, sd = judgement.EDIT_USUAL.copy(), judgement.EDIT_SD.copy()
         for edit in edits:
             for number, widest in edit.widens.items():
-                bound[number], self._sd[number] = widest, np.inf
-        own = [b for edit in edits for b in edit.bounds]
-        self.low = np.concatenate([-bound, [low for low, _ in own]])
-        self.high = np.concatenate([bound, [high for _, high in own]])
-        self.free = np.ones(len(self.low), bool)
-        self.free[2 : len(CALIBRATION)] = [any(k in edit.widens for edit in edits) for k in range(2, len(CALIBRATION))]
-        self._unit = judgement.EDIT_LOSS_SCALE * sample.robot.length
-        self._last: tuple[Array, Array] = (np.full(len(self.low), np.nan), np.zeros(0))
-        self._base: tuple[Robot, Table, Array] = (sample.robot, sample.table, np.zeros(0))
+                bound[number], sd[number] = widest, np.inf
+        bounds = [b for edit in edits for b in edit.bounds]
+        low = np.concatenate([-bound, [b for b, _ in bounds]])
+        high = np.concatenate([bound, [b for _, b in bounds]])
+        free = np.ones(len(low), bool)
+        free[[*COSTLY]] = [not alone or any(k in edit.widens for edit in edits) for k in COSTLY]
+        margin = 0.005 * (high - low)
+        unit = judgement.EDIT_LOSS_SCALE * sample.robot.length
+        return cls(edits, np.clip(x, low + margin, high - margin), low, high, sd, np.flatnonzero(free), unit)
 
-    def inside(self, x: Array) -> Array:
-        """The nearest x from which a bounded search can begin."""
-        margin = 0.005 * (self.high - self.low)
-        return np.asarray(np.clip(x, self.low + margin, self.high - margin))
+    @property
+    def change(self) -> Array:
+        """(k,) of each free parameter, for its differences."""
+        at = self.x[self.free]
+        return np.copysign(STEP * np.maximum(1.0, np.abs(at)), at)
 
-    def split(self, x: Array) -> tuple[Array, tuple[Array, ...]]:
-        """Calibration and the parameters of each edit."""
-        theta, own = x[: len(CALIBRATION)], x[len(CALIBRATION) :]
-        return theta, tuple(np.split(own, np.cumsum([len(edit.bounds) for edit in self._edits])[:-1]) if self._edits else ())
-
-    def missed(self, x: Array) -> Array:
-        """(n, 3) m, tip predicted minus measured; a robot length where the rod has no equilibrium."""
-        if not np.array_equal(x, self._last[0]):
-            robot, table = self._sample.edited(self._edits, *self.split(x))
-            self._base = robot, table, self._sample.predicted(robot, table)
-            self._last = x.copy(), self._from(self._base[2], table)
-        return self._last[1]
-
-    def _from(self, predicted: Array, table: Table) -> Array:
-        return np.where(np.isfinite(predicted), predicted - table.tip, self._sample.robot.length)
-
-    def _beside(self, x: Array) -> Array:
-        """The same next to the last x; the rod is solved anew only where it changes, not where places in the table do."""
-        robot, table = self._sample.edited(self._edits, *self.split(x))
-        known, read, predicted = self._base
-        kept = robot == known and all(table.values[n] is c for n, c in read.values.items() if n not in PLACES)
-        return self._from(predicted if kept else self._sample.predicted(robot, table), table)
-
-    def cost(self, x: Array) -> float:
-        """What is minimised."""
-        squared = (self.missed(x) ** 2).sum(axis=1) / self._unit**2
-        return float(2 * (np.sqrt(1 + squared) - 1).sum() + ((x[: len(CALIBRATION)] / self._sd) ** 2).sum())
-
-    def descended(self, x: Array, steps: int, alone: bool) -> Array:
-        """x after some Gauss-Newton steps within the bounds, readings far off weighed down, each shortened until it gains."""
-        free = self.free if alone else np.ones(len(x), bool)
-        for _ in range(steps):
-            missed, before = self.missed(x), self.cost(x)
-            weight = (1 + (missed**2).sum(axis=1) / self._unit**2) ** -0.25
-            rows = np.concatenate([np.repeat(weight, 3), np.ones(len(CALIBRATION))])
-            residual = np.concatenate([missed.ravel() / self._unit, x[: len(CALIBRATION)] / self._sd])
-            bounds = self.low[free] - x[free] - TINY, self.high[free] - x[free] + TINY
-            step = np.zeros(len(x))
-            step[free] = lsq_linear(rows[:, None] * self.slope(x, free), -rows * residual, bounds, max_iter=20).x
-            moved = next((y for k in range(4) if self.cost(y := x + step / 3**k) < before), None)
-            if moved is None:
-                return x
-            x = moved
-            if self.cost(x) > (1 - CONVERGED) * before:
-                return x
+    @property
+    def beside(self) -> Array:
+        """(k, ..) points next to x, one for each free parameter."""
+        x = np.tile(self.x, (len(self.free), 1))
+        x[np.arange(len(self.free)), self.free] += self.change
         return x
 
-    def slope(self, x: Array, free: Mask) -> Array:
-        """(3 n + 8, k) derivatives of tip errors over s, and of the calibration over w, by those that are free."""
-        missed = self.missed(x)
-        out = np.zeros((missed.size + len(CALIBRATION), len(x)))
-        for k in np.flatnonzero(free).tolist():
-            moved = x.copy()
-            moved[k] += np.copysign(STEP * max(1.0, abs(x[k])), x[k])
-            change = self._beside(moved) - missed
-            out[: missed.size, k] = change.ravel() / (moved[k] - x[k]) / self._unit
-        np.fill_diagonal(out[missed.size :, : len(CALIBRATION)], 1 / self._sd)
-        return out[:, free]
+    def slope(self, beside: Array) -> Array:
+        """(3 n, k) derivatives of tip errors over s by the free parameters, from the errors (k, n, 3) next to x."""
+        return ((beside - self.missed).reshape(len(beside), -1) / self.change[:, None]).T / self.unit
+
+    def cost(self, x: Array, missed: Array) -> Array:
+        """(v,) what is minimised, at x (v, ..) with errors (v, n, 3)."""
+        squared = (missed**2).sum(axis=2) / self.unit**2
+        return np.asarray(2 * (np.sqrt(1 + squared) - 1).sum(axis=1) + ((x[:, : len(CALIBRATION)] / self.sd) ** 2).sum(axis=1))
+
+    def steps(self, beside: Array) -> Array:
+        """(3, ..) points to try."""
+        weight = np.repeat((1 + (self.missed**2).sum(axis=1) / self.unit**2) ** -0.5, 3)
+        slope, prior = self.slope(beside), np.zeros(len(self.x))
+        prior[: len(CALIBRATION)] = self.sd**-2.0
+        curvature = slope.T @ (weight[:, None] * slope) + np.diag(prior[self.free])
+        gradient = slope.T @ (weight * self.missed.ravel() / self.unit) + (prior * self.x)[self.free]
+        step = np.zeros(len(self.x))
+        step[self.free] = bounded(curvature, -gradient, (self.low - self.x)[self.free], (self.high - self.x)[self.free])
+        return self.x + SHARES[:, None] * step
+
+    def gains(self, tried: Array, missed: Array) -> bool:
+        """Move to the best of some points (v, ..) with errors (v, n, 3); whether it is worth another step."""
+        before, costs = self.cost(self.x[None], self.missed[None])[0], self.cost(tried, missed)
+        best = int(np.argmin(costs))
+        if costs[best] < before:
+            self.x, self.missed = tried[best], missed[best]
+        return bool(costs[best] < (1 - CONVERGED) * before)
+
+    def fit(self, sample: Sample) -> Fit:
+        """Where it stands."""
+        count = sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
+        prior = sum(float(np.log(edit.prior)) for edit in self.edits)
+        return Fit(self.edits, self.x, self.missed, prior + sample.log_evidence(self.missed, count))
+
+
+def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:
+    """(k,) x of the least x' A x / 2 - b' x within bounds around 0: what leaves them is set to them, one after the other."""
+    x, inside = np.zeros(len(slope)), np.ones(len(slope), bool)
+    ridge = 1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope))
+    while inside.any():
+        rest = slope[inside] - curvature[np.ix_(inside, ~inside)] @ x[~inside]
+        x[inside] = np.linalg.solve((curvature + ridge)[np.ix_(inside, inside)], rest)
+        beyond: Mask = inside & ((x < low) | (x > high))
+        if not beyond.any():
+            break
+        x, inside = np.clip(x, low, high), inside & ~beyond
+    return x

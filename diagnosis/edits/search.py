@@ -7,8 +7,10 @@ chamber a little weaker, a drift) competes, and where it does as well, nothing i
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import groupby
 
 import numpy as np
 from scipy.special import softmax
@@ -19,10 +21,12 @@ from recordings.trials import Table, pressure_columns
 from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
+from ..data.case import finite
 from ..findings import Finding, finding
-from .edit import AZIMUTH, Edit, calibrated
-from .listed import every_edit
+from .edit import AZIMUTH, Edit, Variants
+from .listed import every_edit, of_attitudes
 from .misfit import AREAS, Fit, Sample
+from .of_table import of_table
 from .order import can_name_order, place_of, reordered, with_order
 
 
@@ -81,11 +85,11 @@ class Edited:
         """Other states with the same edits, but for those of one campaign alone."""
         if self.fit is None:
             return states
-        _, table = calibrated(self.robot, states.trials, _beyond_usual(self.fit))
+        made = Variants.of(self.robot, states.trials).calibrated(_beyond_usual(self.fit)[None])
         for edit, own in zip(self.fit.edits, self.fit.own, strict=True):
             if not (edit.of_this_campaign or edit.left or (self.with_order and edit.kind == "order")):
-                _, table = edit.apply(self.robot, table, own)
-        return replace(states, trials=table)
+                made = edit.apply(made, own[None])
+        return replace(states, trials=made.written()[1])
 
 
 def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> Edited:
@@ -94,56 +98,64 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, another order that it knows is taken for that, as an effect of the robot.
     """
-    unchanged, with_tip = Edited(robot, states), states.take(~states.pushed)
-    if robot.effects or robot.tolerances or len(with_tip) < judgement.EDIT_FEWEST:
-        return unchanged
-    judged = _judged(Sample.of(robot, with_tip))
-    return unchanged if judged is None or judged.chosen is None else _made(robot, states, judged, judged.chosen, effects)
+    judged = None if robot.effects or robot.tolerances else judge(robot, states)
+    if judged is None or judged.chosen is None:
+        return Edited(robot, states)
+    return _made(robot, states, judged, judged.chosen, effects)
 
 
-def _judged(sample: Sample) -> Judged | None:
-    """The edits that were tried; None where the robot is near its data."""
-    robot = sample.robot
-    near = sample.fitted((), ((np.eye(8)[0] * area) for area in AREAS), 10)
-    near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
-    between, within = sample.between_and_within(near.missed)
-    usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
-    close = between < judgement.EDIT_LOSS_SCALE * robot.length and within < _repeated(robot)
-    perfect = between < max(judgement.EDIT_MODEL_ERROR * robot.length, within)
-    if close and (usual or perfect):
+def judge(robot: Robot, states: Campaign) -> Judged | None:
+    """The edits of robot and states that were tried; None where the robot is near its data, or there are too few."""
+    tips = states.take(~states.pushed & finite(states.trials))
+    if len(tips) < judgement.EDIT_FEWEST:
         return None
-    fits = [near, *_weighed(sample, every_edit(sample, near), near, pairs=not close)]
+    return _judged(Sample.of(robot, tips))
+
+
+@lru_cache(maxsize=4)
+def _judged(sample: Sample) -> Judged | None:
+    """The same, once for each sample."""
+    near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
+    near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
+    usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
+    if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
+        return None
+    fits = [near, *_weighed(sample, [*every_edit(sample, near), *of_table(sample, near)], near, pairs=not sample.near(near))]
     return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
 
 
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
     """Fits of single edits, and of `pairs` with the best ones where none of them is enough."""
 
-    def tried(before: Fit, kinds: Collection[str]) -> list[Fit]:
-        sets = [(*before.edits, edit) for edit in edits if edit.kind not in kinds]
-        begun = [[sample.fitted(each, x, 2, alone=True) for x in sample.starts(each, before)] for each in sets]
-        fits = [max(own, key=lambda f: f.log_posterior) for own in begun]
+    def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int) -> list[Fit]:
+        sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
+        if not sets:
+            return []
+        starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
+        begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
+        better = [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
+        begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
+        fits = [_best(list(own)) for _, own in groupby(begun, key=lambda f: id(f.edits))]
         best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
-        return [*(sample.fitted(f.edits, [f.x], 5) for f in best), *(f for f in fits if not any(f is b for b in best))]
+        return [*sample.fitted([(f.edits, f.x) for f in best], 8), *(f for f in fits if not any(f is b for b in best))]
 
-    alone = tried(near, ())
-    best = _best_of_kinds(alone)
-    between, within = sample.between_and_within(best[0].missed)
-    enough = between < max(judgement.EDIT_MODEL_ERROR * sample.robot.length, within) and within < _repeated(sample.robot)
-    if enough or not pairs:
-        return alone
-    return [*alone, *(f for first in best[: judgement.EDIT_FOLLOWED] for f in tried(first, {first.edits[0].kind}))]
+    alone = tried([near], edits, 2)
+    best = _best_of_kinds(alone)[: judgement.EDIT_FOLLOWED]
+    if sample.reached(best[0]):
+        explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
+        return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
+    return [*alone, *tried(best, edits, 1)] if pairs else alone
+
+
+def _best(fits: list[Fit]) -> Fit:
+    """The most probable."""
+    return max(fits, key=lambda f: f.log_posterior)
 
 
 def _best_of_kinds(fits: list[Fit]) -> list[Fit]:
     """The best fit whose last edit is of each kind, the best first."""
     ordered = sorted(fits, key=lambda f: -f.log_posterior)
     return [f for i, f in enumerate(ordered) if f.edits[-1].kind not in {g.edits[-1].kind for g in ordered[:i]}]
-
-
-def _repeated(robot: Robot) -> float:
-    """m, robust rms of repeats from which edits are tried."""
-    return judgement.EDIT_REPEATED * robot.length
 
 
 def _beyond_usual(fit: Fit) -> Array:
@@ -183,6 +195,16 @@ class Judged:
         of_mistakes = float(sum(w for w, f in zip(self.weight, self.fits, strict=True) if self._kinds(f)))
         return best if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds(best) else None
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The mistakes of the most probable fit; empty where none is certain."""
+        fit = self.chosen
+        return () if fit is None else tuple(f for edit, own in mistakes(self.robot, fit) for f in self.said(edit, own, fit))
+
+    def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
+        """What a mistake of a fit is, with its probability and what it may be else."""
+        return edit.says(self.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+
     def rather(self, kind: str) -> str:
         """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
         others: dict[str, tuple[float, str]] = {}
@@ -206,17 +228,18 @@ def _made(robot: Robot, states: Campaign, judged: Judged, fit: Fit, effects: Col
     place = _place(robot, fit, theta) if can_name_order(robot, states, effects) else None
     if place is not None:
         theta[AZIMUTH] = 0.0
-    made, table = calibrated(robot, states.trials, theta)
+    made = Variants.of(robot, states.trials).calibrated(theta[None])
     changes: list[Finding] = []
     for edit, own in mistakes(robot, fit):
         if place is None or edit.kind != "order":
-            made, table = edit.apply(made, table, own)
-            changes += edit.says(robot, fit.theta, own, judged.probability(edit.kind), judged.rather(edit.kind))
+            made = edit.apply(made, own[None])
+            changes += judged.said(edit, own, fit)
+    corrected, table = made.written()
     if place is not None:
         changes.insert(0, reordered(robot, place))
-        made = with_order(made, place)
-    before, after = (judged.sample.rms(f.missed) for f in (judged.fits[0], fit))
-    return Edited(made, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
+        corrected = with_order(corrected, place)
+    before, after = (judged.sample.rms(f.missed[judged.sample.places]) for f in (judged.fits[0], fit))
+    return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 
 def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
@@ -226,7 +249,8 @@ def _place(robot: Robot, fit: Fit, theta: Array) -> int | None:
         return None
     columns = pressure_columns(len(robot.actuators.azimuths_deg))
     numbered = Table({name: np.array([float(k)]) for k, name in enumerate(columns)})
-    made, read = edit.apply(*calibrated(robot, numbered, theta * (np.arange(8) == AZIMUTH)), np.zeros(len(edit.bounds)))
+    azimuth = (theta * (np.arange(8) == AZIMUTH))[None]
+    made = edit.apply(Variants.of(robot, numbered).calibrated(azimuth), np.zeros((1, len(edit.bounds))))
     acting = np.empty(len(columns))
-    acting[read.pressures[0].astype(np.int64)] = made.actuators.azimuths_deg
+    acting[made.pressure[0, 0].astype(np.int64)] = made.azimuth[0, 0]
     return place_of(robot, acting.tolist())

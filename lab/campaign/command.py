@@ -39,9 +39,8 @@ from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
 from ..verbs.run import UNCHECKED, Job, Outcome, connect, execute, job_again
-from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of
+from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
-from .planned import planned_table
 
 Key = tuple[tuple[int, int], int, int]
 """Cell, trial in the run, step: a state that each block has once."""

@@ -18,14 +18,14 @@ from drivers.pressure_limits import VENTED
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot
 from protocols.bench import Setup
-from protocols.planned import cycles, setups
+from protocols.planned import cycles, planned_rows, setups
 from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, CampaignProtocol, load_campaign
 from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
-from ..verbs.run import Job, job
+from ..verbs.run import Columns, Job, job, planned_columns
 
 Cell = tuple[int, int]
 """Number of the protocol in the file, and of its condition."""
@@ -42,7 +42,7 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
     rng = random.Random(seed)
     cells = [[(part, k) for k in range(len(conditions))] for part, conditions in enumerate(hands)]
     if not grouped:
-        return [(block, cell) for conditions in cells for block in range(1, blocks + 1) for cell in _shuffled(conditions, rng)]
+        return [(block, c) for own in cells for block in range(1, blocks + 1) for c in rng.sample(own, len(own))]
     plots = [
         {setup: [(part, k) for k, s in enumerate(conditions) if s == setup] for setup in dict.fromkeys(conditions)}
         for part, conditions in enumerate(hands)
@@ -52,12 +52,8 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
         for conditions, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
         for setup in order
         for block in range(1, blocks + 1)
-        for cell in _shuffled(conditions[setup], rng)
+        for cell in rng.sample(conditions[setup], len(conditions[setup]))
     ]
-
-
-def _shuffled(cells: Sequence[Cell], rng: random.Random) -> list[Cell]:
-    return rng.sample(cells, len(cells))
 
 
 def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> list[list[Hashable]]:
@@ -178,7 +174,8 @@ class CampaignDesign:
     def digest(self) -> str:
         """Of all that must stay as it is when the campaign goes on: what is done, and in which order."""
         jobs = {run.cell: run.job for run in self.runs}
-        cells = {cell: [job.protocol_yaml, _code(job.experiment)] for cell, job in jobs.items()}
+        code = {cell: hashlib.sha256(own).hexdigest() if (own := job.experiment.code) else "" for cell, job in jobs.items()}
+        cells = {cell: [job.protocol_yaml, code[cell]] for cell, job in jobs.items()}
         order = [[run.block, *run.cell] for run in self.runs]
         return hashlib.sha256(json.dumps([sorted(cells.items()), order]).encode()).hexdigest()
 
@@ -186,10 +183,6 @@ class CampaignDesign:
     def yaml(self) -> str:
         """The campaign's file in full, with its seed."""
         return yaml.safe_dump(in_units(self.file.model_dump(mode="json"), CampaignFile), sort_keys=False)
-
-
-def _code(experiment: Experiment) -> str:
-    return "" if experiment.source is None else hashlib.sha256(experiment.code).hexdigest()
 
 
 def campaign_of(
@@ -215,7 +208,7 @@ def campaign_of(
     if problems:
         texts = list(problems.values())
         more = [f"{path}: and {len(texts) - MOST_PROBLEMS} more problems"] if len(texts) > MOST_PROBLEMS else []
-        raise ConfigError("\n".join([*texts[:MOST_PROBLEMS], *more]))
+        raise ConfigError(*texts[:MOST_PROBLEMS], *more)
     hands: list[list[tuple[Setup, ...]]] = [[setups(j.plan) for _, j in part_jobs] for part_jobs in jobs]
     assert file.seed is not None
     slots = ordered(hands, file.blocks, file.seed, file.hands == "grouped")
@@ -244,9 +237,9 @@ def _jobs(
         try:
             yield condition, job(name, rig_path, [], given, experiment if file is not None else None, rig)
         except ConfigError as e:
-            for line in str(e).splitlines():
-                where = "" if line.startswith(f"{source.name}:") or not condition else f"{condition}: "
-                problems.setdefault(line, f"{where}{line}")
+            where = "" if e.placed or not condition else f"{condition}: "
+            for problem in e.problems:
+                problems.setdefault(problem, f"{where}{problem}")
 
 
 def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
@@ -295,3 +288,20 @@ def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, 
     if speed:
         values["spine"] = {"speed": speed}
     return job("cycles", rig_path, [], Source("warm_up", values, {}), rig=rig)
+
+
+def planned_table(campaign: CampaignDesign, channels: Sequence[str] = ()) -> Columns:
+    """What `lab.diagnose` will get, without readings: one row for each state that the campaign will read, in order.
+
+    Trials are numbered on from run to run as `lab.files.inputs.read_case` numbers those of the recordings; `t` is s of rig time
+    since the campaign's begin as planned. See `planned_columns`, also for `channels`.
+    """
+    rows: list[dict[str, Any]] = []
+    trials, begun = 0, 0.0
+    for run, j in campaign.jobs:
+        if run is not None:
+            run_rows = planned_rows(j.plan, j.parameters, campaign.chambers)
+            rows += [{**row, "trial": row["trial"] + trials, "t": row["t"] + begun} for row in run_rows]
+            trials = max((row["trial"] for row in rows), default=0)
+        begun += j.plan.seconds
+    return planned_columns(rows, campaign.robot, channels)

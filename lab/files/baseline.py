@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.baseline import Baseline
-from diagnosis.data.plausible import require_plausible
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -19,13 +18,14 @@ from model.effects.tolerance import AREA
 from model.errors import ModelError, nearest
 from model.robot import Robot
 from model.simulators import GROUP, OWN, Forward, Readings
+from recordings.table_file import read_numbers
 
 from .config import ConfigError
 from .inputs import Case
-from .number_table import Columns, read_numbers
 from .packages import installed, python_file, without
 
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[np.generic]]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
@@ -38,7 +38,7 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 def from_table(path: Path, case: Case) -> Baseline:
-    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError, `BadCase` for an implausible one."""
+    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError."""
     predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
     missing = [name for name in "xyz" if name not in predicted]
     if missing:
@@ -122,11 +122,14 @@ def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Cas
 
 
 def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
-    """A prediction in mm, or with z upside down, looks as a measurement would."""
+    """A prediction in mm, or with z upside down, looks as a measurement would. Raises ConfigError."""
+    from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
+
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
     predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
     states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
-    require_plausible(case.robot, states, name)
+    if refused := read(case.robot, states).refused:
+        raise ConfigError("\n".join(f"{name}: {text}" for text in refused))
 
 
 def simulator(name: str, robot: Robot) -> tuple[str, Forward]:

@@ -39,6 +39,11 @@ LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operato
 class ConfigError(Exception):
     """A file or an argument that cannot be used; its text lists every problem. Exit code 2."""
 
+    def __init__(self, *problems: str, placed: bool = False) -> None:
+        super().__init__("\n".join(problems))
+        # placed: each problem begins with its place in the file that was checked
+        self.problems, self.placed = problems, placed
+
 
 class FileTable(BaseModel):
     """A table of a file: no unknown keys, no NaN, unchangeable."""
@@ -123,7 +128,7 @@ def check(source: Source, model: type[M]) -> M:
         texts.append(f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}")
     if len(order) > len(texts):
         texts.append(f"{source.name}: and {len(order) - len(texts)} more problems")
-    raise ConfigError("\n".join(texts))
+    raise ConfigError(*texts, placed=True)
 
 
 # ------------------------------------------------------------------ where a key stands

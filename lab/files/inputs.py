@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
-from diagnosis.data.plausible import require_plausible
-from diagnosis.errors import DiagnosisError
 from diagnosis.findings import Finding, finding
 from model.condition import States
 from model.robot import Robot
-from recordings.bounded import read_bounded
 from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
@@ -25,6 +22,7 @@ from recordings.trials import Table
 
 from ..console import note
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
+from .robot_numbers import doubts
 
 TABLES = (
     ".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".mat", ".npz", ".npy", ".c3d", ".parquet",
@@ -63,7 +61,7 @@ class Case:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
-    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.data.plausible`).
+    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.edits.reading`).
     """
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
@@ -91,15 +89,18 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:
     """Tables, each with its name, as one case; `robot_name`: where the robot was read. Raises ConfigError as `read_case`."""
-    from ..questions.table import doubtful  # with the rod, which no recording alone needs
+    from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
 
+    asked: list[str] = []
     for file, table in parts:
-        _demand_plausible(robot, table, file)
+        reading = read(robot, table)
+        if reading.refused:
+            raise ConfigError("\n".join(f"{file}: {text}" for text in reading.refused))
+        asked += (f"{file}: {text}" for text in (*table.warnings, *reading.asked))
     table = Table.joined(table for _, table in parts)
-    doubts = tuple(f"{file}: {doubt}" for file, table in parts for doubt in table.warnings)
-    units = {column: unit for _, table in parts for column, unit in table.sensor_units.items()}
-    doubts += doubtful(robot, table, robot_name)
-    return Case(robot, replace(table, warnings=doubts, sensor_units=units), robot_text)
+    units = {column: unit for _, part in parts for column, unit in part.sensor_units.items()}
+    warnings = (*asked, *doubts(robot, table, robot_name))
+    return Case(robot, replace(table, warnings=warnings, sensor_units=units), robot_text)
 
 
 def _demand_case(path: Path) -> None:
@@ -167,19 +168,17 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
     for place in inputs:
         path = place / "map.yaml"
         try:
-            lines = read_bounded(path, 1_000_000, ConfigError).decode("utf-8", "replace").splitlines()  # bytes
+            listed = read_yaml(path).table.get(UNCONFIRMED)
         except ConfigError:  # a recording, or a case that was not imported
             continue
-        found = [line.removeprefix(UNCONFIRMED).strip() for line in lines if line.startswith(UNCONFIRMED)]
-        if found:
-            names = [line.partition(": ")[0][:MOST_OF_GUESS] for line in found]
-            more = f" and {len(found) - MOST_GUESSES} more" if len(found) > MOST_GUESSES else ""
-            guesses = ", ".join(names[:MOST_GUESSES]) + more
-            yield finding("unconfirmed_guesses", count=len(found), guesses=guesses, path=str(path), mark=UNCONFIRMED)
+        if isinstance(listed, list) and listed:
+            more = f" and {len(listed) - MOST_GUESSES} more" if len(listed) > MOST_GUESSES else ""
+            guesses = "; ".join(str(text)[:MOST_OF_GUESS] for text in listed[:MOST_GUESSES]) + more
+            yield finding("unconfirmed_guesses", count=len(listed), guesses=guesses, path=str(path), key=UNCONFIRMED)
 
 
-UNCONFIRMED = "# CHECK:"
-"""How `lab import --guess` begins a line about a guess that the data do not force."""
+UNCONFIRMED = "unconfirmed"
+"""The key of map.yaml that lists guesses which the data do not force."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 DOUBTS = {
@@ -208,13 +207,6 @@ def _named(table: Table, own: NDArray[np.bool_]) -> str:
 
 def _names(recordings: Sequence[Recording]) -> str:
     return ", ".join(str(recording.path) for recording in recordings)
-
-
-def _demand_plausible(robot: Robot, table: Table, file: str) -> None:
-    try:
-        require_plausible(robot, table, file)
-    except DiagnosisError as e:
-        raise ConfigError(str(e)) from e
 
 
 def attached(recording: Recording, name: str) -> str:

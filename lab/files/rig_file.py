@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -268,6 +269,11 @@ class RigFile(FileTable):
         return self._texts
 
     @property
+    def sha256(self) -> str:
+        """Of the text of rig.yaml, by which another process knows that it has read the same."""
+        return hashlib.sha256(self._texts["rig.yaml"]).hexdigest()
+
+    @property
     def body(self) -> Robot:
         """The robot of `load_rig`; ConfigError for a rig that was read without its robot."""
         if self._body is None:
@@ -288,7 +294,7 @@ def load_rig(path: Path) -> RigFile:
 
     source = read_yaml(path)
     if beyond := _unusable(source.data):
-        raise ConfigError("\n".join(f"{path}: {why}" for why in beyond.values()))
+        raise ConfigError(*(f"{path}: {why}" for why in beyond.values()))
     rig = check(source, RigFile)
     robot = (path.parent / rig.robot).resolve()
     if not robot.is_file():
@@ -296,6 +302,26 @@ def load_rig(path: Path) -> RigFile:
     of_robot = read_yaml(robot)
     texts = {"rig.yaml": source.text, "robot.yaml": of_robot.text}
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve(), texts, check(of_robot, Robot))
+
+
+def same_rig(path: Path, sha256: str) -> RigFile:
+    """Read rig.yaml, without its robot, as another process of this run has read it; raises ConfigError when it was changed."""
+    source = read_yaml(path)
+    if hashlib.sha256(source.text).hexdigest() != sha256:
+        raise ConfigError(f"{path}: was changed after the command had read it; enter the command again")
+    return check(source, RigFile).read_from(path, {"rig.yaml": source.text})
+
+
+def within_robot(rig: RigFile, most: float | None) -> RigFile:
+    """The rig whose regulators may not be told more than its robot bears: `most` Pa, `max_pressure` of robot.yaml.
+
+    The guard goes by this one: it clips set-points and judges readings by the lower of the two limits.
+    """
+    pressure = rig.instruments.pressure
+    if pressure is None or most is None or most >= pressure.max_pressure:
+        return rig
+    lower = pressure.model_copy(update={"max_pressure": most})
+    return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
 
 
 @dataclass(frozen=True)

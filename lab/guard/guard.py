@@ -19,14 +19,15 @@ from typing import Any
 
 import timing
 from drivers.errors import InstrumentError, Unreachable, WrongDevice
-from drivers.interfaces import Identity
+from drivers.interfaces import Identity, Instrument, PressureRegulators
 from timing import RigClock
 
 from ..files.checked import Adapters
 from ..files.rig_file import RigFile
+from .commands import REMOTES, Call, Command, Order, SetPressures, energises
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, COMMANDS, ENERGISING, POLLED, PollRate, owned_names
+from .instruments import ACTUATORS, POLLED, PollRate, owned_names
 from .landing import Landing, LandingDrivers
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -80,7 +81,7 @@ class Guard:
         self.despite_latch = despite_latch
         self.monitor = LimitMonitor(self.rig)
         self.own = Owned()
-        for name in COMMANDS:
+        for name in REMOTES:
             config = getattr(self.rig.instruments, name)
             if config is not None:
                 self.own.drivers[name] = self._make(name, config)
@@ -152,43 +153,50 @@ class Guard:
                 timing.sleep(LOOK)
 
     # -- commands
-    def do(self, name: str, method: str, args: tuple[Any, ...]) -> Any:
-        """One command of the program."""
-        of_guard: dict[str, Callable[[], Any]] = {
-            "make_safe": lambda: self.make_safe("requested by the program", self.rig.safe.keep_vacuum),
-            "pause": lambda: self.make_safe("pause", keep_vacuum=True),
-            "resume": self.resume,
-            "unlock": self.unlock,
-        }
-        if not name:
-            return of_guard[method]()
-        if method == "open":
+    def obey(self, order: Order) -> SafeReport | None:
+        """One order of the program, other than the last."""
+        if order is Order.MAKE_SAFE:
+            return self.make_safe("requested by the program", self.rig.safe.keep_vacuum)
+        if order is Order.PAUSE:
+            return self.make_safe("pause", keep_vacuum=True)
+        if order is Order.RESUME:
+            self.resume()
+        elif order is Order.UNLOCK:
+            self.unlock()
+        return None
+
+    def do(self, command: Command[Any]) -> Any:
+        """One command of the program to an instrument."""
+        name = command.instrument
+        if name not in self.own.drivers:
+            raise ValueError(f"{command}: this rig has no such instrument")
+        method = command.method if isinstance(command, Call) else None
+        if method is Instrument.open:
             self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
             identity = self.open(name)
             self.adapters.learn(name, identity)
             return identity
-        if method == "close":
+        if method is Instrument.close:
             return self.close_one(name)
-        if name not in self.own.drivers or method not in COMMANDS[name]:
-            raise ValueError(f"{name}.{method} is not a command of this rig")
         with self.own.locks[name]:
-            if (name, method) == ("pressure", "vent"):
+            if method is PressureRegulators.vent:
                 self.monitor.vented()
                 self.settings.vented()
-            if (name, method) not in ENERGISING:
+            if not energises(command):
                 try:
-                    return getattr(self.own.drivers[name], method)(*args)
+                    return command.perform(self.own.drivers[name])
                 except Unreachable as e:
                     self._lose(name, e)
                     raise
             self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
             try:
                 self._energise()
-                if name != "pressure" or any(p > 0 for p in args[0]):
+                if not isinstance(command, SetPressures):
                     self.settings.confirm(name, trial=True)
-                if name == "pressure":
-                    return self._set_pressure(*args)
-                return getattr(self.own.drivers[name], method)(*args)
+                    return command.perform(self.own.drivers[name])
+                if any(p > 0 for p in command.pressures):
+                    self.settings.confirm(name, trial=True)
+                return self._set_pressure(command.pressures)
             except WrongDevice as e:
                 self.land(str(e), e)
                 raise

@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
-from collections.abc import Callable
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Any
@@ -19,14 +18,15 @@ from typing import Any
 import timing
 from drivers.configs import ArmConfig, InstrumentConfig
 from drivers.errors import BadReply, InstrumentError, NoReply, NotReady, StaleReading, Unreachable
-from drivers.interfaces import ArmSample, Identity, Sink
+from drivers.interfaces import Arm, ArmDriver, ArmSample, Identity, Instrument, LengthUnit, Sink
 from timing import RigClock
 
 from ..files.rig_file import drivers
 from .child import Child, begin_child, end_child, how_it_ended, start_child
+from .commands import REMOTES, Call, Command, R, moves
 from .instruments import make
 
-PING_PERIOD = 0.1
+PING, PING_PERIOD = "ping", 0.1
 SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
 CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
@@ -40,7 +40,7 @@ STOP_WITHIN = 1.5
 
 
 class Hosted:
-    """The guard's end; has the methods of its driver."""
+    """The guard's end."""
 
     def __init__(self, name: str, config: InstrumentConfig, clock: RigClock) -> None:
         self.name = name
@@ -55,18 +55,30 @@ class Hosted:
         """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
         self._connected = False
 
-    def open(self) -> Any:
+    def ask(self, command: Command[R]) -> R:
+        """Have the driver do it, within bounds: a host that does not come back is killed."""
+        method = command.method if isinstance(command, Call) else None
+        if method is Instrument.open:
+            return self._open(command)
+        if method is ArmDriver.glance:
+            return command.perform(self._outside)
+        if method is Instrument.close:
+            self._close()
+            return None  # type: ignore[return-value]
+        return self._ask(command, STOP_WITHIN if method in (LengthUnit.stop, Arm.stop) else CALL_WITHIN)
+
+    def _open(self, command: Command[R]) -> R:
         """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
         connected is closed first, and gets a new process.
 
         A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing.
         """
         if self._connected:
-            self.close()
+            self._close()
         for attempt in range(OPEN_ATTEMPTS):
             self._start()
             try:
-                identity = self._ask("open", (), OPEN_WITHIN)
+                identity = self._ask(command, OPEN_WITHIN)
                 break
             except NoReply as error:
                 self._give_up(error.message)
@@ -75,21 +87,10 @@ class Hosted:
         self._connected = True
         return identity
 
-    def __getattr__(self, method: str) -> Callable[..., Any]:
-        """What the driver can be asked, each call bounded; `stop` kills a host that does not come back."""
-        if method.startswith("_") or not hasattr(self._outside, method):
-            raise AttributeError(f"{self.name} has no {method}")
-        within = STOP_WITHIN if method == "stop" else CALL_WITHIN
-        return lambda *args: self._ask(method, args, within)
-
-    def glance(self) -> bool:
-        """See ArmDriver.glance; without the process."""
-        return bool(self._outside.glance())
-
-    def close(self) -> None:
+    def _close(self) -> None:
         """Disconnect and end the process."""
         with contextlib.suppress(InstrumentError):
-            self._ask("close", (), CALL_WITHIN)
+            self._ask(Call(self.name, Instrument.close), CALL_WITHIN)
         self._connected = False
         self._end()
 
@@ -102,38 +103,39 @@ class Hosted:
             self._line, self._lost = line, ""
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
-    def _ask(self, method: str, args: tuple[Any, ...], within: float) -> Any:
-        """Call a method there; one that does not return `within` host seconds costs the process its life."""
+    def _ask(self, command: Command[R], within: float) -> R:
+        """Make a call there; one that does not return `within` host seconds costs the process its life."""
         if not self._lock.acquire(timeout=within):
-            raise self._give_up(f"{method}: an earlier call has not returned; its process was killed")
+            raise self._give_up(f"{command}: an earlier call has not returned; its process was killed")
         try:
             line = self._line
             if line is None:
                 raise NotReady(self.name, self._lost or "not open; call open() first")
             try:
                 with self._sending:
-                    line.send((method, args))
+                    line.send(command)
                 if not timing.readable([line], within):
                     raise self._give_up(
-                        f"{method} did not return within {within:g} s; its process was killed and the controller's watchdog "
+                        f"{command} did not return within {within:g} s; its process was killed and the controller's watchdog "
                         "stops the arm: check that it stands still, then open it again"
                     )
                 ok, answer = line.recv()
             except (EOFError, OSError) as e:
                 if isinstance(e, InstrumentError):
                     raise
-                raise self._died(method) from e
+                raise self._died(command) from e
         finally:
             self._lock.release()
-        if ok:
-            return answer
-        raise answer
+        if not ok:
+            raise answer
+        result: R = answer
+        return result
 
-    def _died(self, method: str) -> InstrumentError:
+    def _died(self, command: Command[Any]) -> InstrumentError:
         assert self._process is not None
         how = how_it_ended(self._process, 2.0)
         return self._give_up(
-            f"its process ended with {how} during {method}; the controller's watchdog stops the arm: check that it stands "
+            f"its process ended with {how} during {command}; the controller's watchdog stops the arm: check that it stands "
             "still, then open it again"
         )
 
@@ -161,7 +163,7 @@ class Hosted:
         while self._line is line:
             if self._sending.acquire(blocking=False):
                 try:
-                    line.send(("ping", ()))
+                    line.send(PING)
                 except (OSError, ValueError):
                     pass
                 finally:
@@ -172,7 +174,7 @@ class Hosted:
 def under_guard(name: str, config: Any, clock: RigClock) -> Any:
     """The driver of one instrument, not yet opened; in a process of its own where its library may crash or hang."""
     if drivers()[config.driver].own_process:
-        return Hosted(name, config, clock)
+        return REMOTES[name](Hosted(name, config, clock), name, len(getattr(config, "chambers", ())))
     return make(name, config.driver, config, clock)
 
 
@@ -320,23 +322,23 @@ def _serve(line: Connection, setup: Setup) -> None:
                     with contextlib.suppress(InstrumentError):
                         driver.stop()
                 continue
-            method, args = line.recv()
-            if method == "ping":
+            command = line.recv()
+            if command == PING:
                 continue
-            stopped = stopped and method != "move_to"
-            line.send(_answer(driver, setup[0], method, args))
+            stopped = stopped and not moves(command)
+            line.send(_answer(driver, command))
     with contextlib.suppress(Exception):
         driver.stop()
     driver.close()
 
 
-def _answer(driver: Any, name: str, method: str, args: tuple[Any, ...]) -> tuple[bool, Any]:
+def _answer(driver: Any, command: Command[Any]) -> tuple[bool, Any]:
     try:
-        return True, getattr(driver, method)(*args)
+        return True, command.perform(driver)
     except InstrumentError as e:
         return False, e
     except Exception as e:  # noqa: BLE001 - what a library raises is handed to the guard as this instrument's failure
-        return False, Unreachable(name, f"{method} failed: {type(e).__name__}: {e}; see the log on the instrument")
+        return False, Unreachable(command.instrument, f"{command} failed: {type(e).__name__}: {e}; see the log on the instrument")
 
 
 def _send(line: Connection, setup: Setup) -> None:

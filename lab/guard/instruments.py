@@ -1,4 +1,4 @@
-"""The actuators' side of a rig: which driver serves which instrument, what may be asked of it, and what is polled."""
+"""The actuators' side of a rig: which driver serves which instrument, what is polled, and what only one program may use."""
 
 from __future__ import annotations
 
@@ -21,16 +21,6 @@ from timing import Clock
 from ..files.rig_file import RigFile, addresses, drivers, present
 from .door import names_of_path
 
-COMMANDS: dict[str, tuple[str, ...]] = {
-    "pressure": ("set", "read", "vent"),
-    "spine": ("home", "move_to", "stop", "read"),
-    "valve": ("set", "read"),
-    "gauge": ("read",),
-    "arm": ("move_to", "moving", "stop", "standing"),
-}
-"""What may be asked of each instrument."""
-ENERGISING = {("pressure", "set"), ("spine", "home"), ("spine", "move_to"), ("valve", "set"), ("arm", "move_to")}
-"""Commands after which the rig is no longer in its safe state."""
 POLLED = ("pressure", "spine", "valve", "gauge")
 ACTUATORS = ("arm", "pressure", "spine", "valve")
 """What can move, push or hold something."""

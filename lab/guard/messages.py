@@ -80,10 +80,12 @@ class Event:
 class Start:
     """The guard's first message."""
 
-    rig: str
-    """RigFile as JSON."""
     path: str
-    """rig.yaml, beside which latch and journal are kept; empty: none are kept."""
+    """rig.yaml, beside which latch and journal are kept; the guard reads it itself."""
+    sha256: str
+    """Of what the program has read there."""
+    max_pressure: float | None
+    """Pa, of robot.yaml, which the guard does not read."""
     clock_start: float
     despite_latch: bool
     about: str

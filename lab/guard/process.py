@@ -19,8 +19,10 @@ import timing
 from drivers.errors import DeviceFault, InstrumentError
 from timing import RigClock
 
-from ..files.rig_file import RigFile
+from ..files.config import ConfigError
+from ..files.rig_file import same_rig, within_robot
 from .child import begin_child
+from .commands import Order
 from .guard import LIVES_ON, Guard
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
@@ -121,8 +123,8 @@ def _serve(guard: Guard, commands: Connection) -> None:
     """Take commands until the program says goodbye or is gone."""
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, name, method, args = timing.receive(commands)
-            if method == "end":
+            number, asked = timing.receive(commands)
+            if asked is Order.END:
                 going = guard.finish()
                 if going:
                     commands.send((number, True, going))  # the program does not wait for what comes back late, or never
@@ -133,7 +135,7 @@ def _serve(guard: Guard, commands: Connection) -> None:
                 return
             answer: Any
             try:
-                ok, answer = True, guard.do(name, method, args)
+                ok, answer = True, guard.obey(asked) if isinstance(asked, Order) else guard.do(asked)
             except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
                 typed = isinstance(e, (InstrumentError, RigLanded, RigLocked))
                 ok, answer = False, e if typed else RuntimeError(f"{type(e).__name__}: {e}")
@@ -153,7 +155,8 @@ def _live_on(guard: Guard) -> None:
 
 
 def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
-    """Take the rig over and serve the program until it says goodbye or is gone; 0, or 1 where another program has the rig.
+    """Take the rig over and serve the program until it says goodbye or is gone; 0, or 1 where another program has the rig or
+    rig.yaml was changed meanwhile.
 
     Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`.
     """
@@ -161,13 +164,13 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
         start: Start = timing.receive(commands)
     except (EOFError, OSError):  # the program ended before it said anything
         return 1
-    rig = RigFile.model_validate_json(start.rig).read_from(Path(start.path) if start.path else None)
-    clock = RigClock(rig.clock.speed, start.clock_start)
     outbox = Reports(reports)
-    guard = Guard(rig, clock, start.despite_latch, outbox, start.about)
     try:
+        rig = within_robot(same_rig(Path(start.path), start.sha256), start.max_pressure)
+        clock = RigClock(rig.clock.speed, start.clock_start)
+        guard = Guard(rig, clock, start.despite_latch, outbox, start.about)
         guard.take_over()
-    except RigLocked as e:
+    except (ConfigError, RigLocked) as e:
         with contextlib.suppress(OSError):
             commands.send((0, False, e))
         outbox.close()

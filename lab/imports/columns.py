@@ -111,17 +111,19 @@ def looks_like_value(word: str) -> bool:
 
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
-          comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
+          parsed: pd.Series[float] | None = None, comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
     """Numbers where most cells that hold something are numbers, else times, else words.
 
+    `parsed`: cells without blanks around them as `pandas.to_numeric` has them, where that is known.
     `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark;
     `commas`: another column of the file has decimal commas.
     """
     import pandas as pd
 
-    cells = cells.str.strip()
-    filled = np.array(cells != "", bool)
-    values = np.array(pd.to_numeric(cells, errors="coerce"), np.float64)
+    if parsed is None:
+        cells = cells.str.strip()
+        parsed = pd.to_numeric(cells, errors="coerce")
+    filled, values = np.array(cells != "", bool), np.array(parsed, np.float64)
     values[~np.isfinite(values)] = np.nan
     open_ = np.isnan(values) & filled
     words = [w for w in map(str, pd.unique(cells[open_])) if not is_missing(w, missing)]

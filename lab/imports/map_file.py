@@ -227,6 +227,8 @@ class Map(FileTable):
 
     robot: str = "robot.yaml"
     """Its robot.yaml, next to this file."""
+    unconfirmed: tuple[str, ...] = ()
+    """Guesses of `lab import --guess` that nobody has checked: delete each once it is settled."""
     source: Source = Source()
     """How a file is read."""
     columns: dict[str, Column] = {}

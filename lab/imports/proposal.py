@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..files.inputs import UNCONFIRMED
 from ..files.robot_file import in_one_line
 
 
@@ -44,7 +43,9 @@ def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
         f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
         "",
     ]
-    lines += [f"{UNCONFIRMED} {d}" for d in g.doubts] + ([""] if g.doubts else [])
+    if g.doubts:
+        lines += ["# What the data do not force: correct it where it is wrong, and delete its line here.", "unconfirmed:"]
+        lines += [*(f"- {in_one_line(doubt)}" for doubt in g.doubts), ""]
     lines.append(f"robot: {in_one_line(str(robot))}")
     for key, value in g.values.items():
         own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}

@@ -24,13 +24,12 @@ from recordings.table_file import checked
 from recordings.trials import HEAD, ORIENTATION, TAIL, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
-from ..questions.table import doubtful_gravity
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, beside_at_rest, jumps, length_at_rest, lever_off, moves_within, other_order, strays, turn_off
+from .places import Jump, Stands, jumps, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -239,8 +238,6 @@ def conclude(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
     states = _States.stacked(parts)
-    if wanted.straight == "at rest":
-        notes += doubtful_gravity(robot, states.table)
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
@@ -249,15 +246,7 @@ def conclude(
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states.oriented(), counted, notes)
-    if wanted.straight != "as recorded" and (off := lever_off(table, float(straight[2]))) is not None:
-        notes.append(_lever_note(wanted.sensor[2], *off))
     notes += _contradictions(table, float(straight[2]))
-    if wanted.straight == "as recorded" and (rests := beside_at_rest(table, straight)) is not None:
-        aside, away = (1e3 * m for m in rests)
-        notes.append(
-            f"at rest the tip is {aside:.0f} mm off the axis and {away:.0f} mm from the origin, the robot is "
-            f"{1e3 * straight[2]:.0f} mm long: add `straight: at rest` to the map, or check the frame and the unit"
-        )
     notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(table)
     if wanted.stiffness is not None:
@@ -274,17 +263,12 @@ def conclude(
 
 
 def _contradictions(states: Table, length: float) -> Iterator[str]:
-    """What to ask about turns that do not fit the places, a tip that is not the body's end, and mountings that vary."""
+    """What to ask about turns that do not fit the places, and mountings that vary."""
     if (off := turn_off(states, length)) is not None:
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
             f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
             "unit), the frame and the columns x, y, z"
-        )
-    if (other := length_at_rest(states, length)) is not None:
-        yield (
-            f"at rest the tip lies on the axis, {1e3 * other:.0f} mm from the base of a robot of {1e3 * length:.0f} mm: is this "
-            "marker the tip, and its unit right?"
         )
     for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
         share = follows_pressure(states, name, same)
@@ -378,14 +362,6 @@ def _jump_notes(
         )
     if len(told) > MOST_JUMPS:
         yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
-
-
-def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
-    return (
-        f"place and turn of the tip fit one arc to {1e3 * best:.1f} mm for a sensor {1e3 * (sensor + off):.1f} mm beyond "
-        f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
-        "and orientation"
-    )
 
 
 def _rest(q: Quantities) -> Array:

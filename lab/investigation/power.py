@@ -20,8 +20,7 @@ from model.robot import Robot
 from protocols.planned import planned_rows
 from recordings.trials import counted
 
-from ..campaign.design import campaign_of
-from ..campaign.planned import planned_table
+from ..campaign.design import campaign_of, planned_table
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..files.inputs import read_case

@@ -26,7 +26,7 @@ from model.prediction import Prediction, Predictor
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from recordings.errors import RecordingError
-from recordings.file.player import plain_numbers
+from recordings.json_text import plain_numbers
 from recordings.trials import Table, TrialRow
 
 from ..comparison import expected

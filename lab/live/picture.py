@@ -28,9 +28,8 @@ from recordings.trials import TrialRow
 
 from ..console import seconds_left
 from ..files.config import ConfigError, check, parse_yaml
-from ..files.rig_file import RigFile
+from ..files.rig_file import RigFile, within_robot
 from ..plain import plain
-from ..rig.limits import within_robot
 
 PLAN = "plan.json"
 """The attachment that holds the steps of the plan."""
@@ -122,7 +121,7 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
         missing.append(f"no limits: {e}")
         return None, robot, {}
     if robot is not None:
-        rig = within_robot(rig, robot)
+        rig = within_robot(rig, robot.max_pressure)
     instruments = rig.instruments
     limits = {
         "force": rig.limits.max_force, "moment": rig.limits.max_moment, "vacuum": rig.limits.max_vacuum,

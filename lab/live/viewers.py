@@ -22,8 +22,7 @@ from typing import Any
 
 from protocols.errors import BadRequest
 from protocols.steering import checked
-from recordings.file.player import plain_numbers
-from recordings.json_text import read_json
+from recordings.json_text import plain_numbers, read_json
 
 LARGEST_HEAD = 8192
 """Bytes of a request."""

@@ -20,12 +20,12 @@ from multiprocessing import Pipe
 from typing import Any
 
 import timing
-from drivers.interfaces import Identity
+from drivers.interfaces import Identity, Instrument
 from timing import RigClock
 
 from ..files.rig_file import RigFile
 from ..guard.child import end_child, processor_time, start_child
-from ..guard.instruments import COMMANDS
+from ..guard.commands import Call, Command, Order, R, RemoteArm, RemoteGauge, RemoteLengthUnit, RemoteRegulators, RemoteValve
 from ..guard.messages import Event, SafeReport, Start
 from ..guard.pulse import Pulse
 
@@ -61,11 +61,16 @@ class Actuators:
         on_event: Callable[[Event], None] = lambda event: None,
         despite_latch: bool = False,
     ) -> None:
-        """Raises RigLocked when a person has to see to the rig first, or another program owns it."""
+        """Raises RigLocked when a person has to see to the rig first, or another program owns it; ConfigError when rig.yaml was
+        changed since `rig` was read."""
         self._on_sample, self._on_event = on_sample, on_event
         self._silent = BEATS_MISSED * rig.safe.heartbeat
         self._lock = timing.RLock()
         self._numbers = itertools.count(1)
+        pressure = rig.instruments.pressure
+        self.pressure = RemoteRegulators(self, "pressure", 0 if pressure is None else len(pressure.chambers))
+        self.spine, self.valve = RemoteLengthUnit(self, "spine"), RemoteValve(self, "valve")
+        self.gauge, self.arm = RemoteGauge(self, "gauge"), RemoteArm(self, "arm")
         self.last_command: dict[str, float] = {}
         """Host time at which the last command to each instrument ended: no reading comes while it works."""
         self._commands, theirs = Pipe()
@@ -83,8 +88,7 @@ class Actuators:
         self.lost = ""
         """Why the guard is lost; empty while it lives."""
         try:
-            path = str(rig.path or "")
-            self._commands.send(Start(rig.model_dump_json(), path, clock.start, despite_latch, _about()))
+            self._commands.send(Start(str(rig.path), rig.sha256, rig.body.max_pressure, clock.start, despite_latch, _about()))
             self._answer(0, "start", START_WITHIN)
             self._heard = self.pulse.awake.now
         except BaseException:
@@ -99,25 +103,30 @@ class Actuators:
         """Process id of the guard."""
         return self._process.pid
 
-    def call(self, name: str, method: str, *args: Any) -> Any:
-        """Send one command and wait for its answer; raises what the driver raised, RigLanded, or ActuatorsLost."""
+    def ask(self, command: Command[R]) -> R:
+        """Send one command and wait for its result; raises what the driver raised, RigLanded, or ActuatorsLost."""
+        result: R = self._sent(command)
+        return result
+
+    def _sent(self, asked: Command[Any] | Order) -> Any:
         with self._lock:
             self.pulse.mark()
             if self.lost:
-                raise self._lost(f"{name}.{method}")
+                raise self._lost(asked)
             number = next(self._numbers)
             try:
-                self._commands.send((number, name, method, args))
+                self._commands.send((number, asked))
             except OSError as e:
                 self._give_up("it has ended")
-                raise self._lost(f"{name}.{method}") from e
+                raise self._lost(asked) from e
             try:
-                return self._answer(number, f"{name}.{method}", ANSWER_WITHIN)
+                return self._answer(number, asked, ANSWER_WITHIN)
             finally:
                 self.pulse.mark()
-                self.last_command[name] = timing.now()
+                if isinstance(asked, Command):
+                    self.last_command[asked.instrument] = timing.now()
 
-    def _answer(self, number: int, what: str, within: float) -> Any:
+    def _answer(self, number: int, what: object, within: float) -> Any:
         """The answer to command `number`; answers to commands whose callers were interrupted are dropped."""
         deadline = timing.now() + within
         while True:
@@ -178,31 +187,30 @@ class Actuators:
         with contextlib.suppress(OSError):
             self._process.kill()
 
-    def _lost(self, during: str) -> ActuatorsLost:
+    def _lost(self, during: object) -> ActuatorsLost:
         return ActuatorsLost(f"the guard of the actuators was lost during {during}: {self.lost}")
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""
-        identity: Identity = self.call(name, "open")
-        return identity
+        return self.ask(Call(name, Instrument.open))
 
     def make_safe(self) -> SafeReport:
         """Bring all actuators into the safe state and read it back."""
-        report: SafeReport = self.call("", "make_safe")
+        report: SafeReport = self._sent(Order.MAKE_SAFE)
         return report
 
     def pause(self) -> SafeReport:
         """Vent and stop, keep the spine jammed."""
-        report: SafeReport = self.call("", "pause")
+        report: SafeReport = self._sent(Order.PAUSE)
         return report
 
     def resume(self) -> None:
         """A person has confirmed: reconnect what has to be, take commands again."""
-        self.call("", "resume")
+        self._sent(Order.RESUME)
 
     def unlock(self) -> None:
         """Remove the latch."""
-        self.call("", "unlock")
+        self._sent(Order.UNLOCK)
 
     def close(self) -> str:
         """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
@@ -211,7 +219,7 @@ class Actuators:
         """
         going = ""
         try:
-            going = self.call("", "end")
+            going = self._sent(Order.END)
         finally:
             self._end(lives_on=bool(going))
         return going
@@ -240,24 +248,3 @@ def _held_back() -> Any:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-class Remote:
-    """An instrument behind the process boundary: what `COMMANDS` lets one ask of it, see `drivers.interfaces`."""
-
-    def __init__(self, actuators: Actuators, name: str, channels: int = 0) -> None:
-        self._actuators, self.name, self.channels = actuators, name, channels
-
-    def __getattr__(self, method: str) -> Callable[..., Any]:
-        if method not in ("close", *COMMANDS[self.name]):
-            raise AttributeError(f"{self.name} has no {method}")
-        return lambda *args: self._actuators.call(self.name, method, *map(_plain, args))
-
-    def open(self) -> Identity:
-        """Connect."""
-        return self._actuators.open(self.name)
-
-
-def _plain(value: Any) -> Any:
-    """Numbers in a row as a tuple, which any process can read."""
-    return tuple(value) if hasattr(value, "__iter__") else value

@@ -22,7 +22,8 @@ from recordings.errors import RecordingError
 from recordings.file.writer import Recorder
 from recordings.messages import MessageType, sensor
 
-from ..files.rig_file import SENSORS, RigFile, drivers, found_drivers, present, table_of
+from ..files.rig_file import SENSORS, RigFile, drivers, found_drivers, present, table_of, within_robot
+from ..guard.commands import REMOTES
 from ..guard.door import demand_free
 from ..guard.guard import LIVES_ON
 from ..guard.hosted import HostedArmState
@@ -33,7 +34,7 @@ from ..guard.pulse import ForceLimit
 from . import actuators as act
 from . import operator as op
 from .interrupts import Shielded
-from .limits import bodies, wiring, within_robot
+from .limits import bodies, wiring
 from .real_time import clock_of, demand_fakes, demand_running
 from .watch import PatientOperator, RigRecovery, Vital, Watch, WatchedClock
 
@@ -67,7 +68,7 @@ class Rig:
         robot = file.body
         self.read = file
         """rig.yaml as it was read."""
-        self.file = file = within_robot(file, robot)
+        self.file = file = within_robot(file, robot.max_pressure)
         self.clock = clock_of(file)
         demand_free(owned_names(file), file.path)
         self.identities: dict[str, Identity] = {}
@@ -118,7 +119,7 @@ class Rig:
     @property
     def names(self) -> list[str]:
         """The instruments that rig.yaml has, in the order of connecting."""
-        present = [n for n in act.COMMANDS if getattr(self.file.instruments, n) is not None]
+        present = [n for n in REMOTES if getattr(self.file.instruments, n) is not None]
         return [n for n in (*ORDER[:FIRST], *self.sensors, *ORDER[FIRST:]) if n in present or n in self.streams]
 
     def open(self, name: str) -> Identity:
@@ -248,9 +249,7 @@ class Rig:
         self.vital.landed = None
         sensors = [n for n in self.sensors if has(n)]
         self.watch.over([*(n for n in needs if has(n)), *sensors])
-        remote: dict[str, Any] = {
-            name: act.Remote(self.actuators, name, len(self.chambers.channels)) for name in act.COMMANDS if has(name)
-        }
+        actuators = self.actuators
         return Bench(
             clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
@@ -265,7 +264,11 @@ class Rig:
             rest=rest,
             chambers=self.chambers,
             stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff) if stand else None,
-            **remote,
+            pressure=actuators.pressure if has("pressure") else None,
+            spine=actuators.spine if has("spine") else None,
+            valve=actuators.valve if has("valve") else None,
+            gauge=actuators.gauge if has("gauge") else None,
+            arm=actuators.arm if has("arm") else None,
             arm_state=self.streams["arm_state"] if has("arm_state") else None,
             force=self.streams["force"] if has("force") else None,
             mocap=self.streams["mocap"] if has("mocap") else None,

@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
+from model.rods.beam import bending_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -74,21 +75,6 @@ class Excess:
     over: float
     """How far beyond: the worst of several is told."""
     remedy: str
-
-
-def within_robot(rig: RigFile, robot: Robot) -> RigFile:
-    """The rig whose regulators may not be told more than its robot bears (`max_pressure` of robot.yaml).
-
-    The guard gets this one: it clips set-points and judges readings by the lower of the two limits.
-    """
-    pressure = rig.instruments.pressure
-    if pressure is None:
-        return rig
-    most = robot.max_pressure
-    if most is None or most >= pressure.max_pressure:
-        return rig
-    lower = pressure.model_copy(update={"max_pressure": most})
-    return rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"pressure": lower})})
 
 
 def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
@@ -244,6 +230,4 @@ def expected_force(robot: Robot, push: Push) -> float | None:
         return None
     if push.length <= 0 or inner <= 0:
         return math.inf  # nothing that could give way
-    rest = (push.length - reach) ** 3
-    give = (push.length**3 - rest) / (3 * inner) + rest / (3 * outer)
-    return push.deflection / give
+    return push.deflection / float(bending_compliance((0.0, reach, push.length), (inner, outer)))

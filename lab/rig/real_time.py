@@ -42,7 +42,7 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
     real = [line for name, line in _real(rig.instruments) if only in (None, name)]
     if real:
         where = rig.path or "rig.yaml"
-        raise ConfigError("\n".join(f"{where}: clock.speed = {rig.clock.speed:g}: {line}" for line in real))
+        raise ConfigError(*(f"{where}: clock.speed = {rig.clock.speed:g}: {line}" for line in real))
 
 
 def demand_running(rig: RigFile) -> None:

@@ -72,7 +72,7 @@ WITHIN = 30.0
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
     """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
 
-    The robot hangs free; `rig` as `limits.within_robot` gives it.
+    The robot hangs free; `rig` as `within_robot` gives it.
     """
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),

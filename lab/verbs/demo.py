@@ -53,7 +53,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     installed: the fakes are reached by them.
     """
     if missing := {why for name, why in found_drivers().broken.items() if name in OWN}:  # said before the fakes are started
-        raise ConfigError("\n".join(sorted(missing)))
+        raise ConfigError(*sorted(missing))
     seed = secrets.randbelow(10**6) if seed is None else seed
     rng = np.random.default_rng(seed)
     name, size = draw_effect(rng, WITHHELD) if effect is None else next(iter(effects([effect]).items()))

@@ -375,7 +375,7 @@ def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence
 
 
 def _export_verb(a: argparse.Namespace) -> Result:
-    streams: StreamFormat = "mat" if a.mat else "parquet" if a.parquet else "csv"
+    streams: StreamFormat = "mat" if a.mat else "csv"
     return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name, a.replace))
 
 
@@ -392,7 +392,6 @@ VERBS = (
             OneOf(
                 (
                     option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),
-                    option("--parquet", action="store_true", help="Parquet instead of CSV (needs pyarrow)"),
                     option("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV"),
                     option("--crate", action="store_true", help="one described folder, as a paper's supplement"),
                     option("--arviz", action="store_true", help="each case's diagnosis.json as NetCDF for ArviZ"),

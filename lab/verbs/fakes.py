@@ -161,18 +161,23 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
-    return FakeRig(
-        truth=None if robot is None else played(robot),
-        speed=a.speed,
-        effects=effects(a.effect),
-        seed=a.seed,
-        regulators=regulators(a),
-        spine=a.spine if robot is None or robot.spine is not None else "",
-        channels=int(a.channels),
-        others=others,
-        sensors=sensors,
-        known=found_fakes().usable,
-    )
+    how = regulators(a)
+    try:
+        return FakeRig(
+            truth=None if robot is None else played(robot),
+            speed=a.speed,
+            effects=effects(a.effect),
+            seed=a.seed,
+            regulators=how,
+            spine=a.spine if robot is None or robot.spine is not None else "",
+            others=others,
+            sensors=sensors,
+            known=found_fakes().usable,
+        )
+    except ValueError as e:
+        if a.swap is None:
+            raise
+        raise ConfigError(f"--swap {a.swap}: {e}; name two of the rig's channels, such as 2,3") from e
 
 
 def played(robot: Robot) -> RobotTruth:
@@ -213,8 +218,8 @@ def regulators(a: argparse.Namespace) -> FakeRegulators:
         swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
     except ValueError as e:
         raise ConfigError(f"--full-scale or --swap: {e}") from e
-    if swapped is not None and (len(swapped) != 2 or not all(1 <= i <= int(a.channels) for i in swapped)):
-        raise ConfigError(f"--swap {a.swap}: name two channels from 1 to {a.channels}, such as 2,3")
+    if swapped is not None and len(swapped) != 2:
+        raise ConfigError(f"--swap {a.swap}: name two channels, such as 2,3")
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
     pair = None if swapped is None else (swapped[0], swapped[1])
@@ -284,9 +289,6 @@ VERBS = (
             _driver("gauge", "pfeiffer", "the vacuum gauge"),
             _driver("mocap", "natnet", "the motion capture"),
             option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
-            option(
-                "--channels", choices=("3", "9"), default="3", help="three groups of three chambers, or nine separate chambers"
-            ),
             option(
                 "--robot",
                 type=Path,

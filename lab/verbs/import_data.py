@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from diagnosis.data.plausible import implausible_values
+from diagnosis.edits.reading import read as judged
 from model.robot import Robot
 from recordings.own_files import copied, replaced
 from recordings.table_file import write_csv
@@ -17,6 +17,7 @@ from recordings.trials import counted
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
 from ..files.output_folder import demand_free, whole
+from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, stream_of
@@ -25,7 +26,6 @@ from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import Imported, imported
 from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
-from ..questions.table import doubtful
 
 MAP, PICTURE = "map.yaml", "states.png"
 OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
@@ -43,10 +43,10 @@ def import_files(
     demand_units(wanted, robot.actuators.words, f"{map_path}: ")
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
-    implausible = implausible_values(robot, result.table)
-    if implausible:
-        raise ConfigError("\n".join(f"{map_path}: {text}" for text in implausible))
-    result = replace(result, notes=(*result.notes, *doubtful(robot, result.table, str(robot_path))))
+    reading = judged(robot, result.table)
+    if reading.refused:
+        raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
+    result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
     with whole(folder, OWN, replace_all, inputs) as place:
         write_case(result, robot, robot_path, map_path, place)
     return told(result, folder)
@@ -137,7 +137,8 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
             result = imported(inputs, load(place / MAP, Map), robot)
-            checks += (*implausible_values(robot, result.table), *doubtful(robot, result.table, str(robot_path)))
+            reading = judged(robot, result.table)
+            checks += (*reading.refused, *doubts(robot, result.table, str(robot_path)), *reading.asked)
             checks += (*result.questions, *result.unread)
             from ..pages.import_figure import draw
 
@@ -151,7 +152,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
             out.print(f"{', '.join(keys):24s} {reason}")
         note(f"check: {text}" for text in checks)
         if result is not None:
-            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each # CHECK once settled, then:"
+            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each guess of `unconfirmed` once settled, then:"
             out.print(f"{states} states; {look}", soft_wrap=True)
         words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
         out.print(shlex.join(words), soft_wrap=True)

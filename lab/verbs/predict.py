@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -25,14 +23,15 @@ from model.prediction.inverse import REACHED, Reached, inverse, limits_of
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
+from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
+from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
-from ..files.number_table import Columns, read_numbers
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import planned_columns, protocol_plan, robot_facts
+from .run import Columns, planned_columns, protocol_plan, robot_facts
 
 Array = NDArray[np.float64]
 
@@ -94,7 +93,7 @@ def _result(
 ) -> Result:  # fmt: skip
     """Write what is wanted, and tell; `missing`: what there is no answer for."""
     if outputs.csv is not None:
-        _write_csv(rows, outputs.csv)
+        outputs.csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if outputs.figure is not None:
         draw(outputs.figure.resolve())
     written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
@@ -134,7 +133,6 @@ def invert(
     effects: Path | None = None,
     spine_length: float | None = None,
     groups: tuple[tuple[int, ...], ...] | None = None,
-    max_pressure: float | None = None,
 ) -> Result:
     """Pressures and spine lengths for wanted tips; `spine_length` in m, free where None; `groups`: chambers that share a
     regulator. Raises ConfigError, ModelError."""
@@ -144,7 +142,7 @@ def invert(
     _demand_metres(targets_path, place, robot)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
-        limits = limits_of(robot, groups, max_pressure, fixed)
+        limits = limits_of(robot, groups, spine=fixed)
         with Screen(f"searching {robot.actuators.words.pressures}") as screen:
             predictor = Predictor(robot, stated_by(robot, effects))
             reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
@@ -255,14 +253,10 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 
 
 def _rows(columns: Columns) -> list[dict[str, Any]]:
-    return [dict(zip(columns, map(_cell, row), strict=True)) for row in zip(*columns.values(), strict=True)]
-
-
-def _cell(value: Any) -> Any:
-    """A number or text as JSON has it; None for one that there is not."""
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    """As JSON has them; None for a number that there is not."""
+    cells = zip(*(column.tolist() for column in columns.values()), strict=True)
+    rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
+    return rows
 
 
 def _demand_columns(robot: Robot, states: Columns) -> None:
@@ -295,14 +289,6 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     if none.any():
         raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
     return place, np.where(np.isfinite(weight), weight, 1.0)
-
-
-def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({k: "" if v is None else repr(v) if isinstance(v, float) else v for k, v in r.items()} for r in rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def _interval(robot: Robot) -> str:
@@ -376,7 +362,7 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 def _predict_verb(a: argparse.Namespace) -> Result:
     outputs, robot = PredictionFiles(a.out, a.figure), load(a.robot, Robot)
     if a.inverse is not None:
-        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups, a.max_pressure)
+        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups)
     by_table = a.table is not None
     states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
     return predict(robot, states, outputs, a.effects)
@@ -416,7 +402,6 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--max-pressure", type=float, metavar="PA", help="with --inverse: less than robot.yaml allows, Pa"),
             option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
             option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
             OWN_EFFECTS,

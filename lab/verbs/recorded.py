@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import math
-import os
-import sys
 from collections.abc import Sequence
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +20,6 @@ from recordings.campaign.shelf import RecordedRun
 from recordings.campaign.shelf import runs as recorded
 from recordings.errors import BadMessage
 from recordings.events import Request
-from recordings.file.player import play as played
 from recordings.file.reader import Recording
 from recordings.file.recover import Recovery
 from recordings.file.recover import recover as recovered
@@ -157,19 +152,6 @@ def replayed(file: Path) -> tuple[ReplayComparison, str]:
     return hold_against(recording, states), hashlib.sha256("\n".join(rows).encode()).hexdigest()
 
 
-def play(file: Path, speed: float) -> Result:
-    """Print every message as a JSON line, in the order of time, at `speed` times rig time; an abrupt file too."""
-    if not speed > 0:
-        raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
-    recording = Recording.open(file, truncated=True)
-    try:
-        played(recording, lambda message: print(message.to_json(), flush=speed < math.inf), speed)
-    except BrokenPipeError:
-        # Whoever read has seen enough; without this the interpreter complains once more while it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return Result()
-
-
 def replay(files: Sequence[Path]) -> Result:
     """Whether the rows concluded from the samples equal those of the live run to the last bit; 1 when not."""
     comparisons = [(file, *replayed(file)) for file in without_torn(files)]
@@ -187,14 +169,6 @@ def replay(files: Sequence[Path]) -> Result:
         for file, r, digest in comparisons
     ])  # fmt: skip
     return Result(data, show, 0 if all(result.equal for _, result, _ in comparisons) else 1)
-
-
-def _replay_verb(a: argparse.Namespace) -> Result:
-    if not a.play:
-        return replay(a.files)
-    if len(a.files) > 1:
-        raise ConfigError("--play: give one recording")
-    return play(a.files[0], a.speed)
 
 
 def verify(file: Path) -> Result:
@@ -262,19 +236,15 @@ def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Recorded
     return pairs
 
 
-def runs(folder: Path, since: str, protocol: str, spine: float | None, where: Sequence[str] = ()) -> Result:
-    """List them, oldest first; `spine` in m; `where`: KEY=VALUE of labels."""
+def runs(folder: Path, where: Sequence[str] = ()) -> Result:
+    """List them, oldest first; `where`: KEY=VALUE of labels."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: is not a folder")
-    try:
-        datetime.fromisoformat(since or "2000-01-01")
-    except ValueError:
-        raise ConfigError(f"--since {since}: write a date or time like 2025-03-01 or 2025-03-01T14:00") from None
     try:
         said = [split(text) for text in where]
     except BadMessage as e:
         raise ConfigError(f"--where {e}") from e
-    found = recorded(folder, since=since, protocol=protocol, spine=spine, where=said)
+    found = recorded(folder, said)
     return Result([run.to_dict() for run in found], partial(_show_runs, found))
 
 
@@ -319,20 +289,9 @@ VERBS = (
     ),
     Verb(
         "replay",
-        _replay_verb,
-        options=(
-            JSON,
-            ANY_SIZE,
-            FILES,
-            option("--play", action="store_true", help="print all messages as JSON lines in order of time instead"),
-            option(
-                "--speed",
-                type=float,
-                default=math.inf,
-                help="with --play: how much faster than rig time (default: without waiting)",
-            ),
-        ),
-        examples=("lab replay runs/sweep.mcap", "lab replay runs/sweep.mcap --play --speed 1"),
+        lambda a: replay(a.files),
+        options=(JSON, ANY_SIZE, FILES),
+        examples=("lab replay runs/sweep.mcap", "lab replay runs/*.mcap --json"),
         page="docs/explanations/recordings.md",
     ),
     Verb(
@@ -356,14 +315,11 @@ VERBS = (
     ),
     Verb(
         "runs",
-        lambda a: runs(a.folder, a.since, a.protocol, a.spine, a.where),
+        lambda a: runs(a.folder, a.where),
         options=(
             JSON,
             ANY_SIZE,
             option("folder", type=Path),
-            option("--since", default="", metavar="DATE", help="from this date or time on (UTC)"),
-            option("--protocol", default="", help="only runs of this protocol"),
-            option("--spine", type=float, metavar="M", help="only runs that set this spine length, m"),
             option(
                 "--where",
                 action="append",
@@ -372,7 +328,7 @@ VERBS = (
                 help="only runs with this label: operator, specimen, or a tag (repeatable)",
             ),
         ),
-        examples=("lab runs runs", "lab runs runs --since 2026-01-02 --where operator=Ada"),
+        examples=("lab runs runs", "lab runs runs --where operator=Ada"),
         page="docs/howto/campaign.md",
     ),
 )

@@ -106,7 +106,7 @@ def job(
     if missing:
         raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
     if beyond := problems(plan, rig, rig_path, robot):
-        raise ConfigError("\n".join(beyond))
+        raise ConfigError(*beyond)
     return Job(experiment, parameters, plan, rig, rig_path)
 
 
@@ -125,7 +125,8 @@ def protocol_plan(
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
         raise ConfigError(
             f"{source.name}: {experiment.name} would take {plan.seconds / 86400:.3g} days of rig time, at most "
-            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for"
+            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for",
+            placed=True,
         )
     return experiment, parameters, plan
 
@@ -183,10 +184,11 @@ def _experiment(name: object, of_file: Experiment | None, where: str) -> Experim
         return protocol_from_file(Path(name))
     protocols = found_protocols()
     if isinstance(name, str) and name in protocols.broken:
-        raise ConfigError(f"{where}: protocol = {name}: {protocols.broken[name]}")
+        raise ConfigError(f"{where}: protocol = {name}: {protocols.broken[name]}", placed=True)
     if not isinstance(name, str) or name not in protocols.usable:
         raise ConfigError(
-            f"{where}: protocol = {name!r}: must be one of {', '.join(protocols.usable)}, or a protocol file (.yaml, .py)"
+            f"{where}: protocol = {name!r}: must be one of {', '.join(protocols.usable)}, or a protocol file (.yaml, .py)",
+            placed=True,
         )
     if name in protocols.doubts:
         note([protocols.doubts[name]])

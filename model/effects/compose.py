@@ -48,14 +48,14 @@ class RodColumns:
         """Add to a column, never in place: arrays are shared with the quantities."""
         self._of[column] = self[column] + values
 
-    def rows(self, states: int) -> Array:
-        """(states, layout.width) of a single variant."""
-        out = np.zeros((states, self.layout.width))
+    def rows(self, states: int, variants: int = 1) -> Array:
+        """(variants * states, layout.width), one variant after the other."""
+        out = np.zeros((variants, states, self.layout.width))
         for column, values in self._of.items():
-            out[:, column] = values[0]
+            out[:, :, column] = values
             for other, factor in self.layout.tied.get(column, {}).items():
-                out[:, other] = factor * values[0]
-        return out
+                out[:, :, other] = factor * values
+        return out.reshape(-1, self.layout.width)
 
     def changes(self, base: RodColumns, by: Array) -> tuple[list[int], Array]:
         """Columns (a) in which rods differ from `base`, one variant, and (n, v, a) by how much per unit of `by` (v, n)."""
@@ -230,12 +230,12 @@ def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tu
 
 def _loads(q: Quantities, out: RodColumns) -> None:
     """Dead loads, and the four springs at the tip: two of the tether, the obstacle and the payload."""
-    gravity = np.array(q.robot.gravity)
     for k in range(3):
-        out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity[k] + q.design.force[:, k] + q.tip_force[..., k]
+        gravity = q.gravity[..., k]
+        out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity + q.design.force[:, k] + q.tip_force[..., k]
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             if element + col.LOAD + k not in q.layout.follows:
-                out[element + col.LOAD + k] = q.density * q.body.weight_area[piece] * gravity[k]
+                out[element + col.LOAD + k] = q.density * q.body.weight_area[piece] * gravity
     for j in range(2):
         spring = at.SPRINGS + j * at.SPRING_WIDTH
         out[spring + j] = 1.0
@@ -278,11 +278,10 @@ def _payload(q: Quantities, out: RodColumns) -> None:
     with -k (e . p - FAR_AWAY) e, which is m g e for e along gravity, wherever its point p is.
     """
     spring = at.SPRINGS + 3 * at.SPRING_WIDTH
-    gravity = np.array(q.robot.gravity)
-    g = float(np.linalg.norm(gravity))
-    down = gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
+    g = np.linalg.norm(q.gravity, axis=-1)
+    down = np.where(g[..., None] > 0, q.gravity / np.maximum(g, 1e-30)[..., None], [0.0, 0.0, 1.0])
     for k in range(3):
-        out[spring + k] = down[k]
+        out[spring + k] = down[..., k]
         # from the point that is pulled to the tip
         out[spring + col.SPRING_ARM + k] = -q.payload_place[..., k]
     out[spring + col.SPRING_STIFFNESS] = q.payload * g / FAR_AWAY

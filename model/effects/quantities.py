@@ -63,6 +63,8 @@ class Quantities:
     """Pa; the shear modulus keeps its ratio to it."""
     density: Array
     """kg/m^3 of the body."""
+    gravity: Array
+    """(v, n, 3) m/s^2, base frame."""
     length: Array
     """m, of the robot."""
     spine_length: Array
@@ -150,6 +152,7 @@ def baseline(
         azimuth=(chambers[None, :] + design.roll[:, None])[None],
         body_modulus=np.full((1, 1), robot.youngs_modulus),
         density=np.full((1, 1), robot.density),
+        gravity=np.array(robot.gravity)[None, None],
         length=np.full((1, 1), robot.length),
         spine_length=design.spine_length[None],
         tabulated_length=design.spine_length[None],

@@ -1,4 +1,4 @@
-"""Out of a recording: one CSV or Parquet file a stream, one MATLAB file, or a case folder for the diagnosis."""
+"""Out of a recording: one CSV file a stream, one MATLAB file, or a case folder for the diagnosis."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadTable, MissingPackage, MissingStream
+from ..errors import BadTable, MissingStream
 from ..events import Request
 from ..file.clocks import aligned, has_stamp
 from ..file.reader import Recording
@@ -23,20 +23,20 @@ from ..table_file import write_csv
 from ..trials import COLUMNS, Table
 from .replay import table_of
 
-StreamFormat = Literal["csv", "parquet", "mat"]
+StreamFormat = Literal["csv", "mat"]
 Columns = dict[str, NDArray[Any]]
 
 
 def export_streams(
     recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv", name: str = ""
 ) -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv` or `.parquet`, or all to one `<name>.mat`; returns the files.
+    """Write each stream that has samples to `<stream>.csv`, or all to one `<name>.mat`; returns the files.
 
     The states that were read are in `trials`, what people asked of the run (notes among it) in `requests`, where there are
     any. `columns` has unit and meaning of every column, and the wall time of t = 0.
 
     Arrays become columns name_1, name_2, ..; where the instrument stamps its samples a last column t_aligned (s) states
-    when they were taken by its clock. Raises `MissingPackage` when Parquet is asked for without pyarrow.
+    when they were taken by its clock.
 
     >>> [path.name for path in export_streams(Recording.open("run.mcap"), "streams")][:2]
     ['pressure.csv', 'spine.csv']
@@ -61,11 +61,11 @@ def export_streams(
             tables["requests"] = _texts_as_objects(requests)
         tables["columns"] = _texts_as_objects(described)
         return [write_mat(tables, folder / f"{name or recording.path.stem}.mat")]
-    written = [folder / f"{stem}.{form}" for stem in tables]
+    written = [folder / f"{stem}.csv" for stem in tables]
     for columns, path in zip(tables.values(), written, strict=True):
         _write(columns, path)
     if asked:
-        written.append(folder / f"requests.{form}")
+        written.append(folder / "requests.csv")
         _write(requests, written[-1])
     if len(table):
         written.append(folder / "trials.csv")
@@ -160,13 +160,7 @@ def _write(columns: Columns, path: Path) -> None:
 
     frame = pandas.DataFrame(columns)
     with replacing(path) as (file, _):
-        if path.suffix == ".csv":
-            frame.to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
-            return
-        try:
-            frame.to_parquet(file, index=False)
-        except ImportError as error:
-            raise MissingPackage("Parquet needs pyarrow, which is not installed; pip install pyarrow, or export CSV") from error
+        frame.to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:

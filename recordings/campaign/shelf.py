@@ -64,19 +64,9 @@ class RecordedRun:
         return {**asdict(self), "complete": self.complete}
 
 
-def runs(
-    folder: str | os.PathLike[str],
-    *,
-    since: str = "",
-    protocol: str = "",
-    spine: float | None = None,
-    where: Sequence[tuple[str, str]] = (),
-) -> list[RecordedRun]:
-    """The recordings below a folder, oldest first, after bringing the index up to date.
-
-    `since`: ISO date or time (UTC); `protocol`: its name; `spine`: a length (m) that was set in the run;
-    `where`: labels that it has, name and text.
-    """
+def runs(folder: str | os.PathLike[str], where: Sequence[tuple[str, str]] = ()) -> list[RecordedRun]:
+    """The recordings below a folder, oldest first, after bringing the index up to date; `where`: labels that they have, name and
+    text."""
     folder = Path(folder)
     place = folder / INDEX
     if place.is_symlink() or (place.exists() and not place.is_file()):
@@ -101,8 +91,6 @@ def runs(
     return [
         run
         for run in sorted((run for _, run in indexed.values()), key=lambda run: (run.start, run.path))
-        if run.start >= since and protocol in ("", run.protocol)
-        if spine is None or any(abs(length - spine) <= 0.5e-3 for length in run.spines)
         if all(run.labels.get(key) == text for key, text in where)
     ]
 

@@ -17,8 +17,7 @@ from benchmarks.blind.answers import Answer, answer_from
 from benchmarks.blind.folder import SetFolder, open_seal
 from benchmarks.blind.make import make, walk_of
 from benchmarks.blind.metrics import (
-    Judged,
-    best_temperature,
+    JudgedAnswer,
     bootstrap,
     calibration_error,
     flagged_at,
@@ -28,12 +27,12 @@ from benchmarks.blind.metrics import (
     share,
 )
 from benchmarks.blind.score import score, write
-from benchmarks.blind.sheet import draw as draw_sheet
 from benchmarks.blind.sheet import sheet
 from benchmarks.blind.sweeps import BASE, CHANNELS, MENU, design
 from benchmarks.blind.truth import Recipe, causes, draw, draw_robot
 from benchmarks.blind.worlds.forms import EFFECTS, ON_REQUEST
 from benchmarks.blind.worlds.outside_held_out import HELD_OUT
+from benchmarks.blind.worlds.table import world
 from lab.files.baseline import from_table
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
@@ -96,9 +95,9 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
     ((_, (first,)),) = draw(recipe)
     measured = making._measured
 
-    def snaps(order: making.Order, attempt: int) -> object:
+    def snaps(order: making.CaseOrder, attempt: int) -> object:
         if order.causes == (first,):
-            raise making.NoEquilibrium("snapped")
+            raise making.NoRodStands("snapped")
         return measured(order, attempt)
 
     monkeypatch.setattr(making, "_measured", snaps)
@@ -135,14 +134,15 @@ def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> Non
 
 
 def test_clutter_of_one_way_effects_is_never_negative_and_tolerances_grow_with_the_world() -> None:
-    sizes = [draw_robot(Recipe("field", 1, 7), place, "cluttered", ("contact",))[0].sizes for place in range(60)]
+    exact, loose = "bench", "drawn:6"
+    assert world(loose).tolerance > 2.5 * world(exact).tolerance
+    sizes = [draw_robot(Recipe(loose, 1, 7), place, "cluttered", ("contact",))[0].sizes for place in range(60)]
     one_way = [e for e, info in EFFECTS.items() if info.sign != "both"]
     assert all(s.get(e, 0.0) >= 0 for s in sizes for e in one_way)
     tilt = {
-        w: np.std([draw_robot(Recipe(w, 1, 7), k, "none", ())[0].sizes["base_tilt"] for k in range(80)])
-        for w in ("quiet", "field")
+        w: np.std([draw_robot(Recipe(w, 1, 7), k, "none", ())[0].sizes["base_tilt"] for k in range(80)]) for w in (exact, loose)
     }
-    assert tilt["field"] > 2 * tilt["quiet"]
+    assert tilt[loose] > 2 * tilt[exact]
 
 
 def test_held_out_causes_are_drawn_where_they_are_asked_for_only() -> None:
@@ -161,8 +161,8 @@ def test_some_effects_are_drawn_on_request_only() -> None:
 
 
 def test_gas_loads_the_walls_of_every_robot_of_a_world_that_says_so_and_of_that_stratum() -> None:
-    robot, effects = draw_robot(Recipe("shared", 1, 1), 0, "clean", ("base_tilt",))
-    assert robot.sizes["chamber_thrust"] == effects["chamber_thrust"] == 0.5
+    robot, effects = draw_robot(Recipe("drawn:2", 1, 1), 0, "clean", ("base_tilt",))
+    assert robot.sizes["chamber_thrust"] == effects["chamber_thrust"] == world("drawn:2").thrust > 0.5
     robot, effects = draw_robot(Recipe("bench", 1, 1), 0, "walls", ("chamber_thrust",))
     assert set(effects) == {"chamber_thrust"} and effects["chamber_thrust"] >= 0.6
 
@@ -193,7 +193,7 @@ def test_legs_of_a_sweep_read_as_often_as_its_states(sweep: Any) -> None:
 
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, said in (
-        (["--world", "moon"], "must be one of bench"),
+        (["--world", "moon"], "must be bench, drawn:SEED"),
         (["--cause", "force_bias"], "--cause force_bias: must be one of"),
         (["--sizes", "2", "1"], "--sizes 2 1: must increase"),
         (["--clutter", "2"], "--clutter 2: must be within 0..1"),
@@ -236,30 +236,12 @@ def test_a_set_is_not_made_over_another(made: Path) -> None:
 def test_a_diagnosis_is_given_what_it_asks_for_and_nothing_else(small_set: Path) -> None:
     folder = SetFolder(small_set)
     for name, chosen in (("0001", 2), ("0002", 0)):
-        bench.answer(folder, asks, bench.Further(chosen), name)
+        bench.answer(folder, asks, chosen, name)
     rounds = told(folder, "0001")
     assert [r["asked"] for r in rounds] == [[], ["unload"], ["unload", "tip_mass"]]
     given = [r["diagnosis"]["given"] for r in rounds]
     assert given == [[105, False, False], [231, False, False], [231 + 24, False, False]]
     assert len(told(folder, "0002")) == 1
-
-
-def test_rounds_go_on_from_a_first_diagnosis_that_is_known_and_come_back_from_their_file(made: Path, tmp_path: Path) -> None:
-    case = SetFolder(made).case("0001")
-    whole = bench.rounds(case, asks, bench.Further(2))
-    bench.write_rounds(tmp_path / "rounds.json", whole)
-    assert [(r.asked, r.diagnosis) for r in bench.read_rounds(tmp_path / "rounds.json")] == [
-        (r.asked, r.diagnosis) for r in whole
-    ]
-    seen: list[Path] = []
-
-    def counting(folder: Path) -> dict[str, Any]:
-        seen.append(folder)
-        return asks(folder)
-
-    again = bench.rounds(case, counting, bench.Further(2), whole[:1])
-    assert [(r.asked, r.diagnosis) for r in again] == [(r.asked, r.diagnosis) for r in whole]
-    assert len(seen) == len(whole) - 1 and again[0] is whole[0]
 
 
 @pytest.mark.parametrize("wish", [s.name for s in MENU] + list(CHANNELS))
@@ -289,12 +271,12 @@ def test_a_simulator_s_predictions_are_the_baseline_of_a_set(tmp_path: Path) -> 
 
 def test_a_failing_diagnosis_is_an_answer_and_a_wrong_one(small_set: Path) -> None:
     folder = SetFolder(small_set)
-    bench.answer(folder, breaks, bench.Further(), "0002")
+    bench.answer(folder, breaks, 0, "0002")
     found = answer_from("0002", told(folder, "0002")[0]["diagnosis"])
     assert found.verdict == "failed" and "no idea" in found.error
 
 
-def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: Path, tmp_path: Path) -> None:
+def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: Path) -> None:
     with pytest.raises(ConfigError, match="have no answer"):
         score(small_set)
     assert bench.run(small_set, always_none) == 3
@@ -303,7 +285,6 @@ def test_a_set_is_scored_once_all_cases_are_answered_and_then_closed(small_set: 
     found = {m.key: m.found for m in result.figures}
     assert found["top1"].value == 0 and found["false_alarm"].value == 0 and found["failed"].value == 0
     assert any(m.key == "top1" for m, _ in result.shortfalls)
-    assert draw_sheet(result, tmp_path / "score.png").stat().st_size > 10_000
     assert sheet(result).row_count > 10
     json.dumps(result.as_dict(), allow_nan=False)
     with pytest.raises(ConfigError, match="not blind"):
@@ -326,7 +307,7 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
     assert all(c.exact for c in result.cases)
     words = ["score", str(small_set), "--answers", str(theirs)]
     assert main([*words, "--json"]) in (0, 1) and json.loads(capsys.readouterr().out)["schema"] == "blind-score/1"
-    assert (theirs / "score.json").exists() and (theirs / "score.png").exists()
+    assert (theirs / "score.json").exists()
     with pytest.raises(ConfigError, match="not blind"):
         bench.run(small_set, always_none)
     (theirs / f"{min(truth)}.json").write_text("[1]")
@@ -340,10 +321,10 @@ def test_answers_of_another_method_are_scored_on_the_same_cases(
 STRATA = {"single": "clean", "pair": "pairs"}
 
 
-def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> Judged:
+def made_up(kind: str, truth: set[str], named: set[str], p: float, verdict: str = "effect", **more: Any) -> JudgedAnswer:
     ranking = ((frozenset(named), p),) if named else ()
     a = Answer("1", verdict, frozenset(named), p, ranking, (frozenset(named),), **more)
-    return Judged(STRATA.get(kind, kind), frozenset(truth), a)
+    return JudgedAnswer(STRATA.get(kind, kind), frozenset(truth), a)
 
 
 def test_figures_of_answers_made_by_hand() -> None:
@@ -371,17 +352,6 @@ def test_calibration_error_is_none_for_honest_and_half_for_bold_answers() -> Non
     assert calibration_error(honest) == pytest.approx(0.0) and calibration_error(bold) == pytest.approx(0.5)
 
 
-def test_bold_answers_ask_for_a_temperature_above_one_and_honest_ones_for_none() -> None:
-    def answered(p: float, right: bool) -> Judged:
-        ranking = ((frozenset({"contact"}), p), (frozenset({"base_tilt"}), 1 - p))
-        truth = frozenset({"contact" if right else "base_tilt"})
-        return Judged("clean", truth, Answer("1", "effect", frozenset({"contact"}), p, ranking))
-
-    bold = [answered(0.99, i < 14) for i in range(20)]
-    honest = [answered(0.7, i < 14) for i in range(20)]
-    assert best_temperature(bold) > 3 and best_temperature(honest) == pytest.approx(1.0, abs=0.1)
-
-
 def test_exact_intervals_agree_with_the_rule_of_three() -> None:
     none_of_300 = share(np.zeros(300))
     assert none_of_300.low == 0 and none_of_300.high == pytest.approx(1 - 0.025 ** (1 / 300))
@@ -394,8 +364,8 @@ def answered(*named: str, p: float = 0.95, **more: Any) -> Answer:
     return Answer("1", verdict, frozenset(named), p, credible=(frozenset(named),), **more)
 
 
-def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> Judged:
-    return Judged(stratum, frozenset(causes), answer, carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0})
+def case(answer: Answer, *causes: str, stratum: str = "cluttered", **carries: float) -> JudgedAnswer:
+    return JudgedAnswer(stratum, frozenset(causes), answer, carries, 0.9, {"effect": "base_tilt", "leaves_mm": 2.0})
 
 
 def test_right_by_mm_is_what_carries_half_of_the_largest_and_a_floor() -> None:
@@ -432,7 +402,7 @@ def test_the_stage_of_an_outside_cause_is_scored_where_it_is_called_unknown() ->
     assert truth["stage"] == "material"
     assert drawing.Truth("1", "clean", *draw_robot(recipe, 0, "clean", ("contact",))).as_dict()["stage"] is None
 
-    def told(verdict: str, *stages: str) -> Judged:
+    def told(verdict: str, *stages: str) -> JudgedAnswer:
         errors = [{"stage": s, "dependence": "time", "gain": 9.0} for s in stages]
         return judged(truth, answer_from("1", {"attribute": {"verdict": verdict, "stage_errors": errors}}))
 

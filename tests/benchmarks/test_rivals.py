@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.answers import Answer, read_foreign
-from benchmarks.blind.metrics import Judged
+from benchmarks.blind.metrics import JudgedAnswer
 from benchmarks.rivals.methods import alone, learned, predicted, sparse
 from benchmarks.rivals.table import draw, row, table
 from diagnosis.data.case import states
@@ -60,10 +60,10 @@ def test_a_process_learns_a_smooth_function_of_the_inputs_that_vary() -> None:
 
 
 def test_the_figures_count_what_they_say(tmp_path: Path) -> None:
-    def judged(stratum: str, named: str, probability: float) -> Judged:
+    def judged(stratum: str, named: str, probability: float) -> JudgedAnswer:
         verdict = "effect" if named else "none"
         answer = Answer("1", verdict, frozenset([named] if named else []), probability, share_closed=0.5)
-        return Judged(stratum, frozenset(["contact"]), answer, {"contact": 5.0}, 1.0)
+        return JudgedAnswer(stratum, frozenset(["contact"]), answer, {"contact": 5.0}, 1.0)
 
     cases = [judged("clean", "contact", 0.95), judged("cluttered", "", 0.6), judged("outside", "base_tilt", 0.99)]
     found = row("alone", cases, [1.0, 2.0, 9.0])

@@ -17,6 +17,7 @@ from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measure
 from tests.diagnosis.test_case import ROBOT
 
 EFFECTS = ("a", "b", "c")
+THRUST = {"chamber_thrust": CATALOGUE["chamber_thrust"]}
 
 
 NONE, TOLERANT = 0.0, 0.3
@@ -157,7 +158,7 @@ def test_what_carries_less_than_the_floor_is_no_cause_however_sure_it_is(catalog
 
 @few_and_all
 def test_thrust_that_the_side_walls_balance_is_named(catalogue: Catalogue) -> None:
-    d = answer(catalogue, chamber_thrust__share=1.0)
+    d = answer({**catalogue, **THRUST}, chamber_thrust__share=1.0)
     assert d.attribute.effects == ("chamber_thrust",)
     assert d.attribute.ranking[0].parameters["chamber_thrust.share"].value == pytest.approx(1.0, abs=0.05)
 
@@ -166,4 +167,4 @@ def test_thrust_that_the_side_walls_balance_is_named(catalogue: Catalogue) -> No
 def test_thrust_in_walls_that_it_hardly_stretches_is_named_alone(catalogue: Catalogue) -> None:
     """Without a shape for it, a marker out of place is named, of which the thrust is none."""
     thrust = {"chamber_thrust__share": 0.6, "chamber_thrust__borne": 0.9, "chamber_thrust__growth": -0.4}
-    assert diagnose(measured(3, 5, **thrust), quick(catalogue)).attribute.effects == ("chamber_thrust",)
+    assert diagnose(measured(3, 5, **thrust), quick({**catalogue, **THRUST})).attribute.effects == ("chamber_thrust",)

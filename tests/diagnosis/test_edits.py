@@ -13,7 +13,7 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits import listed
 from diagnosis.edits.edit import with_pressures
 from diagnosis.edits.misfit import Sample, _Problem
-from diagnosis.edits.search import edit_first
+from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
@@ -21,8 +21,9 @@ from model.effects.laws.actuation import orders
 from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
+from model.rotation import multiply
 from model.section import rods_of
-from recordings.trials import Table, TrialRow
+from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
@@ -77,13 +78,15 @@ def test_what_is_far_off_is_found_and_named(case: Measured, described: Robot, na
 def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     own, _ = states(case)
     sample = Sample.of(ROBOT, own)
-    edits = tuple(e for e in listed.every_edit(sample, sample.fitted((), [np.zeros(8)], 1)) if e.kind in ("length", "tilt"))
-    problem, every = _Problem(sample, edits), np.ones(11, bool)
-    theta = np.array([0.1, -0.2, 0.3, 0.05, -0.04, 0.02, -0.01, 0.03, 0.2, -0.1, 0.05])
-    steps = 1e-6 * np.eye(11)
-    tips = [(problem.missed(theta + h) - problem.missed(theta - h)).ravel() / 2e-6 / (0.01 * ROBOT.length) for h in steps]
-    assert problem.missed(theta).shape == (len(sample.table), 3)
-    assert problem.slope(theta, every)[: len(tips[0])] == pytest.approx(np.stack(tips, axis=1), rel=1e-4, abs=1e-3)
+    near = sample.fitted([((), np.zeros(8))], 1)[0]
+    edits = tuple(e for e in listed.every_edit(sample, near) if e.kind in ("length", "tilt"))
+    theta = np.array([0.1, -0.2, 0.1, 0.05, -0.04, 0.02, -0.01, 0.02, 0.2, -0.1, 0.05])
+    problem = _Problem.of(sample, edits, theta, alone=False)
+    problem.missed, beside = (sample.missed([(edits, x)])[0] for x in (theta[None], problem.beside))
+    problem.missed, steps = problem.missed[0], 1e-4 * np.eye(11)
+    above, below = (sample.missed([(edits, theta + sign * steps)])[0].reshape(11, -1) for sign in (1, -1))
+    assert problem.slope(beside) == pytest.approx((above - below).T / 2e-4 / (0.01 * ROBOT.length), rel=0.02, abs=0.5)
+    assert np.array_equal(problem.x, theta) and problem.missed.shape == (len(sample.table), 3)
 
 
 def by_groups(case: Measured, told: Robot) -> Measured:
@@ -205,7 +208,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     seen = tuple(replace(r, tip=tuple(t)) for r, t in zip(rows, tip.tolist(), strict=True))
     own = states(Measured(arm, Table.of(seen)))[0]
     assert edit_first(arm, own).robot is arm
-    monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda robot: iter(()))
+    monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda *_: iter(()))
     assert edit_first(arm, own).changes
 
 
@@ -243,12 +246,22 @@ def read(robot: Robot, acting: Any = None, turn: Rotation | None = None) -> Tabl
     ]
     pressures = np.array([p for *_, p in plan])
     at = conditions(robot, [p[4] for p in plan], pressures if acting is None else acting(pressures))
-    tip = solve(rods_of(robot, at), FINE).trusted().tip
-    tip = (tip if turn is None else turn.apply(tip)) + rng.normal(0, 0.3e-3, tip.shape)
-    return Table.of(
+    rod = solve(rods_of(robot, at), FINE, arc_lengths=robot.markers).trusted()
+    turn = Rotation.identity() if turn is None else turn
+    tip = turn.apply(rod.tip) + rng.normal(0, 0.3e-3, rod.tip.shape)
+    table = Table.of(
         TrialRow(trial, step, "bending", repeat, branch, 60.0 * trial + 9 * step, spine, p, hold=3.0, rate=25e3, tip=tuple(x))
         for (trial, step, repeat, branch, spine, p), x in zip(plan, tip.tolist(), strict=True)
     )
+    turns = (turn * Rotation.from_quat(rod.orientation, scalar_first=True)).as_quat(scalar_first=True)
+    markers = turn.apply(rod.shape.reshape(-1, 3)).reshape(len(tip), -1) + rng.normal(
+        0, 0.3e-3, (len(tip), 3 * len(robot.markers))
+    )
+    return table.replaced({**columns(ORIENTATION, turns), **columns(sum(marker_columns(len(robot.markers)), ()), markers)})
+
+
+def columns(names: tuple[str, ...], values: Any) -> dict[str, Any]:
+    return dict(zip(names, values.T, strict=True))
 
 
 def campaign(table: Table) -> Campaign:
@@ -279,6 +292,17 @@ def moved_at(table: Table, trial: int) -> Table:
     return table.replaced({axis: table[axis] + d * late for axis, d in zip("xyz", (3e-3, 2e-3, -1.7e-3), strict=True)})
 
 
+def placed(table: Table, change: Any) -> Table:
+    return table.replaced(columns(TIP, change(table.tip)))
+
+
+def attitudes(table: Table, change: Any) -> Table:
+    return table.replaced(columns(ORIENTATION, change(table.orientation)))
+
+
+QUARTER = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])
+
+
 def longer(robot: Robot) -> Robot:
     return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
 
@@ -296,7 +320,14 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
+    "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("positions must be 0.01 times as large", "cm")),
+    "pressures in psi": (lambda r: (r, with_pressures(read(r), read(r).pressures / 6894.757)), ("6895 times as large", "psi")),
+    "quaternions begin with x": (lambda r: (r, attitudes(read(r), lambda q: q[:, [1, 2, 3, 0]])), ("they hold x, y, z, w",)),
+    "attitudes in another frame": (lambda r: (r, attitudes(read(r), lambda q: multiply(q, QUARTER))),
+                                   ("from the right by (0.707, ",)),
     "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
+    "two exchanged and a base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), acted({}, (0, 1)), TILT)),
+                                        ("are exchanged", "tilted by")),
 }  # fmt: skip
 
 
@@ -312,7 +343,20 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     first = edit_first(described, campaign(table))
     text = "; ".join(map(str, first.changes))
     assert all(word in text for word in words) and "(p = " in text, text
-    assert first.after < 0.4 * first.before and len(first.changes) == 1 + (" and " in mistake)
+    assert len(first.changes) == 1 + (" and " in mistake)
+    assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+
+
+def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
+    """A tip that is too low may be either; a marker at mid-length is not as far off where the body is longer."""
+    marked = FINGER.model_copy(update={"markers": (0.06, 0.12)})
+    p = {}
+    for robot, described in ((FINGER, longer(FINGER)), (marked, longer(marked))):
+        judged = judge(described, campaign(read(robot)))
+        assert judged is not None
+        p[len(robot.markers)] = judged.probability("length")
+    assert p[2] > 0.99 and p[2] >= p[0]
+    assert judge(marked, campaign(read(marked))) is None
 
 
 @pytest.mark.parametrize(

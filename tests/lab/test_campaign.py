@@ -10,8 +10,7 @@ from commands import SOUND, Cli
 from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_ctrl_c
 
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
-from lab.campaign.design import campaign_of
-from lab.campaign.planned import planned_table
+from lab.campaign.design import campaign_of, planned_table
 from lab.files.inputs import read_case
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs

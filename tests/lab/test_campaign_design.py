@@ -12,9 +12,8 @@ import yaml
 from commands import Cli
 
 from lab.campaign.command import Stops
-from lab.campaign.design import CampaignDesign, campaign_of, changes, fewest_changes, ordered
+from lab.campaign.design import CampaignDesign, campaign_of, changes, fewest_changes, ordered, planned_table
 from lab.campaign.journal import CampaignJournal, CampaignProgress, read
-from lab.campaign.planned import planned_table
 from lab.files.campaign_file import Stop
 from lab.files.config import ConfigError
 from lab.rig.operator import RememberingOperator

@@ -71,9 +71,7 @@ def test_a_case_as_a_matlab_file(case: Path, tmp_path: Path, cli: Cli) -> None:
     assert trials._fieldnames == list(table.columns) and (trials.z == table["z"]).all()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"), [(["--case"], "is a case already"), (["--parquet"], "has no streams"), ([], "has no streams")]
-)
+@pytest.mark.parametrize(("options", "words"), [(["--case"], "is a case already"), ([], "has no streams")])
 def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], words: str, cli: Cli) -> None:
     assert words in cli("export", case, "--out", tmp_path, *options, code=2).err
     assert "give recordings" in cli("export", case / "robot.yaml", "--crate", "--out", tmp_path, code=2).err
@@ -147,7 +145,6 @@ PRECIOUS = "somebody's only copy"
     "words",
     [
         ("export", "RECORDING"),
-        ("export", "RECORDING", "--parquet"),
         ("export", "RECORDING", "--mat"),
         ("export", "RECORDING", "--case"),
         ("export", "RECORDING", "--crate"),

@@ -252,6 +252,21 @@ def test_each_column_has_its_own_decimal_mark_and_dates_of_other_centuries_are_w
     assert number("1e400") is None and number("1_000") is None
 
 
+def test_each_cell_of_a_table_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import pandas as pd  # slow to import
+
+    (tmp_path / "table.csv").write_text(text(FEW))
+    parsed, to_numeric = [], pd.to_numeric
+
+    def counted(cells: "pd.Series[str]", **how: str) -> object:
+        parsed.append(len(cells))
+        return to_numeric(cells, **how)
+
+    monkeypatch.setattr(pd, "to_numeric", counted)
+    series = read(tmp_path / "table.csv", Source())
+    assert len(series) == STATES and sum(parsed) == (1 + STATES) * len(series.names)
+
+
 def test_marks_between_thousands_are_told_from_decimal_marks_and_noted(tmp_path: Path) -> None:
     def pascal(mark: str) -> Change:
         return lambda k, c: [c[0], *(f"{round(float(v) * 1e3):,}".replace(",", mark) for v in c[1:4]), *c[4:]]

@@ -174,7 +174,7 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
         row[5] = cell(number(row[5]) + off)
     trunk.write(head, rows)
     proposed, _ = trunk.guessed()
-    assert "# CHECK: straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
+    assert "\n- 'straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
     trunk.map.write_text(proposed)
     trunk.imported()
     tips = [r.tip for r in trunk.case().rows if max(r.pressures) == 0 and r.step == 1]
@@ -385,7 +385,7 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trun
     head, rows = trunk.read()
     trunk.write(head, [row for row in rows if any(number(c) > 0 for c in row[1:4])])
     text, done = trunk.guessed()
-    assert "in no row with a tip is the robot at rest" in done.flat_err and "# CHECK: frame: in no row" in text
+    assert "in no row with a tip is the robot at rest" in done.flat_err and "\n- 'frame: in no row" in text
     proposed = yaml.safe_load(text)
     assert proposed["columns"]["p3"]["column"] == "Seil_3 [N]" and proposed["columns"]["x"]["column"] == "Spitze_x [mm]"
     assert "straight" not in proposed
@@ -449,7 +449,7 @@ def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(gravity:
 def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, trunk: Trunk) -> None:
     trunk.robot.write_text(ROBOT.replace("[0, 120, 240]", f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"))
     proposed, _ = trunk.guessed()
-    assert ("# CHECK: frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
+    assert ("\n- 'frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 

@@ -11,14 +11,13 @@ from commands import Cli
 from pydantic import Field
 
 from lab.files.config import ConfigError, FileTable, check, parse_yaml
-from lab.files.number_table import read_numbers
 from lab.files.robot_file import paper_robot
 from lab.files.units import UnitError, to_si
 from lab.imports.columns import judge
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.numbers import number, whole_number
-from recordings.table_file import read_csv
+from recordings.table_file import read_csv, read_numbers
 
 NO_NUMBERS = [
     "0.0_5", "1_000", "0x10", "0b1", "1e1_0", "\uff11\uff12", "\u0663", "1.\uff15", "1e\uff13", "1,5", "- 1", "--1", "e5", ".",
@@ -60,7 +59,7 @@ def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli)
         check(parse_yaml(robot, "robot.yaml"), Robot)
     table = tmp_path / "table.csv"
     table.write_text(f'p1,x\n0,"{text}"\n')
-    with pytest.raises(ConfigError, match="is not a number"):
+    with pytest.raises(BadTable, match="is not a number"):
         read_numbers(table, ("x",), r"p[0-9]+", "x")
     trials = tmp_path / "trials.csv"
     trials.write_text(f'trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z\n1,1,bending,1,load,0,0,"{text}",0,0,0.4\n')

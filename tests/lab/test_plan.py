@@ -12,9 +12,9 @@ from lab import console
 from lab.console import clock
 from lab.files.all_protocols import found_protocols, protocol_keys
 from lab.files.config import ConfigError, load
-from lab.files.rig_file import load_rig
+from lab.files.rig_file import load_rig, within_robot
 from lab.files.robot_file import paper_robot
-from lab.rig.limits import expected_force, within_robot
+from lab.rig.limits import expected_force
 from lab.verbs.run import job
 from model.robot import Robot
 from protocols.experiment import Push
@@ -294,10 +294,10 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
 def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
     path = rig({"max_pressure": 100e3})
     read = load_rig(path)
-    bounded = within_robot(read, read.body).instruments.pressure
+    bounded = within_robot(read, read.body.max_pressure).instruments.pressure
     assert bounded is not None and bounded.max_pressure == 100e3
     read = load_rig(rig({"max_pressure": 1e6}))
-    higher = within_robot(read, read.body).instruments.pressure
+    higher = within_robot(read, read.body.max_pressure).instruments.pressure
     assert higher is not None and higher.max_pressure == 250e3
 
 

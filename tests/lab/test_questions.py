@@ -6,8 +6,7 @@ import pytest
 from diagnosis.answer.sentences import far_off
 from diagnosis.diagnose import Options, diagnose
 from lab.files.inputs import Case
-from lab.questions.numbers import doubtful_numbers
-from lab.questions.places import doubtful_places
+from lab.files.robot_numbers import doubtful_numbers
 from lab.rig.watch import STUCK, Repeats
 from model.actuators import Chambers
 from model.effects import CATALOGUE
@@ -73,16 +72,6 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
     answer = diagnose(Case(robot, Table.of(rows)), few)
     (said,) = (c for c in answer.concerns if "times as stiff as that of robot.yaml" in c)
     assert "unit of the tensions" in said
-
-
-@pytest.mark.parametrize(("across", "asked"), [(0.0, True), (0.13, False)])
-def test_a_heavy_arm_that_sags_across_its_axis_may_move_along_it(across: float, asked: bool) -> None:
-    rows = [
-        TrialRow(1, i, "bending", 1, "load", 9.0 * i, 0.0, (1e3 * i, 0.0, 0.0, 0.0), tip=(across, 0.0, 0.2 - 0.01 * i))
-        for i in range(6)
-    ]
-    said = [text for text in doubtful_places(robot_from_dict(TENDONS), Table.of(rows)) if "along z" in text]
-    assert bool(said) == asked
 
 
 # ------------------------------------------------------------------ a frozen gauge and one at rest

@@ -36,7 +36,6 @@ def test_each_of_several_recordings_is_told_by_its_name(two: list[Path], cli: Cl
     assert cli("replay", *two, "--json", code=whole.returncode).json == [{"file": str(file), **whole.json} for file in two]
     said = cli("info", *two, code=cli("info", two[0], code=(0, 1, 3)).returncode).out
     assert all(file.name in said.replace("\n", "") for file in two)
-    assert "--play: give one recording" in cli("replay", *two, "--play", code=2).err
 
 
 def test_names_sort_as_the_runs_began(tmp_path: Path) -> None:

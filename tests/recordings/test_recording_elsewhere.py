@@ -6,7 +6,6 @@ SOFTLAB_NODE_MODULES=<folder>/node_modules.
 
 import hashlib
 import json
-import math
 import os
 import shutil
 import subprocess
@@ -20,7 +19,6 @@ from mcap.reader import make_reader
 from synthetic_run import OLD, Run
 
 from recordings.events import EVENTS
-from recordings.file.player import messages
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import STREAMS
@@ -60,18 +58,11 @@ def read_by_node(file: Path, modules: Path) -> Any:
 def sums(recording: Recording) -> dict[str, dict[str, float]]:
     """Of every number of every stream, added in the order of the file; NaN does not count."""
     out: dict[str, dict[str, float]] = {}
-    for message in messages(recording):
-        if message.topic in STREAMS:
-            of = out.setdefault(message.topic, {})
-            for name, value in message.fields.items():
-                for number in _numbers(value):
-                    if not math.isnan(number):
-                        of[name] = of.get(name, 0.0) + number
+    for topic in STREAMS.keys() & recording.streams:
+        samples = recording.stream(topic)
+        of = {name: [v for v in samples[name].ravel().astype(float).tolist() if v == v] for name in samples.dtype.names or ()}
+        out[topic] = {name: sum(numbers) for name, numbers in of.items() if numbers}
     return out
-
-
-def _numbers(value: Any) -> list[float]:
-    return [number for item in value for number in _numbers(item)] if isinstance(value, list) else [float(value)]
 
 
 def check_by_node(file: Path, modules: Path) -> None:

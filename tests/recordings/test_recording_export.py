@@ -1,19 +1,16 @@
-"""Export: every number of every stream, as CSV and as Parquet, and the case folder."""
+"""Export: every number of every stream, as CSV, and the case folder."""
 
 import csv
 import re
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pyarrow import parquet
 from scipy.io import loadmat
 from synthetic_run import Run, recorded
 
 from recordings.campaign.export import export_case, export_streams
-from recordings.errors import BadTable, MissingPackage
+from recordings.errors import BadTable
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.messages import sensor
@@ -37,38 +34,15 @@ def of_csv(file: Path) -> dict[str, np.ndarray]:
     return dict(zip(head, np.array(rows, float).T, strict=True))
 
 
-def of_parquet(file: Path) -> dict[str, np.ndarray]:
-    table = parquet.read_table(file)
-    return {name: table[name].to_numpy() for name in table.column_names}
-
-
-@pytest.mark.parametrize(("kind", "read"), [("csv", of_csv), ("parquet", of_parquet)])
-def test_every_number_of_every_stream_is_there_to_the_last_bit(
-    recording: Recording, tmp_path: Path, kind: str, read: Callable[[Path], dict[str, np.ndarray]]
-) -> None:
-    files = {f.stem: f for f in export_streams(recording, tmp_path / "new", kind)}
-    assert files.pop("columns").suffix == ".csv" and {f.suffix for f in files.values()} == {f".{kind}"}
+def test_every_number_of_every_stream_is_there_to_the_last_bit(recording: Recording, tmp_path: Path) -> None:
+    files = {f.stem: f for f in export_streams(recording, tmp_path / "new")}
+    assert files.pop("columns").suffix == ".csv" and {f.suffix for f in files.values()} == {".csv"}
     assert set(files) == {"pressure", "tip", "spine", "vacuum", "force", "arm"}  # the valve sent nothing
     for name, columns in COLUMNS.items():
-        found, samples = read(files[name]), recording.stream(f"/{name}")
+        found, samples = of_csv(files[name]), recording.stream(f"/{name}")
         assert list(found) == columns
         expected = np.column_stack([samples[n].reshape(len(samples), -1) for n in samples.dtype.names or ()])
         assert np.array_equal(np.column_stack(list(found.values())), expected)
-
-
-def test_parquet_keeps_types(recording: Recording, tmp_path: Path) -> None:
-    files = {f.stem: f for f in export_streams(recording, tmp_path, "parquet")}
-    tip = parquet.read_table(files["tip"])
-    assert str(tip.schema.field("valid").type) == "bool" and "int" in str(tip.schema.field("frame").type)
-    assert tip.column_names[-1] == "t_aligned"
-
-
-def test_parquet_without_pyarrow_says_what_to_install(
-    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingPackage, match="pyarrow.*CSV"):
-        export_streams(recording, tmp_path, "parquet")
 
 
 def test_matlab_holds_the_same_columns_by_stream(recording: Recording, tmp_path: Path) -> None:

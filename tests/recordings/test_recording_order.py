@@ -16,7 +16,6 @@ from recordings.campaign.info import info
 from recordings.campaign.replay import compare, replay_states, table_of
 from recordings.errors import OtherVersion
 from recordings.file import samples
-from recordings.file.player import messages
 from recordings.file.reader import Recording
 from recordings.file.recover import recover
 from recordings.file.verify import verify
@@ -75,7 +74,6 @@ def test_tables_replay_and_what_is_played_do_not_depend_on_the_order_in_the_file
     assert [line.text for line in a.log] == [line.text for line in b.log]
     assert replay_states(a) == replay_states(b)
     assert compare(a).equal and compare(b).equal and compare(b).live == 3
-    assert [m.to_json() for m in messages(a)] == [m.to_json() for m in messages(b)]
 
 
 # ------------------------------------------------------------------ counts

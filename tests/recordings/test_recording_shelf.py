@@ -47,12 +47,6 @@ def test_outcome_and_losses_of_every_file_are_listed_oldest_first(shelf: Path) -
     assert "not an MCAP file" in found["bad.mcap"].detail
 
 
-def test_runs_are_picked_by_date_protocol_and_spine(shelf: Path) -> None:
-    assert [r.path for r in runs(shelf, protocol="stiffness")] == ["b/two.mcap"]
-    assert [r.path for r in runs(shelf, spine=0.3)] == ["b/three.mcap", "b/two.mcap"]
-    assert [r.path for r in runs(shelf, since="2023-11-15", protocol="bending")] == ["b/three.mcap"]
-
-
 def test_the_index_follows_the_files(shelf: Path) -> None:
     runs(shelf)
     (shelf / "b" / "two.mcap").unlink()

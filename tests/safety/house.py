@@ -108,18 +108,13 @@ def during(condition: Callable[[], bool], act: Callable[[], object]) -> threadin
 
 def inflate(rig: Rig, house: House) -> None:
     """Something to land."""
-    rig.actuators.call("valve", "set", True)
+    rig.actuators.valve.set(True)
     for _ in range(20):
-        rig.actuators.call("pressure", "set", (60e3, 60e3, 60e3))
+        rig.actuators.pressure.set((60e3, 60e3, 60e3))
         timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
 
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
-    """Look until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
-    deadline = timing.now() + within
-    while not condition():
-        if timing.now() > deadline:
-            return False
-        timing.sleep(0.005)
-    return True
+    """Wait until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
+    return timing.wait(condition, within)

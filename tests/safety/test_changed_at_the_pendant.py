@@ -24,8 +24,8 @@ def rig(house: House) -> Iterator[Rig]:
 
 def move_the_arm(rig: Rig) -> None:
     pose = list(rig.streams["arm_state"].latest().tcp_pose)
-    rig.actuators.call("arm", "move_to", (*pose[:2], pose[2] + 0.005, *pose[3:]), 0.05, 0.3)
-    assert until(lambda: not rig.actuators.call("arm", "moving"))
+    rig.actuators.arm.move_to((*pose[:2], pose[2] + 0.005, *pose[3:]), 0.05, 0.3)
+    assert until(lambda: not rig.actuators.arm.moving())
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_the_arm_does_not_move_after_the_pendant_was_changed(
     ur = house.fakes.ur
     assert ur is not None
     move_the_arm(rig)
-    rig.actuators.call("pressure", "vent")
+    rig.actuators.pressure.vent()
     ur.backdoor("set", **change)
     ur.backdoor("forget")
     try:
@@ -56,12 +56,12 @@ def test_the_arm_does_not_move_after_the_pendant_was_changed(
 def test_the_spine_does_not_move_after_its_servo_was_changed(house: House, rig: Rig) -> None:
     servo = house.fakes.lines["spine"]
     assert isinstance(servo, DynamixelFake)
-    rig.actuators.call("spine", "home")
-    rig.actuators.call("pressure", "vent")
+    rig.actuators.spine.home()
+    rig.actuators.pressure.vent()
     servo.motor.put(SHUTDOWN, 0)
     try:
         with pytest.raises(WrongDevice, match=r"shutdown \(register 63\) is 0, needed 52"):
-            rig.actuators.call("spine", "home")
+            rig.actuators.spine.home()
         assert until(lambda: rig.vital.landed is not None)
     finally:
         servo.motor.put(SHUTDOWN, SHUTDOWN_AS_DELIVERED)

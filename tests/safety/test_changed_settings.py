@@ -37,7 +37,7 @@ def turn(house: House, letter: str, unit: str) -> None:
 
 
 def inflate(rig: Rig, house: House, pressure: float = HELD) -> None:
-    assert until(lambda: max(rig.actuators.call("pressure", "set", (pressure,) * 3)) > 0.99 * pressure)
+    assert until(lambda: max(rig.actuators.pressure.set((pressure,) * 3)) > 0.99 * pressure)
     assert until(lambda: house.highest() > 0.9 * pressure)
 
 
@@ -50,14 +50,14 @@ def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, ri
     assert rig.vital.landed.report is not None and rig.vital.landed.report.confirmed, str(rig.vital.landed.report)
     assert until(lambda: house.highest() < 5e3)
     with pytest.raises(InstrumentError, match=f"unit {letter} shows"):
-        rig.actuators.call("pressure", "set", (HELD,) * 3)
+        rig.actuators.pressure.set((HELD,) * 3)
 
 
 def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig) -> None:
     """The answer to that one shows the jump; how high the pressure is by then depends on how fast the fakes run."""
     with pytest.raises(InstrumentError):
         for step in range(1, 400):
-            rig.actuators.call("pressure", "set", (200.0 * step,) * 3)
+            rig.actuators.pressure.set((200.0 * step,) * 3)
             if step == 50:
                 turn(house, "B", "psi")
                 units(house).requests.clear()
@@ -71,11 +71,11 @@ def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: Hous
 
 def test_one_changed_between_trials_is_refused_before_the_first_pressure(house: House, rig: Rig) -> None:
     inflate(rig, house)
-    rig.actuators.call("pressure", "vent")
+    rig.actuators.pressure.vent()
     assert until(lambda: house.highest() < 1e3)
     turn(house, "A", "psi")
     with pytest.raises(WrongDevice, match="unit A shows PSI .*kPa is needed"):
-        rig.actuators.call("pressure", "set", (HELD,) * 3)
+        rig.actuators.pressure.set((HELD,) * 3)
     assert house.highest() < 1e3
     assert until(lambda: rig.vital.landed is not None)
 

@@ -7,25 +7,25 @@ from collections.abc import Iterator
 
 import pytest
 
-from benchmarks.faults.cells import Cell, cells
-from benchmarks.faults.trial import Bench
+from benchmarks.faults.cells import FaultCell, cells
+from benchmarks.faults.trial import FaultBench
 from sim_fakes.faults import FAULTS
 
 SHORT = (
-    Cell("pressure/alicat", "disconnect", "hold"),
-    Cell("pressure/alicat", "replay", "sweep"),
-    Cell("spine/dynamixel", "nak", "approach"),
-    Cell("valve/numato", "stuck", "shutdown"),
-    Cell("gauge/pfeiffer", "over_range", "sweep"),
-    Cell("mocap/natnet", "silence", "connect"),
-    Cell("force/ft300s", "nak", "connect"),
-    Cell("arm/ur5", "disconnect", "sweep"),
+    FaultCell("pressure/alicat", "disconnect", "hold"),
+    FaultCell("pressure/alicat", "replay", "sweep"),
+    FaultCell("spine/dynamixel", "nak", "approach"),
+    FaultCell("valve/numato", "stuck", "shutdown"),
+    FaultCell("gauge/pfeiffer", "over_range", "sweep"),
+    FaultCell("mocap/natnet", "silence", "connect"),
+    FaultCell("force/ft300s", "nak", "connect"),
+    FaultCell("arm/ur5", "disconnect", "sweep"),
 )
 
 
 @pytest.fixture(scope="module")
-def bench() -> Iterator[Bench]:
-    opened = Bench(second_rig=False, seed=5)
+def bench() -> Iterator[FaultBench]:
+    opened = FaultBench(second_rig=False, seed=5)
     yield opened
     opened.close()
 
@@ -36,6 +36,8 @@ def test_the_matrix_is_nine_instruments_by_fifteen_faults_by_five_phases() -> No
 
 @pytest.mark.long
 @pytest.mark.parametrize("cell", SHORT, ids=lambda c: f"{c.instrument}-{c.fault}-{c.phase}")
-def test_it_ends_safe_with_an_error_that_names_the_instrument_or_is_told_as_not_confirmed(bench: Bench, cell: Cell) -> None:
+def test_it_ends_safe_with_an_error_that_names_the_instrument_or_is_told_as_not_confirmed(
+    bench: FaultBench, cell: FaultCell
+) -> None:
     verdict = bench.verdict(cell)
     assert verdict.mark in (".", "e", "l"), verdict

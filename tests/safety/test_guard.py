@@ -2,6 +2,7 @@
 
 import errno
 import os
+import pickle
 import resource
 import signal
 import subprocess
@@ -18,10 +19,21 @@ import timing
 from drivers.errors import DeviceFault, InstrumentError
 from lab.cli import main
 from lab.console import Screen
+from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.child import start_child
+from lab.guard.commands import (
+    Command,
+    R,
+    RemoteLengthUnit,
+    RemoteRegulators,
+    SetPressures,
+    SwitchValve,
+    energises,
+    moves,
+)
 from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
@@ -108,7 +120,7 @@ def test_a_watch_of_the_guard_that_fails_lands_the_rig(
     monkeypatch.undo()
     assert until(lambda: "Too many open files" in journal(small))
     with pytest.raises(RigLanded, match="watch on the program|polling of"):
-        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+        rig.actuators.pressure.set((20e3, 20e3, 20e3))
 
 
 @pytest.mark.real
@@ -124,7 +136,7 @@ def test_a_guard_whose_program_ends_while_it_starts_ends_without_a_traceback(sma
     os.close(their_pulse)
     if after:
         rig = load_rig(small.rig)
-        commands.send(Start(rig.model_dump_json(), str(rig.path), timing.now(), False, "a test"))
+        commands.send(Start(str(rig.path), rig.sha256, None, timing.now(), False, "a test"))
     for end in (commands, reports):
         end.close()
     os.close(pulse)
@@ -194,7 +206,7 @@ def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
     inflate(rig, small)
     os.kill(rig.actuators.pid, signal.SIGKILL)
     with pytest.raises(ActuatorsLost):
-        rig.actuators.call("pressure", "read")
+        rig.actuators.pressure.read()
     assert small.latch.exists()
     with pytest.raises(RigLocked, match="interrupted.*lab safe --clear"), Rig(load_rig(small.rig)):
         pass
@@ -237,7 +249,7 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
     """The program's death is seen by two threads of the guard; the slower one must not lock a rig that was landed."""
     for name in ("gauge", "valve", "pressure", "spine"):
         guard.open(name)
-    guard.do("valve", "set", (True,))
+    guard.do(SwitchValve("valve", True))
     assert small.latch.exists()
     guard.close()
     report = guard.make_safe("the program ended", keep_vacuum=False)
@@ -251,8 +263,59 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
     guard.land("force: too much", why)
     for _ in range(2):
         with pytest.raises(DeviceFault, match="too much") as caught:
-            guard.do("pressure", "set", ((20e3, 20e3, 20e3),))
+            guard.do(SetPressures("pressure", (20e3,) * 3))
         assert caught.value is why and why.__cause__ is None
+
+
+class Mute:
+    """A driver without the optional methods, which notes what it is asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[object] = []
+
+    def set(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
+        self.asked.append(pressures)
+        return pressures
+
+    def home(self) -> None:
+        self.asked.append("home")
+
+
+def test_a_command_is_the_same_call_in_another_process() -> None:
+    class Line:
+        def ask(self, command: Command[R]) -> R:
+            crossed: Command[R] = pickle.loads(pickle.dumps(command))
+            assert crossed == command
+            sent.append(crossed)
+            return crossed.perform(driver)
+
+    driver, sent = Mute(), list[Command[object]]()
+    regulators, unit = RemoteRegulators(Line(), "pressure", 3), RemoteLengthUnit(Line(), "spine")
+    assert regulators.set([1e3, 2e3, 0.0]) == (1e3, 2e3, 0.0) and regulators.take_notices() == []
+    assert regulators.confirm_settings() is None
+    unit.home()
+    assert driver.asked == [(1e3, 2e3, 0.0), "home"]
+    assert [energises(c) for c in sent] == [True, False, False, True] and [moves(c) for c in sent] == [False] * 3 + [True]
+    assert [str(c) for c in sent[:2]] == ["pressure.SetPressures", "pressure.take_notices"]
+    with pytest.raises(AttributeError):
+        regulators.vent()  # which every driver has
+
+
+def test_a_rig_yaml_that_was_changed_after_it_was_read_is_refused(small: House) -> None:
+    rig = load_rig(small.rig)
+    small.change(limits={"max_force": 20.0})
+    with pytest.raises(ConfigError, match="rig.yaml: was changed after the command had read it; enter the command again"):
+        Rig(rig)
+    assert owners(names_of_path(small.rig)) == [] and not small.latch.exists()
+    with small.opened():
+        pass
+
+
+def test_what_other_guards_have_left_of_a_rig_is_landed_without_its_latch(small: House) -> None:
+    left = load_rig(small.rig).read_from(None)  # its path is theirs
+    report = new_guard.make_safe_with_new_guard(left, RigClock(20.0), ["valve", "pressure"], "a test", unlock=True)
+    assert report.confirmed and {step.instrument for step in report.steps} == {"valve", "pressure"}
+    assert not small.latch.exists()
 
 
 @pytest.mark.real
@@ -308,9 +371,9 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
         inflate(rig, small)
         assert small.vented()
         with pytest.raises(RigLanded, match="has made no progress"):
-            rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+            rig.actuators.pressure.set((0.0, 0.0, 0.0))
         rig.actuators.resume()
-        rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+        rig.actuators.pressure.set((0.0, 0.0, 0.0))
 
 
 def test_waiting_for_a_person_is_no_hang(small: House) -> None:
@@ -320,13 +383,13 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         inflate(rig, small)
         with rig.actuators.pulse.waiting_for_person():
             timing.sleep(3.0)
-        rig.actuators.call("pressure", "set", (50e3, 50e3, 50e3))
+        rig.actuators.pressure.set((50e3, 50e3, 50e3))
 
 
 def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House, rig: Rig, tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
         rig.record_to(recorder)
-        got = rig.actuators.call("pressure", "set", (300e3, 0.0, 0.0))
+        got = rig.actuators.pressure.set((300e3, 0.0, 0.0))
         assert got[0] < 299e3
         assert until(lambda: recorder.counts()["/log"].generated > 1)  # the first line is the recorder's own
         rig.record_to(None)
@@ -349,7 +412,7 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
     with small.opened() as rig:
         inflate(rig, small)
         for _ in range(20):
-            got = rig.actuators.call("pressure", "set", (200e3, 60e3, 60e3))
+            got = rig.actuators.pressure.set((200e3, 60e3, 60e3))
             timing.sleep(0.02)
         assert got[0] == pytest.approx(80e3, abs=100)
         small.fakes.set_faults("pressure", {"reading": 120e3})  # above 80 + 30 kPa, far below the regulators' 300
@@ -368,8 +431,8 @@ def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
         os.kill(host, signal.SIGSEGV)
         for _ in range(2):  # who asks later hears the cause as well, not that the arm is closed
             with pytest.raises(InstrumentError, match="SIGSEGV"):
-                rig.actuators.call("arm", "moving")
-        rig.actuators.call("valve", "set", True)
+                rig.actuators.arm.moving()
+        rig.actuators.valve.set(True)
         report = rig.make_safe()  # the arm is looked at from outside
         assert report.confirmed and {s.instrument for s in report.steps} == {"arm", "pressure", "spine", "valve"}
 
@@ -379,7 +442,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
     ur = house.fakes.ur
     assert ur is not None
     with house.opened() as rig:
-        rig.actuators.call("valve", "set", True)
+        rig.actuators.valve.set(True)
         ur.backdoor("protective_stop")
         state = rig.streams["arm_state"]
         assert until(lambda: bool(state.latest().safety_bits & PROTECTIVE_STOP) and not state.latest().program_running)

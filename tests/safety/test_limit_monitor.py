@@ -263,7 +263,7 @@ def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: Ho
             elif turn == 20:
                 house.fakes.lines["pressure"].faults.extra["stuck"] = "A"
             with contextlib.suppress(Exception):  # a regulator may be late on a busy computer
-                others.append(actuators.call("pressure", "set", (mine, theirs, theirs))[1])
+                others.append(actuators.pressure.set((mine, theirs, theirs))[1])
             if any(isinstance(h, Event) and h.kind in ("pause", "landed") for h in heard) or timing.now() > give_up:
                 break
             timing.sleep(0.02)

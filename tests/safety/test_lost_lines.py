@@ -75,11 +75,11 @@ def experiment(rig: Rig, ramps: bool) -> None:
         while timing.now() < give_up:
             if ramps:
                 pressure = min(pressure + 100.0, 100e3)
-                rig.actuators.call("pressure", "set", (pressure,) * 3)
+                rig.actuators.pressure.set((pressure,) * 3)
             else:
-                rig.actuators.call("pressure", "read")
+                rig.actuators.pressure.read()
             if "arm" in rig.identities:
-                rig.actuators.call("arm", "moving")
+                rig.actuators.arm.moving()
             rig.watch.look()
     rig.make_safe()
 
@@ -133,7 +133,7 @@ def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, n
         assert landed is not None and isinstance(landed.error, Unreachable) and landed.error.instrument == name
         assert until(lambda: not small.latch.exists())
         with pytest.raises(Unreachable, match=f"{name}: lost "):
-            rig.actuators.call("pressure", "set", (10e3, 10e3, 10e3))
+            rig.actuators.pressure.set((10e3, 10e3, 10e3))
 
 
 def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_reported(small: House) -> None:
@@ -149,7 +149,7 @@ def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_report
         assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
         assert small.latch.exists()
         with pytest.raises(InstrumentError):
-            rig.actuators.call("pressure", "set", (10e3, 10e3, 10e3))
+            rig.actuators.pressure.set((10e3, 10e3, 10e3))
         small.fakes.switch.end()
         assert small.vented()
         assert until(lambda: any(e.kind == "confirmed" for e in events))

@@ -20,6 +20,7 @@ import timing
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
+from lab.guard.commands import SetPressures
 from lab.guard.door import Door, LandingAnswer, Owner, demand_free, land, names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.instruments import exclusive, owned_names
@@ -302,8 +303,8 @@ def test_the_owner_of_the_folder_is_believed_about_its_own_rig_alone(tmp_path: P
 def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pytest.CaptureFixture[str]) -> None:
     house.change(without=("arm", "force", "mocap"))
     with house.opened() as rig:
-        rig.actuators.call("valve", "set", True)
-        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+        rig.actuators.valve.set(True)
+        rig.actuators.pressure.set((20e3, 20e3, 20e3))
         assert main(["safe", "--json", "--rig", str(house.rig)]) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["confirmed"] and {s["instrument"] for s in told["steps"]} == {"pressure", "spine", "valve"}
@@ -311,7 +312,7 @@ def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pyt
         assert until(lambda: rig.vital.landed is not None, 30.0)
         assert rig.vital.landed is not None and "requested by lab safe" in rig.vital.landed.text
         with pytest.raises(RigLanded, match="requested by lab safe"):
-            rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+            rig.actuators.pressure.set((20e3, 20e3, 20e3))
         with pytest.raises(RigLanded, match="requested by lab safe"):
             rig.actuators.resume()
     assert not house.latch.exists()
@@ -340,7 +341,7 @@ def test_a_second_program_is_refused_at_once_and_told_of_the_first(
             for path in (house.rig, other):
                 assert main([*words, "--rig", str(path)]) == 1
                 assert f"process {os.getpid()}" in " ".join(capsys.readouterr().err.split())
-        rig.actuators.call("pressure", "set", (0.0, 0.0, 0.0))
+        rig.actuators.pressure.set((0.0, 0.0, 0.0))
 
 
 # ------------------------------------------------------------------ on a bad day
@@ -403,8 +404,8 @@ def own_folder(house: House, tmp_path: Path) -> Iterator[House]:
 @pytest.mark.parametrize("day", BAD_DAYS)
 def test_a_live_run_is_landed(own_folder: House, day: str) -> None:
     with own_folder.opened() as rig:
-        rig.actuators.call("valve", "set", True)
-        rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+        rig.actuators.valve.set(True)
+        rig.actuators.pressure.set((20e3, 20e3, 20e3))
         assert until(lambda: own_folder.highest() > 10e3)
         place = spoilt(day, own_folder.rig)
         code = main(["safe", "--rig", str(place)])
@@ -419,8 +420,8 @@ from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
 rig = Rig(load_rig(Path(sys.argv[1])))
 assert rig.open_all(lambda name, outcome: None) == []
-rig.actuators.call("valve", "set", True)
-rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+rig.actuators.valve.set(True)
+rig.actuators.pressure.set((20e3, 20e3, 20e3))
 os.kill(rig.actuators.pid, signal.SIGKILL)
 os.kill(os.getpid(), signal.SIGKILL)
 """
@@ -454,7 +455,7 @@ def test_all_rigs_are_landed_that_are_in_use_or_were_left_unsafe(
     guard = Guard(rig, RigClock(rig.clock.speed))
     guard.take_over()
     guard.open("pressure")
-    assert until(lambda: max(guard.do("pressure", "set", ((20e3, 20e3, 20e3),))) > 19e3)  # at max_rate
+    assert until(lambda: max(guard.do(SetPressures("pressure", (20e3,) * 3))) > 19e3)  # at max_rate
     assert until(lambda: own_folder.highest() > 10e3)
     assert main(["safe", "--all"]) == 0
     assert own_folder.highest() < 5e3 and str(own_folder.rig) in capsys.readouterr().out.replace("\n", "")
@@ -490,8 +491,8 @@ def test_another_user_may_land_a_rig_whose_folder_is_closed_to_them(own_folder: 
         else:
             rig = alive.enter_context(Rig(load_rig(own_folder.rig)))
             assert rig.open_all(lambda name, outcome: None) == []
-            rig.actuators.call("valve", "set", True)
-            rig.actuators.call("pressure", "set", (20e3, 20e3, 20e3))
+            rig.actuators.valve.set(True)
+            rig.actuators.pressure.set((20e3, 20e3, 20e3))
         assert until(lambda: own_folder.highest() > 10e3)
         own_folder.rig.parent.chmod(0o700)
         for table in yaml.safe_load(own_folder.rig.read_text())["instruments"].values():

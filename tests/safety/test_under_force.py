@@ -45,8 +45,8 @@ def set_off(house: House, rig: Rig) -> tuple[float, ...]:
     pose = list(rig.streams["arm_state"].latest().tcp_pose)
     goal = (pose[0], pose[1] + (FAR if pose[1] < 0 else -FAR), *pose[2:])
     start = here(house)
-    rig.actuators.call("arm", "move_to", goal, SLOW, 0.3)
-    assert until(lambda: rig.actuators.call("arm", "moving") and np.linalg.norm(here(house) - start) > 0.01, 20.0)
+    rig.actuators.arm.move_to(goal, SLOW, 0.3)
+    assert until(lambda: rig.actuators.arm.moving() and np.linalg.norm(here(house) - start) > 0.01, 20.0)
     return goal
 
 
@@ -63,7 +63,7 @@ def test_without_samples_the_arm_stops_though_the_program_does_nothing_and_goes_
         assert np.linalg.norm(stopped - last) < FAR / 2
         assert rig.vital.landed is None
         del sensor(house).faults.extra["drip"]
-        assert until(lambda: not rig.actuators.call("arm", "moving"), 60.0)
+        assert until(lambda: not rig.actuators.arm.moving(), 60.0)
         assert until(lambda: recorder.counts()["/log"].generated > 1, 5.0)  # the first line is the recorder's own
         rig.record_to(None)
     assert until(lambda: np.linalg.norm(here(house) - np.array(goal[:3])) < 1e-3, 5.0), (here(house), goal)
@@ -76,9 +76,9 @@ def test_a_motion_asked_for_without_samples_does_not_begin(house: House, rig: Ri
     assert until(lambda: timing.now() - sensor(house)._sent_at > 0.2, 5.0)
     start = here(house)
     pose = list(rig.streams["arm_state"].latest().tcp_pose)
-    rig.actuators.call("arm", "move_to", (pose[0], pose[1] * 0.8, *pose[2:]), 0.05, 0.3)
+    rig.actuators.arm.move_to((pose[0], pose[1] * 0.8, *pose[2:]), 0.05, 0.3)
     with pytest.raises(StaleReading, match="max_age_in_motion"):
-        until(lambda: not rig.actuators.call("arm", "moving"), 30.0)
+        until(lambda: not rig.actuators.arm.moving(), 30.0)
     assert np.linalg.norm(here(house) - start) < 1e-4
 
 
@@ -89,7 +89,7 @@ def test_a_drip_never_sets_the_arm_going_again_and_ends_the_motion(house: House,
     assert until(lambda: sensor(house).sent > sent + 1 and speed(house) < STILL, 10.0)
     stopped, sent = here(house), sensor(house).sent
     with pytest.raises(StaleReading, match="max_age_in_motion"):
-        until(lambda: not rig.actuators.call("arm", "moving"), 60.0)
+        until(lambda: not rig.actuators.arm.moving(), 60.0)
     assert sensor(house).sent > sent + 2, "samples came meanwhile"
     assert np.linalg.norm(here(house) - stopped) < 1e-4
 
@@ -134,4 +134,4 @@ def test_too_much_force_stops_the_arm_before_the_sensor_has_its_zero_and_after(
         device.bias = bias
     assert speed(house) < STILL
     with pytest.raises(DeviceFault, match="limits.max_force"):
-        rig.actuators.call("arm", "move_to", tuple(rig.streams["arm_state"].latest().tcp_pose), SLOW, 0.3)
+        rig.actuators.arm.move_to(tuple(rig.streams["arm_state"].latest().tcp_pose), SLOW, 0.3)

@@ -8,6 +8,8 @@ A thread that lives in no such clock may set what is waited for, and must not wa
 """
 
 import math
+import operator
+import os
 import queue
 import select
 import threading
@@ -33,6 +35,11 @@ STUCK_AFTER = 20.0
 """Real s for which all threads may wait without a deadline: something outside may end that."""
 
 
+CORES = sorted(os.sched_getaffinity(0))
+CORE = CORES[int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % len(CORES)]
+"""Of all threads that live in such a clock: since one of them runs at a time, more cores only make handing over slower."""
+
+
 class Deadlock(RuntimeError):
     """All threads wait, and none has a deadline."""
 
@@ -44,6 +51,11 @@ class Stopped(BaseException):
 def _never() -> bool:
     """The condition of a sleeper."""
     return False
+
+
+def _always() -> bool:
+    """The condition of who waits for file descriptors alone."""
+    return True
 
 
 class _Waiter:
@@ -65,6 +77,9 @@ class _Waiter:
             return bool(self.condition())
         except Exception:  # noqa: BLE001
             return True
+
+
+_deadline = operator.attrgetter("until")
 
 
 def _arm(*args: Any, **how: Any) -> Any:
@@ -91,6 +106,7 @@ class SimulatedClock:
 
     # -- who lives in it
     def __enter__(self) -> Self:
+        os.sched_setaffinity(0, {CORE})
         self._before.append(live_in(self))
         if not hasattr(self._mine, "waiter"):
             self._mine.waiter = _Waiter(threading.current_thread().name)
@@ -98,6 +114,8 @@ class SimulatedClock:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         live_in(self._before.pop())
+        if not self._before:
+            os.sched_setaffinity(0, CORES)
 
     def close(self) -> None:
         """End all threads that still live in it, for good."""
@@ -124,7 +142,7 @@ class SimulatedClock:
                 if not self._closed:
                     self._pass_on()
 
-        waiter.condition = lambda: True
+        waiter.condition = _always
         self._waiting.append(waiter)
         self._threads = [t for t in self._threads if t.is_alive()] + [thread]
         thread.run = live  # type: ignore[method-assign]
@@ -142,12 +160,17 @@ class SimulatedClock:
         # who sleeps no time at all would keep it from going on
         self.wait(_never, self._now + max(1e-6, duration))
 
-    def wait(self, condition: Callable[[], bool], until: float = math.inf, numbers: tuple[int, ...] = ()) -> bool:
+    def wait(self, condition: Callable[[], bool], until: float = math.inf) -> bool:
         """See Host. Raises Deadlock when nothing can happen any more."""
         if self._closed:
             raise Stopped
         if condition():
             return True
+        self._suspend(condition, until)
+        return condition()
+
+    def _suspend(self, condition: Callable[[], bool], until: float, numbers: tuple[int, ...] = ()) -> None:
+        """Let others run until it is this thread's turn again."""
         me: _Waiter | None = getattr(self._mine, "waiter", None)
         if me is None:
             raise RuntimeError(f"{threading.current_thread().name} does not live in this clock, so it must not wait on it")
@@ -161,7 +184,6 @@ class SimulatedClock:
         if me.failure is not None:
             failure, me.failure = me.failure, None
             raise failure
-        return condition()
 
     def _pass_on(self, me: _Waiter | None = None) -> None:
         """Let the next thread run; returns when it is this one's turn again (None: it ends)."""
@@ -174,7 +196,7 @@ class SimulatedClock:
         try:
             me.turn.acquire()
         except BaseException:  # a signal's handler has raised: it goes on from here, in its turn
-            me.condition, me.numbers = lambda: True, ()
+            me.condition, me.numbers = _always, ()
             me.turn.acquire()
             raise
         if self._closed:
@@ -198,7 +220,7 @@ class SimulatedClock:
                 if waiter.holds():
                     self._waiting.remove(waiter)
                     return waiter
-            first = min(self._waiting, key=lambda w: w.until, default=None)
+            first = min(self._waiting, key=_deadline, default=None)
             if first is not None and first.until < math.inf:
                 self._now = max(self._now, first.until)
                 self._waiting.remove(first)
@@ -213,15 +235,13 @@ class SimulatedClock:
                 return told
 
     def readable(self, lines: Sequence[Any], longest: float) -> list[Any]:
-        found: list[Any] = []
-
-        def ready() -> bool:
-            found[:] = readable_now(lines)
-            return bool(found)
-
+        if self._closed:
+            raise Stopped
+        if found := readable_now(lines):
+            return found
         numbers = tuple(line if isinstance(line, int) else line.fileno() for line in lines)
-        self.wait(ready, self._now + max(0.0, longest), numbers)
-        return found
+        self._suspend(_always if numbers else _never, self._now + max(0.0, longest), numbers)
+        return readable_now(lines)
 
     # -- what waits on it
     def event(self) -> threading.Event:

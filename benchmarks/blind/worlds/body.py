@@ -25,7 +25,7 @@ ORDER = (
 )  # fmt: skip
 """Effects that change the body, in the order in which they act; causes outside the catalogue follow."""
 
-Change = Callable[["Body", Array], None]
+Change = Callable[["WorldBody", Array], None]
 """An effect of given sizes (n,), in plausible scales times the form's own scale, changes a body."""
 
 
@@ -51,7 +51,7 @@ class Fibre:
 
 
 @dataclass
-class Body:
+class WorldBody:
     """n lanes of N segments; effects write into it. Diagonals of stiffness are (v1, v2, v3, u1, u2, u3)."""
 
     lanes: Lanes
@@ -155,7 +155,7 @@ def table_modulus(length: Array) -> Array:
     return np.asarray(np.interp(length, SPINE_LENGTHS, SPINE_MODULI))
 
 
-def build(lanes: Lanes, changes: Mapping[str, Change], segments: int = SEGMENTS) -> Body:
+def build(lanes: Lanes, changes: Mapping[str, Change], segments: int = SEGMENTS) -> WorldBody:
     """The body of each lane with its effects. `changes` by effect; sizes are the lanes' own."""
 
     def act(effect: str) -> None:
@@ -164,7 +164,7 @@ def build(lanes: Lanes, changes: Mapping[str, Change], segments: int = SEGMENTS)
             changes[effect](body, size)
 
     read = lanes.spine + np.where(lanes.spine > 0, lanes.grown, 0.0)
-    body = Body(lanes, segments, read.copy(), read.copy())
+    body = WorldBody(lanes, segments, read.copy(), read.copy())
     act("spine_length_offset")
     body.mesh()
     share = body.vacuum_share()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import WorldBody
 from .forms import Physics, physics
 from .frames import rotation_vector, transposed, turn
 from .outside import Cause
@@ -23,7 +23,7 @@ from .walk import Leg, walk
 Array = NDArray[np.float64]
 
 
-def _softer(b: Body, x: Array) -> None:
+def _softer(b: WorldBody, x: Array) -> None:
     b.stiff_silicone *= (1 - x)[:, None, None]
 
 
@@ -39,7 +39,7 @@ MEMORY = 60.0
 
 
 @dataclass(frozen=True)
-class Robot:
+class WorldRobot:
     """One robot of a world. Sizes in plausible scales, tolerances of the effects included."""
 
     world: World
@@ -66,7 +66,7 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Jamming:
     """One jamming of a sweep."""
 
     spine: float
@@ -77,10 +77,10 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class WalkedSweep:
     """What is done in each of its trials; SI units."""
 
-    trials: tuple[Trial, ...]
+    trials: tuple[Jamming, ...]
     legs: tuple[Leg, ...]
     tip_mass: float
     roll: float
@@ -104,13 +104,15 @@ class Response:
     by: Mapping[str, tuple[Array, Array, Array]]
     """Change of tip, rotation vector (body) and markers: for a step of `STEPS`, or what an effect does as it is."""
 
-    def of(self, sweep: Sweep) -> NDArray[np.intp]:
+    def of(self, sweep: WalkedSweep) -> NDArray[np.intp]:
         """The distinct state of each trial."""
         return np.array([self.keys.index((t.spine, t.vacuum)) for t in sweep.trials])
 
 
-def respond(robot: Robot, sweep: Sweep, without: Sequence[str] = (), extra: Mapping[str, float] | None = None) -> Response:
-    """Solve the sweep with all its changes. Raises `NoEquilibrium`.
+def respond(
+    robot: WorldRobot, sweep: WalkedSweep, without: Sequence[str] = (), extra: Mapping[str, float] | None = None
+) -> Response:
+    """Solve the sweep with all its changes. Raises `NoRodStands`.
 
     `without`: present effects whose share is wanted (what the tip loses without them); `extra`: sizes (plausible scales) of
     effects that are added on top, one at a time.
@@ -153,7 +155,7 @@ def respond(robot: Robot, sweep: Sweep, without: Sequence[str] = (), extra: Mapp
     return Response(keys, tip, turns, markers, by)
 
 
-def courses(robot: Robot, sweep: Sweep) -> dict[str, Array]:
+def courses(robot: WorldRobot, sweep: WalkedSweep) -> dict[str, Array]:
     """Size of each outside cause with a course, in each trial, relative to its largest."""
     return {e: np.asarray(course(sweep.passed)) for e in robot.outside if (course := robot.causes[e].course) is not None}
 
@@ -171,7 +173,7 @@ def tails(rng: np.random.Generator, heavy: bool, shape: int | tuple[int, ...]) -
 
 
 @dataclass(frozen=True)
-class Readings:
+class SweptReadings:
     """What a table holds, by trial and reading: pressures (T, R, 9) Pa, tip (T, R, 3) m, rotations, markers, vacuum (T, R)."""
 
     pressures: Array
@@ -182,7 +184,7 @@ class Readings:
     t: Array
 
 
-def read(robot: Robot, sweep: Sweep, response: Response, rng: np.random.Generator) -> Readings:
+def read(robot: WorldRobot, sweep: WalkedSweep, response: Response, rng: np.random.Generator) -> SweptReadings:
     """Every trial with its own spine, mounting and time, seen through camera and sensors."""
     world, count = robot.world, len(sweep.trials)
     where = response.of(sweep)
@@ -208,8 +210,8 @@ def read(robot: Robot, sweep: Sweep, response: Response, rng: np.random.Generato
 
 
 def _seen(
-    robot: Robot, sweep: Sweep, tip: Array, turns: Array, markers: Array, rng: np.random.Generator
-) -> Readings:  # fmt: skip
+    robot: WorldRobot, sweep: WalkedSweep, tip: Array, turns: Array, markers: Array, rng: np.random.Generator
+) -> SweptReadings:  # fmt: skip
     world, (count, reads) = robot.world, tip.shape[:2]
     legs = [leg for leg in sweep.legs if leg.read]
     t = np.array([trial.start for trial in sweep.trials])[:, None] + _clock(sweep.legs)[None, :]
@@ -226,7 +228,7 @@ def _seen(
     for k, channel in enumerate(CHANNELS):
         pressures[..., [c - 1 for c in channel]] += wander[..., k, None]
     vacuum = np.array([trial.vacuum for trial in sweep.trials])[:, None] + 100.0 * rng.normal(size=(count, reads))
-    return Readings(pressures, tip, turns, markers, vacuum, t)
+    return SweptReadings(pressures, tip, turns, markers, vacuum, t)
 
 
 def _clock(legs: Sequence[Leg]) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .campaign import Response, Robot, Sweep, courses
+from .campaign import Response, WalkedSweep, WorldRobot, courses
 from .forms import EFFECTS
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Carried:
     calibrated: Mapping[str, float]
 
 
-def carried(robot: Robot, sweep: Sweep, response: Response) -> Carried:
+def carried(robot: WorldRobot, sweep: WalkedSweep, response: Response) -> Carried:
     """Of everything that is present and whose share `response` holds."""
     area = rows(robot, sweep, response, "area")
     moves, left = {}, {}
@@ -40,7 +40,7 @@ def carried(robot: Robot, sweep: Sweep, response: Response) -> Carried:
     return Carried(_sorted(moves), _sorted(left))
 
 
-def nearest(robot: Robot, sweep: Sweep, response: Response, cause: str, effects: Sequence[str]) -> tuple[str, float]:
+def nearest(robot: WorldRobot, sweep: WalkedSweep, response: Response, cause: str, effects: Sequence[str]) -> tuple[str, float]:
     """The effect that comes closest to an outside cause after least squares over its size and the area, and the mm it leaves.
 
     ("none", mm) where no effect takes a tenth of it away.
@@ -58,7 +58,7 @@ def nearest(robot: Robot, sweep: Sweep, response: Response, cause: str, effects:
     return best, least if best != "none" else rms(_rest(d, [area])[0])
 
 
-def rows(robot: Robot, sweep: Sweep, response: Response, name: str) -> Array:
+def rows(robot: WorldRobot, sweep: WalkedSweep, response: Response, name: str) -> Array:
     """(T, R, 3) m that one change makes in all trials."""
     found = np.swapaxes(response.by[name][0][:, response.of(sweep)], 0, 1)
     course = courses(robot, sweep).get(name)

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .actuation import _grows
-from .body import Body, Slip
+from .body import Slip, WorldBody
 from .equilibrium import Shape
 from .frames import apply, turn
-from .gas import Chambers
+from .gas import GasChambers
 from .loads import PER_LENGTH, _direction, _hat, _obstacle, _tilted
 from .robot import SPINE_AREA, SPINE_SECOND
-from .seen import Path, Seeing, _aside, _at
+from .seen import Seeing, SeenPath, _aside, _at
 from .silicone import _curved, _fibres
 from .spine import _grown, _toward, _weaken, composite
 
@@ -28,13 +28,13 @@ Array = NDArray[np.float64]
 
 
 # ------------------------------------------------------------------ the spine
-def slip_towards_the_end(b: Body, x: Array) -> None:
+def slip_towards_the_end(b: WorldBody, x: Array) -> None:
     """Dahl's element, yield 0.6 /m, that holds more towards the spine's end and under pressure."""
     reach = b.s / np.maximum(b.true_length, 1e-3)[:, None]
     b.slips.append(Slip(x[:, None] * (0.4 + 1.2 * reach) * b.cover, 0.6, "dahl", by_pressure=0.5))
 
 
-def composite_geometric(b: Body, x: Array) -> None:
+def composite_geometric(b: WorldBody, x: Array) -> None:
     """Mix^(1 - x) composite^x, the spine a ring of dense granules about a loose core: 0.7 of its area, 0.91 of its moment."""
     silicone, spine = composite(b, 0.7 * SPINE_AREA, 0.91 * SPINE_SECOND)
     mixed, made = b.stiff_silicone + b.stiff_spine, silicone + spine
@@ -44,25 +44,25 @@ def composite_geometric(b: Body, x: Array) -> None:
     b.stiff_silicone, b.stiff_spine = total * share, total * (1 - share)
 
 
-def shear_of_loose_ends(b: Body, x: Array) -> None:
+def shear_of_loose_ends(b: WorldBody, x: Array) -> None:
     """E 6.4 MPa (1 - 0.7 (s / l)^2), kappa G 85 kPa: granules are packed less tightly where they came in last."""
     reach = np.clip(b.s / np.maximum(b.true_length, 1e-3)[:, None], 0, 1)
     _toward(b, x, 6.4e6 * (1 - 0.7 * reach**2), np.full_like(b.spine_e, 85e3), False)
 
 
-def leak_against_the_pump(b: Body, x: Array) -> None:
+def leak_against_the_pump(b: WorldBody, x: Array) -> None:
     """Share u / (1 + u) lost, u = x (0.3 + l / 0.2 m), stiffness as what is left to the 0.6: the pump's curve is hyperbolic."""
     lost = np.maximum(x, 0) * (0.3 + b.true_length / 0.2)
     _weaken(b, (lost / (1 + lost))[:, None], 0.6)
 
 
-def tape_that_stretches(b: Body, x: Array) -> None:
+def tape_that_stretches(b: WorldBody, x: Array) -> None:
     """l + x (1.3 - l / 0.3 m): an end stop that is off, and a tape that stretches the other way."""
     _grown(b, x * (1.3 - b.lanes.spine / 0.3), True)
 
 
 # ------------------------------------------------------------------ the silicone
-def modulus_of_fibres(b: Body, x: Array) -> None:
+def modulus_of_fibres(b: WorldBody, x: Array) -> None:
     """E (1 + 1.4 x) in stretch, (1 + 0.8 x) in bending, G (1 + 0.2 x): threads along the body."""
     b.silicone_axial *= 1 + 1.4 * x[:, None]
     b.silicone_bending *= 1 + 0.8 * x[:, None]
@@ -80,12 +80,12 @@ ogden = _fibres(_ogden)
 """Share x of the section's fibres obeys Ogden's law with one term of power -4."""
 
 
-def two_branches(b: Body, x: Array) -> None:
+def two_branches(b: WorldBody, x: Array) -> None:
     """Two Maxwell elements, 4 s and 150 s, alike."""
     b.creep += [(0.8 * x, 4.0), (0.8 * x, 150.0)]
 
 
-def curved_to_the_tip(b: Body, x: Array) -> None:
+def curved_to_the_tip(b: WorldBody, x: Array) -> None:
     """2 x a: hung by its base while it cured."""
     _curved(b, 2 * x[:, None] * b.along(), 0.0)
 
@@ -95,38 +95,38 @@ balloon_between = _grows(lambda p: np.minimum(p, 1.2) ** 2 * (3 - 2 * np.minimum
 """A (1 + x (3 p^2 - 2 p^3)): nothing at first, then a wall that gives, then fibres that hold."""
 
 
-def caught_up_band(c: Chambers, x: Array) -> None:
+def caught_up_band(c: GasChambers, x: Array) -> None:
     """P - x (1 - exp(-(P / 45 kPa)^2)): folds that open all at once."""
     c.pressures.append(lambda p: p + x[:, None] * np.expm1(-((np.maximum(p, 0.0) / 45e3) ** 2)))
 
 
-def drooping_supply(c: Chambers, x: Array) -> None:
+def drooping_supply(c: GasChambers, x: Array) -> None:
     """P + x (1.2 - 0.9 m), m the mean of all chambers / 100 kPa: zeros that are off, and a supply that droops."""
     c.pressures.append(lambda p: p + x[:, None] * (1.2 - 0.9 * p.mean(axis=1, keepdims=True) / 100e3))
 
 
-def azimuth_of_an_ellipse(c: Chambers, x: Array) -> None:
+def azimuth_of_an_ellipse(c: GasChambers, x: Array) -> None:
     """az + x (1 + 0.5 sin 2 az): turned, and pressed out of round."""
     c.azimuths += x[:, None] * (1 + 0.5 * np.sin(2 * c.azimuths))
 
 
-def twist_there_and_back(c: Chambers, x: Array) -> None:
+def twist_there_and_back(c: GasChambers, x: Array) -> None:
     """x L sin(0.8 pi a): wound one way, and most of it back."""
     c.winding += x[:, None] * c.body.lanes.length[:, None] * np.sin(0.8 * np.pi * c.body.along())
 
 
-def walls_but_the_middle(c: Chambers, x: Array) -> None:
+def walls_but_the_middle(c: GasChambers, x: Array) -> None:
     """Share x (0.8 + 0.2 cos 2 pi a): a band holds the walls half way."""
     c.on_walls += np.clip(x, 0, 1)[:, None] * (0.8 + 0.2 * np.cos(2 * np.pi * c.body.along()))
 
 
 # ------------------------------------------------------------------ loads and the base
-def weight_of_a_sleeve(b: Body, x: Array) -> None:
+def weight_of_a_sleeve(b: WorldBody, x: Array) -> None:
     """Weight (1 + 1.4 x (1 - a^2)): a sleeve that thins out."""
     b.line += PER_LENGTH * 1.4 * x[:, None] * (1 - b.along() ** 2)
 
 
-def tether_of_rubber(b: Body, x: Array) -> None:
+def tether_of_rubber(b: WorldBody, x: Array) -> None:
     """x (1 + d / 0.25 m) at four fifths of the body, d its way against the pull."""
     direction, weights = _direction(b), _hat(b, 0.8)
 
@@ -141,7 +141,7 @@ def tether_of_rubber(b: Body, x: Array) -> None:
     b.fields.append(force)
 
 
-def contact_edge(b: Body, x: Array) -> None:
+def contact_edge(b: WorldBody, x: Array) -> None:
     """x N/m times d (d / 15 mm)^0.3 at seven tenths of the body: an edge pressed into it."""
 
     def law(d: Array) -> tuple[Array, Array]:
@@ -151,13 +151,13 @@ def contact_edge(b: Body, x: Array) -> None:
     _obstacle(b, law, x, _hat(b, 0.7), np.array([1.0, 0.0, 0.0]), -0.02)
 
 
-def tilt_about_a_foot(b: Body, x: Array) -> None:
+def tilt_about_a_foot(b: WorldBody, x: Array) -> None:
     """Turned by x about a foot 80 mm aside and 30 mm above."""
     a = b.lanes.places.tilt
     _tilted(b, x, (0.08 * float(np.cos(a)), 0.08 * float(np.sin(a)), 0.03))
 
 
-def give_of_rubber(b: Body, x: Array) -> None:
+def give_of_rubber(b: WorldBody, x: Array) -> None:
     """Turns by 1.3 x M / (1 + M / 1.5 N m): feet that harden."""
 
     def law(w: Array) -> tuple[Array, Array]:
@@ -195,7 +195,7 @@ def marker_on_a_stalk(s: Seeing, x: Array) -> None:
 def late_at_high_speed(s: Seeing, x: Array) -> None:
     """The tip of x (0.6 + 0.8 u) seconds earlier, u the share of the trial that is over: a buffer fills."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         now = path.times[path.reads]
         passed = (now - now[0]) / max(float(np.ptp(now)), 1e-9)
         return _at(path, now[:, None] - x[None, :] * (0.6 + 0.8 * passed)[:, None])

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import WorldBody
 from .material import Gas
 from .robot import AZIMUTHS, CHAMBER_AREA, PATH_RADIUS
 
@@ -24,10 +24,10 @@ ORDER = (
 
 
 @dataclass
-class Chambers:
+class GasChambers:
     """The chambers of n lanes; effects write into it."""
 
-    body: Body
+    body: WorldBody
     azimuths: Array
     """(n, 9) rad."""
     radius: Array
@@ -72,13 +72,13 @@ class Chambers:
         return Gas(taken, p), tip, moments
 
 
-Change = Callable[[Chambers, Array], None]
+Change = Callable[[GasChambers, Array], None]
 
 
-def chambers(body: Body, changes: Mapping[str, Change]) -> Chambers:
+def chambers(body: WorldBody, changes: Mapping[str, Change]) -> GasChambers:
     """The chambers of the paper with the effects of `changes`, by effect."""
     n, count = body.h.shape
-    made = Chambers(
+    made = GasChambers(
         body, np.tile(AZIMUTHS, (n, 1)), np.full((n, 9), PATH_RADIUS), np.zeros((n, 2)), np.zeros((n, count)),
         np.zeros((n, count)),
     )  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import WorldBody
 from .equilibrium import Shape
 from .frames import turn
 from .robot import AREA, DENSITY
@@ -19,29 +19,29 @@ PER_LENGTH = DENSITY * AREA
 
 
 # ------------------------------------------------------------------ self_weight
-def hose_on_the_base(b: Body, x: Array) -> None:
+def hose_on_the_base(b: WorldBody, x: Array) -> None:
     """Weight (1 + 1.6 x) over the first 60 %: hoses are tied there."""
     b.line += PER_LENGTH * 1.6 * x[:, None] * np.clip((0.65 - b.along()) / 0.1, 0, 1)
 
 
-def weight_of_the_spine(b: Body, x: Array) -> None:
+def weight_of_the_spine(b: WorldBody, x: Array) -> None:
     """Weight (1 + x), and as much again where the spine is: granules weigh."""
     b.line += PER_LENGTH * x[:, None] * (0.8 + 0.6 * b.cover)
 
 
-def weight_of_fittings(b: Body, x: Array) -> None:
+def weight_of_fittings(b: WorldBody, x: Array) -> None:
     """Half of the extra weight spread, half as a clamp at two thirds."""
     b.line += PER_LENGTH * 0.5 * x[:, None]
     whole = PER_LENGTH * 0.5 * x * b.lanes.length
     b.node_mass += whole[:, None] * _hat(b, 0.667)
 
 
-def weight_to_the_tip(b: Body, x: Array) -> None:
+def weight_to_the_tip(b: WorldBody, x: Array) -> None:
     """Weight (1 + 1.5 x a^0.5)."""
     b.line += PER_LENGTH * 1.5 * x[:, None] * np.sqrt(b.along())
 
 
-def _hat(b: Body, place: float) -> Array:
+def _hat(b: WorldBody, place: float) -> Array:
     """(n, N + 1) shares that put a point at this part of the body onto its two nearest frames."""
     nodes = b.nodes()
     at = np.minimum(place * b.lanes.length[:, None], nodes[:, -1:])
@@ -54,12 +54,12 @@ def _hat(b: Body, place: float) -> Array:
 
 
 # ------------------------------------------------------------------ tether_load
-def _direction(b: Body) -> Array:
+def _direction(b: WorldBody) -> Array:
     a = b.lanes.places.tether
     return np.array([np.cos(a), np.sin(a), 0.0])
 
 
-def tether_to_a_point(b: Body, x: Array) -> None:
+def tether_to_a_point(b: WorldBody, x: Array) -> None:
     """x N from the tip towards a point 0.7 m aside and 0.1 m above it: a hose over a pulley."""
     end = 0.7 * _direction(b) + np.array([0.0, 0.0, 0.3])
     sign = np.sign(x)[:, None]
@@ -73,7 +73,7 @@ def tether_to_a_point(b: Body, x: Array) -> None:
     b.fields.append(force)
 
 
-def tether_spread(b: Body, x: Array) -> None:
+def tether_spread(b: WorldBody, x: Array) -> None:
     """x N in all, evenly over the last quarter: a ribbon cable hangs on it."""
     weights = np.clip((b.nodes() / b.lanes.length[:, None] - 0.72) / 0.06, 0, 1)
     weights /= weights.sum(axis=1, keepdims=True)
@@ -81,7 +81,7 @@ def tether_spread(b: Body, x: Array) -> None:
     b.fields.append(lambda shape: (pull, np.zeros((*shape.r.shape, 3))))
 
 
-def tether_stiffening(b: Body, x: Array) -> None:
+def tether_stiffening(b: WorldBody, x: Array) -> None:
     """x (1 + d / 0.15 m)^2 at the tip, d its way against the pull: a loop that tightens."""
     direction = _direction(b)
 
@@ -99,7 +99,7 @@ def tether_stiffening(b: Body, x: Array) -> None:
 
 # ------------------------------------------------------------------ contact
 def _obstacle(
-    b: Body, law: Callable[[Array], tuple[Array, Array]], x: Array, weights: Array, normal: Array, further: float = 0.0
+    b: WorldBody, law: Callable[[Array], tuple[Array, Array]], x: Array, weights: Array, normal: Array, further: float = 0.0
 ) -> None:  # fmt: skip
     """Force x law(depth) along `normal` on frames by `weights`; the face is met at the place of the robot."""
     gap = b.lanes.places.obstacle + further
@@ -115,7 +115,7 @@ def _obstacle(
     b.fields.append(force)
 
 
-def contact_hertz(b: Body, x: Array) -> None:
+def contact_hertz(b: WorldBody, x: Array) -> None:
     """x N/m times d (d / 20 mm)^0.5 at nine tenths of the body: round against flat."""
 
     def law(d: Array) -> tuple[Array, Array]:
@@ -124,7 +124,7 @@ def contact_hertz(b: Body, x: Array) -> None:
     _obstacle(b, law, x, _hat(b, 0.9), np.array([1.0, 0.0, 0.0]))
 
 
-def contact_slanted(b: Body, x: Array) -> None:
+def contact_slanted(b: WorldBody, x: Array) -> None:
     """A wall that leans 25 degrees, x N/m on each of the outer frames that it meets."""
     normal = np.array([np.cos(np.radians(25.0)), 0.0, -np.sin(np.radians(25.0))])
     weights = np.clip((b.nodes() / b.lanes.length[:, None] - 0.7) / 0.1, 0, 1) * 0.35
@@ -135,7 +135,7 @@ def contact_slanted(b: Body, x: Array) -> None:
     _obstacle(b, law, x, weights, normal, 0.169)
 
 
-def contact_foam(b: Body, x: Array) -> None:
+def contact_foam(b: WorldBody, x: Array) -> None:
     """x N/m at first, half of it beyond 25 mm: foam, at the tip."""
 
     def law(d: Array) -> tuple[Array, Array]:
@@ -145,7 +145,7 @@ def contact_foam(b: Body, x: Array) -> None:
 
 
 # ------------------------------------------------------------------ tip_payload
-def payload_on_a_rod(b: Body, x: Array) -> None:
+def payload_on_a_rod(b: WorldBody, x: Array) -> None:
     """x kg, 45 mm beyond the tip on a rod that goes on as the last segment does: two forces on its frames."""
     weight = x[:, None] * b.gravity
     share = (0.045 / b.h[:, -1])[:, None]
@@ -155,7 +155,7 @@ def payload_on_a_rod(b: Body, x: Array) -> None:
 
 
 # ------------------------------------------------------------------ base_tilt
-def _tilted(b: Body, angle: Array, arm: tuple[float, float, float]) -> None:
+def _tilted(b: WorldBody, angle: Array, arm: tuple[float, float, float]) -> None:
     """Turned about the point at -arm (m) from the base."""
     a = b.lanes.places.tilt
     rotation = turn(angle[:, None] * np.array([-np.sin(a), np.cos(a), 0.0]))
@@ -163,24 +163,24 @@ def _tilted(b: Body, angle: Array, arm: tuple[float, float, float]) -> None:
     b.base_place = b.base_place + rotation @ np.array(arm) - np.array(arm)
 
 
-def tilt_about_a_lever(b: Body, x: Array) -> None:
+def tilt_about_a_lever(b: WorldBody, x: Array) -> None:
     """Turned by x (rad) about a point 60 mm above the base: a bent bracket."""
     _tilted(b, x, (0.0, 0.0, 0.06))
 
 
-def tilt_about_a_corner(b: Body, x: Array) -> None:
+def tilt_about_a_corner(b: WorldBody, x: Array) -> None:
     """Turned by x about the base's edge, 50 mm off the axis: one screw is loose."""
     a = b.lanes.places.tilt
     _tilted(b, x, (0.05 * float(np.cos(a)), 0.05 * float(np.sin(a)), 0.0))
 
 
-def tilt_below(b: Body, x: Array) -> None:
+def tilt_below(b: WorldBody, x: Array) -> None:
     """Turned by x about a point 40 mm below the base: it swung in its ring."""
     _tilted(b, x, (0.0, 0.0, -0.04))
 
 
 # ------------------------------------------------------------------ base_compliance
-def give_with_shift(b: Body, x: Array) -> None:
+def give_with_shift(b: WorldBody, x: Array) -> None:
     """Turns by x (rad/(N m)) and shifts by 3 mm/N x: a plate on soft feet."""
 
     def law(w: Array) -> tuple[Array, Array]:
@@ -194,7 +194,7 @@ def give_with_shift(b: Body, x: Array) -> None:
     b.give = law
 
 
-def give_hinge(b: Body, x: Array) -> None:
+def give_hinge(b: WorldBody, x: Array) -> None:
     """Turns by 1.2 x about one horizontal axis, by 0.7 x about the other."""
     a = b.lanes.places.other
     axis = np.array([np.cos(a), np.sin(a)])
@@ -208,7 +208,7 @@ def give_hinge(b: Body, x: Array) -> None:
     b.give = law
 
 
-def give_with_play(b: Body, x: Array) -> None:
+def give_with_play(b: WorldBody, x: Array) -> None:
     """x M0 (M / M0) / sqrt(1 + (M / M0)^2) beside x / 2 M, M0 = 1 N m: free at first, then tight."""
 
     def law(w: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body, Slip
+from .body import Slip, WorldBody
 from .robot import AREA, FULL, INNER, OUTER, SECOND
 
 Array = NDArray[np.float64]
@@ -46,10 +46,10 @@ class Gas:
     pressures: Array
 
 
-class Sections:
+class Laminate:
     """Stress of all lanes' sections with their memory."""
 
-    def __init__(self, body: Body) -> None:
+    def __init__(self, body: WorldBody) -> None:
         self.body = body
         self.linear = body.stiff_silicone + body.stiff_spine
         n, count = body.h.shape

@@ -13,12 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import WorldBody
 from .equilibrium import Shape
 from .frames import hat, turn
-from .gas import Chambers
+from .gas import GasChambers
 from .robot import SPINE_AREA, SPINE_SECOND
-from .seen import Path, Seeing
+from .seen import Seeing, SeenPath
 
 Array = NDArray[np.float64]
 Stage = Literal["actuation", "structure", "material", "load", "boundary", "measurement"]
@@ -39,12 +39,12 @@ class Cause:
     one_way: bool = True
 
 
-def chamber_crosstalk(c: Chambers, x: Array) -> None:
+def chamber_crosstalk(c: GasChambers, x: Array) -> None:
     """Each chamber takes x of the mean of its neighbours and loses as much: leaks between them."""
     c.pressures.append(lambda p: p + x[:, None] * (0.5 * np.roll(p, 1, axis=1) + 0.5 * np.roll(p, -1, axis=1) - p))
 
 
-def weak_chamber(c: Chambers, x: Array) -> None:
+def weak_chamber(c: GasChambers, x: Array) -> None:
     """One chamber has x less area than the others."""
     which = c.body.lanes.places.chamber
 
@@ -56,7 +56,7 @@ def weak_chamber(c: Chambers, x: Array) -> None:
     c.areas.append(law)
 
 
-def eccentric_spine(b: Body, x: Array) -> None:
+def eccentric_spine(b: WorldBody, x: Array) -> None:
     """The spine's axis lies x (m) beside the body's."""
     a = b.lanes.places.other + b.lanes.roll
     arm = x[:, None] * np.stack([np.cos(a), np.sin(a), np.zeros_like(a)], axis=-1)
@@ -70,22 +70,22 @@ def eccentric_spine(b: Body, x: Array) -> None:
     b.coupled = coupled
 
 
-def granules_settle(b: Body, x: Array) -> None:
+def granules_settle(b: WorldBody, x: Array) -> None:
     """The spine is stiffer by x at the end: granules pack closer with each jamming."""
     b.stiff_spine *= (1 + x)[:, None, None]
 
 
-def graded_modulus(b: Body, x: Array) -> None:
+def graded_modulus(b: WorldBody, x: Array) -> None:
     """E (1 + x (2 a - 1)) along the body: it cured from one end."""
     b.stiff_silicone *= (1 + x[:, None] * (2 * b.along() - 1))[..., None]
 
 
-def warm_room(b: Body, x: Array) -> None:
+def warm_room(b: WorldBody, x: Array) -> None:
     """E and G lower by x at the warmest hour."""
     b.stiff_silicone *= (1 - x)[:, None, None]
 
 
-def cable_drag(b: Body, x: Array) -> None:
+def cable_drag(b: WorldBody, x: Array) -> None:
     """x N over the outer half, against the way aside, full from some centimetres on: cables rub on the frame."""
     weights = np.clip((b.nodes() / b.lanes.length[:, None] - 0.5) / 0.1, 0, 1)
     weights /= weights.sum(axis=1, keepdims=True)
@@ -98,7 +98,7 @@ def cable_drag(b: Body, x: Array) -> None:
     b.fields.append(force)
 
 
-def mount_turns(b: Body, x: Array) -> None:
+def mount_turns(b: WorldBody, x: Array) -> None:
     """The mount has turned by x (rad) at the end of the campaign."""
     a = b.lanes.places.other
     b.base_turn = turn(x[:, None] * np.array([-np.sin(a), np.cos(a), 0.0])) @ b.base_turn
@@ -107,7 +107,7 @@ def mount_turns(b: Body, x: Array) -> None:
 def camera_scale(s: Seeing, x: Array) -> None:
     """Lengths are read (1 + x) times too long."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         return replace(path, tip=path.tip * (1 + x[:, None]), markers=path.markers * (1 + x[:, None, None]))
 
     s.views.append(law)

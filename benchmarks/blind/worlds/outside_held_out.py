@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .body import Body
+from .body import WorldBody
 from .frames import apply, turn
-from .gas import Chambers
+from .gas import GasChambers
 from .outside import Cause
 from .robot import FULL
-from .seen import Path, Seeing
+from .seen import Seeing, SeenPath
 
 Array = NDArray[np.float64]
 
 
-def thrust_eccentric(c: Chambers, x: Array) -> None:
+def thrust_eccentric(c: GasChambers, x: Array) -> None:
     """Chambers lie at radius (1 + x cos(az - a)): the ring of channels is no circle."""
     c.radius *= 1 + x[:, None] * np.cos(c.azimuths - c.body.lanes.places.other)
 
 
-def swapped_hoses(c: Chambers, x: Array) -> None:
+def swapped_hoses(c: GasChambers, x: Array) -> None:
     """The hoses of chambers 8 and 9 are swapped, to the share x."""
 
     def law(p: Array) -> Array:
@@ -35,12 +35,12 @@ def swapped_hoses(c: Chambers, x: Array) -> None:
     c.pressures.append(law)
 
 
-def barometer(c: Chambers, x: Array) -> None:
+def barometer(c: GasChambers, x: Array) -> None:
     """Inflated chambers hold x (Pa) more at the top of its course: gauges refer to another day's air."""
     c.pressures.append(lambda p: p + x[:, None] * (p > 1e3))
 
 
-def wall_stiffening(b: Body, x: Array) -> None:
+def wall_stiffening(b: WorldBody, x: Array) -> None:
     """All stiffness (1 + x p^2), p the mean of the three highest pressures / 250 kPa: inflated walls are stretched tight."""
 
     def factor(e: Array, pressures: Array) -> Array:
@@ -50,7 +50,7 @@ def wall_stiffening(b: Body, x: Array) -> None:
     b.stiffening = factor
 
 
-def spine_buckles(b: Body, x: Array) -> None:
+def spine_buckles(b: WorldBody, x: Array) -> None:
     """The sleeve folds where the body with spine bends beyond 0.9 /m: it loses x of its stiffness there."""
     length = b.cover
 
@@ -61,7 +61,7 @@ def spine_buckles(b: Body, x: Array) -> None:
     b.stiffening = factor
 
 
-def body_taper(b: Body, x: Array) -> None:
+def body_taper(b: WorldBody, x: Array) -> None:
     """Radii (1 + x (1 - 2 a)): thicker at the base."""
     r = 1 + x[:, None] * (1 - 2 * b.along())
     b.stiff_silicone *= np.stack([r**2] * 3 + [r**4] * 3, axis=-1)
@@ -73,7 +73,7 @@ def base_slips_at_the_top(s: Seeing, x: Array) -> None:
     a = s.lanes.places.other
     rotation = turn(x[:, None] * np.array([-np.sin(a), np.cos(a), 0.0]))
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         passed = np.maximum.accumulate(path.pressures.max(axis=1)) > 190e3
         tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
         tip[passed] = apply(rotation, tip[passed])
@@ -87,7 +87,7 @@ def base_slips_at_the_top(s: Seeing, x: Array) -> None:
 def lens_distortion(s: Seeing, x: Array) -> None:
     """Ways aside are read (1 + x (d / 0.2 m)^2) times too long."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         d2 = np.sum(path.tip[..., :2] ** 2, axis=-1)
         tip = path.tip.copy()
         tip[..., :2] *= (1 + x * d2 / 0.04)[..., None]
@@ -99,7 +99,7 @@ def lens_distortion(s: Seeing, x: Array) -> None:
 def marker_sags(s: Seeing, x: Array) -> None:
     """The marker's stalk sags by x (m) times the sine of its tilt, downwards."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         tip = path.tip.copy()
         tip[..., 2] += x * np.sqrt(np.maximum(1 - path.turns[..., 2, 2] ** 2, 0.0))
         return replace(path, tip=tip)

@@ -22,7 +22,7 @@ ORDER = ("time_offset", "marker_offset", "frame_misalignment")
 
 
 @dataclass(frozen=True)
-class Path:
+class SeenPath:
     """Where the tips were at times (S,): positions (S, n, 3), rotations (S, n, 3, 3), markers (S, n, 3, 3)."""
 
     times: Array
@@ -34,10 +34,10 @@ class Path:
     pressures: Array
     """(S, 9) Pa as the regulators say."""
 
-    def read(self) -> Path:
+    def read(self) -> SeenPath:
         """Only what was read."""
         k = self.reads
-        return Path(self.times[k], np.arange(len(k)), self.tip[k], self.turns[k], self.markers[k], self.pressures[k])
+        return SeenPath(self.times[k], np.arange(len(k)), self.tip[k], self.turns[k], self.markers[k], self.pressures[k])
 
 
 @dataclass
@@ -45,10 +45,10 @@ class Seeing:
     """What lies between the tip and the table, for n lanes; effects write into it."""
 
     lanes: Lanes
-    delays: list[Callable[[Path], Path]] = field(default_factory=list)
-    views: list[Callable[[Path], Path]] = field(default_factory=list)
+    delays: list[Callable[[SeenPath], SeenPath]] = field(default_factory=list)
+    views: list[Callable[[SeenPath], SeenPath]] = field(default_factory=list)
 
-    def look(self, path: Path) -> Path:
+    def look(self, path: SeenPath) -> SeenPath:
         """The readings."""
         for delay in self.delays:
             path = delay(path)
@@ -77,7 +77,7 @@ def seeing(lanes: Lanes, changes: Mapping[str, Change]) -> Seeing:
 
 
 # ------------------------------------------------------------------ time_offset
-def _at(path: Path, when: Array) -> Path:
+def _at(path: SeenPath, when: Array) -> SeenPath:
     """The path's readings at times (R, n); ramps and holds are interpolated apart, as the path has corners between them."""
     tip, turns, markers = path.tip.copy(), path.turns.copy(), path.markers.copy()
     flat = np.concatenate([a.reshape(len(path.times), -1) for a in (tip, turns, markers)], axis=1)
@@ -98,7 +98,7 @@ def _at(path: Path, when: Array) -> Path:
     return replace(path, tip=tip, turns=turns, markers=markers)
 
 
-def _corners(path: Path) -> list[int]:
+def _corners(path: SeenPath) -> list[int]:
     """The first point, those at which the pressures begin to change at another rate, and the last."""
     rate = np.diff(path.pressures, axis=0) / np.maximum(np.diff(path.times), 1e-9)[:, None]
     turns = np.flatnonzero((np.abs(np.diff(rate, axis=0)) > 1.0).any(axis=1)) + 1  # Pa/s
@@ -108,7 +108,7 @@ def _corners(path: Path) -> list[int]:
 def late(s: Seeing, x: Array) -> None:
     """The tip of x seconds earlier, 20 % less of it in the pressures' upper half: the gauge's own filter is faster there."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         high = path.pressures[path.reads].max(axis=1) / 250e3
         return _at(path, path.times[path.reads][:, None] - x[None, :] * (1.1 - 0.2 * high)[:, None])
 
@@ -118,7 +118,7 @@ def late(s: Seeing, x: Array) -> None:
 def late_by_frames(s: Seeing, x: Array) -> None:
     """Half of the tips x / 2, half 3 x / 2 seconds old: every other frame waits in a buffer."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         now = path.times[path.reads][:, None]
         early, older = _at(path, now - 0.5 * x[None, :]), _at(path, now - 1.5 * x[None, :])
         return replace(
@@ -132,7 +132,7 @@ def late_by_frames(s: Seeing, x: Array) -> None:
 def late_filter(s: Seeing, x: Array) -> None:
     """A low-pass filter of time x on the tip (on the pressure when x is below 0)."""
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         now = path.times[path.reads][:, None]
         # three points of the exponential's quadrature (Gauss and Laguerre)
         places, weights = np.polynomial.laguerre.laggauss(3)
@@ -159,7 +159,7 @@ def off_centre(s: Seeing, x: Array) -> None:
     """x aside and a little above the tip's face, turning with it; the pins bend by 10 % of the turn."""
     offset = _aside(s, x, 0.4)
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         return replace(path, tip=path.tip + apply(path.turns, offset) * (1 + 0.1 * (path.turns[..., 2, 2:] - 1)))
 
     s.views.append(law)
@@ -169,7 +169,7 @@ def one_pin_hidden(s: Seeing, x: Array) -> None:
     """x aside, growing by half where the tip has turned by more than 40 degrees: one pin is hidden then."""
     offset = _aside(s, x, 0.0)
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         turned = np.arccos(np.clip(path.turns[..., 2, 2], -1, 1))
         more = 1 + 0.5 / (1 + np.exp(-(turned - np.radians(40)) / np.radians(6)))
         return replace(path, tip=path.tip + more[..., None] * apply(path.turns, offset))
@@ -181,7 +181,7 @@ def cap_off_centre(s: Seeing, x: Array) -> None:
     """0.8 x aside and 0.6 x along the tip's axis, and sagging by 0.2 x where it is tilted: a cap on foam."""
     offset = _aside(s, x, 0.75)
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         tip = path.tip + apply(path.turns, offset)
         tip[..., 2] += 0.2 * np.abs(x) * np.sqrt(np.maximum(1 - path.turns[..., 2, 2] ** 2, 0.0))
         return replace(path, tip=tip)
@@ -194,7 +194,7 @@ def _turned(s: Seeing, x: Array, centre: float, growth: float = 0.0) -> None:
     rotation = turn(x[:, None] * np.array(s.lanes.places.axis))
     pivot = np.array([0.0, 0.0, centre])
 
-    def law(path: Path) -> Path:
+    def law(path: SeenPath) -> SeenPath:
         off = path.tip - pivot
         tip = apply(rotation, off) + pivot
         if growth:

@@ -11,27 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from .body import Body, Fibre
+from .body import Fibre, WorldBody
 
 Array = NDArray[np.float64]
-Form = Callable[[Body, Array], None]
+Form = Callable[[WorldBody, Array], None]
 
 
 # ------------------------------------------------------------------ body_modulus
-def modulus_of_layers(b: Body, x: Array) -> None:
+def modulus_of_layers(b: WorldBody, x: Array) -> None:
     """E (1 + x) in bending, (1 + 0.4 x) in stretch, G as it was: layers that were cast one after another."""
     b.silicone_axial *= 1 + 0.4 * x[:, None]
     b.silicone_bending *= 1 + x[:, None]
 
 
-def modulus_of_the_skin(b: Body, x: Array) -> None:
+def modulus_of_the_skin(b: WorldBody, x: Array) -> None:
     """E (1 + 0.8 x) in stretch, (1 + 1.1 x) in bending: the outside cured further than the inside."""
     b.silicone_axial *= 1 + 0.8 * x[:, None]
     b.silicone_bending *= 1 + 1.1 * x[:, None]
     b.silicone_shear *= 1 + 0.9 * x[:, None]
 
 
-def modulus_of_the_mix(b: Body, x: Array) -> None:
+def modulus_of_the_mix(b: WorldBody, x: Array) -> None:
     """E and G by exp(x), by 0.7 x where the spine is: there its granules carried part of the test."""
     factor = np.exp(x[:, None] * (1 - 0.3 * b.cover))
     b.silicone_axial *= factor
@@ -41,7 +41,7 @@ def modulus_of_the_mix(b: Body, x: Array) -> None:
 
 # ------------------------------------------------------------------ hyperelastic
 def _fibres(law: Callable[[Array], tuple[Array, Array]]) -> Form:
-    def form(b: Body, x: Array) -> None:
+    def form(b: WorldBody, x: Array) -> None:
         b.fibres.append(Fibre(law, x))
 
     return form
@@ -95,7 +95,7 @@ def _creeps(relaxation: Callable[[Array], Array]) -> Form:
     shares, times = _branches(relaxation)
     kept = [(float(s), float(t)) for s, t in zip(shares, times, strict=True) if s > 1e-3]
 
-    def form(b: Body, x: Array) -> None:
+    def form(b: WorldBody, x: Array) -> None:
         b.creep += [(x * share, tau) for share, tau in kept]
 
     return form
@@ -109,28 +109,28 @@ logarithmic = _creeps(lambda t: np.maximum(1 - np.log(t / 0.3) / np.log(1000.0),
 """Falls evenly with log t from 0.3 to 300 s."""
 
 
-def one_slow_branch(b: Body, x: Array) -> None:
+def one_slow_branch(b: WorldBody, x: Array) -> None:
     """One Maxwell element of 75 s, longer than a ramp."""
     b.creep.append((1.6 * x, 75.0))
 
 
 # ------------------------------------------------------------------ precurvature
-def _curved(b: Body, amount: Array, angle: Array | float) -> None:
+def _curved(b: WorldBody, amount: Array, angle: Array | float) -> None:
     turned = np.asarray(angle) + b.lanes.places.precurvature + b.lanes.roll[:, None]
     b.rest[..., 3] += -amount * np.sin(turned)
     b.rest[..., 4] += amount * np.cos(turned)
 
 
-def curved_half_sine(b: Body, x: Array) -> None:
+def curved_half_sine(b: WorldBody, x: Array) -> None:
     """1.57 x sin(pi a): cured over a bow."""
     _curved(b, x[:, None] * 1.57 * np.sin(np.pi * b.along()), 0.0)
 
 
-def curved_helix(b: Body, x: Array) -> None:
+def curved_helix(b: WorldBody, x: Array) -> None:
     """x, in a direction that turns by one radian along the body."""
     _curved(b, x[:, None] * np.ones_like(b.s), b.along() - 0.5)
 
 
-def curved_at_the_base(b: Body, x: Array) -> None:
+def curved_at_the_base(b: WorldBody, x: Array) -> None:
     """1.9 x exp(-1.5 a): sagged where it was clamped."""
     _curved(b, x[:, None] * 1.9 * np.exp(-1.5 * b.along()), 0.0)

@@ -14,9 +14,9 @@ from .equilibrium import Loads, Shape, settle, straight
 from .forms import Physics
 from .frames import apply, screw
 from .gas import chambers
-from .material import Sections
+from .material import Laminate
 from .robot import MARKERS, Lanes
-from .seen import Path, seeing
+from .seen import SeenPath, seeing
 
 Array = NDArray[np.float64]
 
@@ -33,12 +33,12 @@ class Leg:
     read: bool = True
 
 
-def walk(lanes: Lanes, physics: Physics, legs: Sequence[Leg], segments: int = SEGMENTS) -> Path:
-    """The readings of all lanes. Raises `NoEquilibrium`."""
+def walk(lanes: Lanes, physics: Physics, legs: Sequence[Leg], segments: int = SEGMENTS) -> SeenPath:
+    """The readings of all lanes. Raises `NoRodStands`."""
     body = build(lanes, physics.body, segments)
     gas_of = chambers(body, physics.chambers)
     seen = seeing(lanes, physics.seen)
-    sections = Sections(body)
+    sections = Laminate(body)
     fine = sections.remembers or seen.needs_time
     line = body.line[..., None] * body.gravity[:, None]
     force = body.node_mass[..., None] * body.gravity[:, None]
@@ -119,10 +119,10 @@ class _Track:
             markers.append(shape.r[lane, k] + apply(shape.turns[lane, k], p))
         self._rows.append((self._time, read, shape.r[:, -1], shape.turns[:, -1], np.stack(markers, axis=1), pressures))
 
-    def path(self) -> Path:
+    def path(self) -> SeenPath:
         times = np.array([row[0] for row in self._rows])
         # a step of no time would fold the path
         times += 1e-9 * np.arange(len(times))
         reads = np.array([i for i, row in enumerate(self._rows) if row[1]], np.intp)
         tip, turns, markers, pressures = (np.array([row[i] for row in self._rows]) for i in (2, 3, 4, 5))
-        return Path(times, reads, tip, turns, markers, pressures)
+        return SeenPath(times, reads, tip, turns, markers, pressures)

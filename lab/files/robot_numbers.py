@@ -1,11 +1,14 @@
-"""Numbers of robot.yaml that robots rarely have: asked about, never refused."""
+"""Numbers of robot.yaml that robots rarely have, and pressures above its limit: asked about, never refused."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from model.robot import Robot
 from model.section import body_mass
+from recordings.trials import Table
 
 FAR_OUT, LARGE = 3.0, 0.15
 """Outer radii, and lengths of the robot, off the axis beyond both of which no actuator is expected: disks on a thin rod stand out
@@ -14,6 +17,13 @@ LEAST_DENSITY, MOST_BODIES = 20.0, 100.0
 """kg/m^3, and body masses at the tip, beyond which a number is probably in g."""
 MOST_POISSON, LEAST_POISSON = 0.53, -0.05
 """Ratios of isotropic materials, 0 to 0.5, and what rounding of both moduli to two digits adds."""
+ABOVE = 1.5
+"""Times max_pressure beyond which a pressure is asked about; regulators overshoot by less."""
+
+
+def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
+    """What to ask about numbers of robot.yaml, read at `robot_name`, and about pressures that it does not allow."""
+    return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *_above(robot, table))
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
@@ -42,6 +52,18 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
             f"shear_modulus {_modulus(robot.shear_modulus)} with youngs_modulus {_modulus(robot.youngs_modulus)} means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "
             f"{_modulus(robot.youngs_modulus / 3)}"
+        )
+
+
+def _above(robot: Robot, table: Table) -> Iterator[str]:
+    """What to ask about the highest pressure of a table, where the robot is never given it."""
+    pressures, most, words = np.nan_to_num(table.pressures), robot.max_pressure, robot.actuators.words
+    highest = float(pressures.max(initial=0.0))
+    if most is not None and highest > ABOVE * most:
+        column, shown, limit = int(np.argmax(pressures.max(axis=0))) + 1, words.number(highest), words.number(most)
+        yield (
+            f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_pressure of {limit} {words.unit} of "
+            "robot.yaml: check the unit (psi and kPa differ by 6.9), or max_pressure"
         )
 
 

@@ -1,0 +1,203 @@
+"""What is asked of an instrument in another process: typed commands, the only form in which a call crosses to there.
+
+A `Remote` stands for the instrument where it is asked and makes a command of each call; `Command.perform` makes the call where
+the driver is. So the program asks the guard, and the guard a driver that has a process of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Any, Generic, Protocol, TypeVar
+
+from drivers.interfaces import Arm, ArmDriver, Instrument, JammingValve, LengthUnit, PressureRegulators, VacuumGauge
+
+R = TypeVar("R")
+
+
+class Order(StrEnum):
+    """What the program asks of the guard itself, and the words for it."""
+
+    MAKE_SAFE = "the landing"
+    PAUSE = "the pause"
+    RESUME = "the end of a pause"
+    UNLOCK = "unlocking"
+    END = "the end"
+
+
+class ActuatorDriver(Instrument, Protocol):
+    """What the guard calls besides: `connect` of every actuator, the others of drivers that have them (see `interfaces`)."""
+
+    def connect(self) -> None:
+        """Open the line without asking who is there."""
+
+    def confirm_settings(self) -> None:
+        """Read again the settings on which safety rests."""
+
+    def take_notices(self) -> list[str]:
+        """Sentences worth a warning."""
+
+
+OPTIONAL: Mapping[Any, Any] = MappingProxyType({ActuatorDriver.confirm_settings: None, ActuatorDriver.take_notices: []})
+"""Methods that not every driver has, and what they give then."""
+
+
+@dataclass(frozen=True)
+class Command(Generic[R]):
+    """One call of one instrument, named as in rig.yaml."""
+
+    instrument: str
+
+    def perform(self, driver: Any) -> R:
+        """Make the call. Raises what the driver raises."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return f"{self.instrument}.{type(self).__name__}"
+
+
+@dataclass(frozen=True)
+class Call(Command[R]):
+    """A call without values, by the method of the interface."""
+
+    method: Callable[[Any], R]
+
+    def perform(self, driver: Any) -> R:
+        name = self.method.__name__
+        result: R = OPTIONAL[self.method] if self.method in OPTIONAL and not hasattr(driver, name) else getattr(driver, name)()
+        return result
+
+    def __str__(self) -> str:
+        return f"{self.instrument}.{self.method.__name__}"
+
+
+@dataclass(frozen=True)
+class SetPressures(Command[tuple[float, ...]]):
+    """Set-points of all channels, Pa gauge; the result is what the regulators confirmed."""
+
+    pressures: tuple[float, ...]
+
+    def perform(self, driver: PressureRegulators) -> tuple[float, ...]:
+        return driver.set(self.pressures)
+
+
+@dataclass(frozen=True)
+class MoveSpine(Command[float]):
+    """A length of the spine (m) and a speed (m/s); the result is the clipped goal."""
+
+    length: float
+    speed: float
+
+    def perform(self, driver: LengthUnit) -> float:
+        return driver.move_to(self.length, self.speed)
+
+
+@dataclass(frozen=True)
+class SwitchValve(Command[bool]):
+    """Vacuum on or off; the result is the state read back."""
+
+    on: bool
+
+    def perform(self, driver: JammingValve) -> bool:
+        return driver.set(self.on)
+
+
+@dataclass(frozen=True)
+class MoveArm(Command[None]):
+    """A pose of the TCP (m, rotation vector rad, base frame), m/s and m/s^2."""
+
+    pose: tuple[float, ...]
+    speed: float
+    acceleration: float
+
+    def perform(self, driver: Arm) -> None:
+        driver.move_to(self.pose, self.speed, self.acceleration)
+
+
+def moves(command: Command[Any]) -> bool:
+    """Whether it starts a motion that goes on by itself."""
+    return isinstance(command, (MoveSpine, MoveArm)) or (isinstance(command, Call) and command.method is LengthUnit.home)
+
+
+def energises(command: Command[Any]) -> bool:
+    """Whether the rig is no longer in its safe state after it."""
+    return isinstance(command, (SetPressures, SwitchValve)) or moves(command)
+
+
+class Line(Protocol):
+    """The way to another process."""
+
+    def ask(self, command: Command[R]) -> R:
+        """Send a command and wait for its result. Raises what the driver there raises."""
+
+
+def called(method: Callable[[Any], R]) -> Callable[[Any], R]:
+    """A method of a `Remote` that makes this call there."""
+
+    def call(remote: Remote) -> R:
+        return remote.line.ask(Call(remote.name, method))
+
+    return call
+
+
+class Remote:
+    """An instrument in another process; its methods and those of the classes below are those of `drivers.interfaces`. What
+    crosses are plain numbers: the process there reads them without NumPy."""
+
+    def __init__(self, line: Line, name: str, channels: int = 0) -> None:
+        self.line, self.name, self.channels = line, name, channels
+
+    open, close = called(Instrument.open), called(Instrument.close)
+    connect, confirm_settings = called(ActuatorDriver.connect), called(ActuatorDriver.confirm_settings)
+    take_notices = called(ActuatorDriver.take_notices)
+
+
+class RemoteRegulators(Remote):
+    """`PressureRegulators`."""
+
+    def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
+        return self.line.ask(SetPressures(self.name, tuple(map(float, pressures))))
+
+    read, vent = called(PressureRegulators.read), called(PressureRegulators.vent)
+
+
+class RemoteLengthUnit(Remote):
+    """`LengthUnit`."""
+
+    def move_to(self, length: float, speed: float) -> float:
+        return self.line.ask(MoveSpine(self.name, length, speed))
+
+    home, stop, read = called(LengthUnit.home), called(LengthUnit.stop), called(LengthUnit.read)
+
+
+class RemoteValve(Remote):
+    """`JammingValve`."""
+
+    def set(self, on: bool) -> bool:
+        return self.line.ask(SwitchValve(self.name, on))
+
+    read = called(JammingValve.read)
+
+
+class RemoteGauge(Remote):
+    """`VacuumGauge`."""
+
+    read = called(VacuumGauge.read)
+
+
+class RemoteArm(Remote):
+    """`ArmDriver`."""
+
+    def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
+        self.line.ask(MoveArm(self.name, tuple(map(float, pose)), speed, acceleration))
+
+    moving, stop = called(Arm.moving), called(Arm.stop)
+    standing, glance = called(ArmDriver.standing), called(ArmDriver.glance)
+
+
+REMOTES: Mapping[str, type[Remote]] = MappingProxyType(
+    {"pressure": RemoteRegulators, "spine": RemoteLengthUnit, "valve": RemoteValve, "gauge": RemoteGauge, "arm": RemoteArm}
+)
+"""What stands for each instrument of the guard."""

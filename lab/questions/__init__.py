@@ -1,1 +1,0 @@
-"""What is asked about a robot.yaml and a table of trials that may be right; `diagnosis.data.plausible` refuses what cannot be."""
