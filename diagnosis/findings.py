@@ -186,10 +186,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "columns x, y, z look like the displacement from the rest position (p = {p:.2f}); at rest the tip must be near "
             "(0, 0, {length:g}) m: add {length:g} to z{rather}"
         ),
-        "another_quantity": (
-            "column {column} does not act on the tip (p = {p:.2f}): is it another quantity? An angle of the tip belongs under "
-            "orientation{rather}"
-        ),
         "points_exchanged": (
             "the tip and marker {number} are exchanged (p = {p:.2f}): exchange their columns in the table, or points in map.yaml"
             "{rather}"

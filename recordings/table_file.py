@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import compress
@@ -52,11 +52,15 @@ _CHOICES = {"branch": BRANCHES, "specimen": SPECIMENS, "doubt": DOUBTS}
 
 def write_csv(table: Table, path: str | os.PathLike[str]) -> None:
     """Write the table; numbers read back as the same floats. The file is replaced at once or not at all."""
+    rows = zip(*(_texts(name, table[name]) for name in table.columns), strict=True)
+    replaced(Path(path), csv_text([table.columns, *rows]))
+
+
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Rows as CSV; numbers read back as the same floats, and None is an empty cell."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table.columns)
-    writer.writerows(zip(*(_texts(name, table[name]) for name in table.columns), strict=True))
-    replaced(Path(path), text.getvalue())
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def _texts(name: str, column: NDArray[Any]) -> list[str]:

@@ -44,7 +44,8 @@ def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Tab
         return tuple(filter(None, of_table)), tips
     (far, in_m), counts = _distances(robot, tips), _counts(robot, tips)
     wrong = (*of_table, counts, far, _highest(robot, tips), _norms(tips))
-    return tuple(filter(None, wrong)), in_m.take(np.arange(0)) if counts else in_m
+    fit = (in_m.spine_length <= robot.length) & (not counts)
+    return tuple(filter(None, wrong)), in_m.take(fit)
 
 
 def pressures_of_each(states: Table) -> Ints:

@@ -51,6 +51,10 @@ COSTLY = (AZIMUTH, 3, 4)
 """Numbers of the calibration that a first comparison of edits leaves: they need rods of their own and change little."""
 MOST = 60
 """States that are compared."""
+AMBIENT = (75e3, 107e3)
+"""Pa absolute, from high places to a high on the coast."""
+ONE_AREA = 0.5
+"""Share of what area factors by spine length leave below which one for all is taken."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +113,16 @@ class Sample:
         if not isinstance(robot.area_factor, dict):
             return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        near = sample.fitted([((), np.zeros(len(CALIBRATION)))], 2)[0]
-        return sample if sample.near(near) else replace(sample, robot=robot.with_area_factor(area))
+        other = replace(sample, robot=robot.with_area_factor(area))
+        starts = [((), np.eye(len(CALIBRATION))[AREA] * a) for a in AREAS]
+        left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
+        return other if left_by_one < ONE_AREA * left else sample
+
+    @property
+    def ambient(self) -> float:
+        """Pa, the lowest pressure where no chamber is ever below ambient pressure, as if they were absolute; else 0."""
+        lowest = float(self.table.pressures.min())
+        return lowest if self.robot.chambers is not None and AMBIENT[0] < lowest < AMBIENT[1] else 0.0
 
     def near(self, fit: Fit) -> bool:
         """Whether a fit comes near."""

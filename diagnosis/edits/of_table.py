@@ -16,26 +16,24 @@ from model.robot import Robot
 from model.rotation import CONJUGATE, multiply
 
 from ..arrays import Array, Mask
-from ..data.levels import MASS_GAP, ROLL_GAP
 from ..data.units import PRESSURE_UNITS, Unit
 from ..findings import Finding, finding
 from .edit import Edit, Variants
 from .listed import FRAMES, axes_say
-from .misfit import Fit, Sample
+from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
 """Share of the range of pressures above the lowest within which a robot is at rest."""
-AMBIENT = (75e3, 107e3)
-"""Pa absolute, from high places to a high on the coast."""
+PLAINEST = 0.02
+"""Share of the likeness that an axis of a frame counts where it stays as it is: who bends little does not show them all."""
 
 
 def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     """The edits that this table can have."""
     table, robot = sample.table, sample.robot
     yield Edit("origin", 0.01, _displacements_say, _displacements)
-    for column, gap, without in (("roll_deg", ROLL_GAP, _no_roll), ("tip_mass", MASS_GAP, _no_mass)):
-        if np.ptp(table.get(column, 0.0)) > gap:
-            yield Edit(column, 0.01, partial(_other_quantity_says, column), without)
+    for factor in (1e-3, 1e3):
+        yield Edit("modulus", 0.01, partial(_stiffness_says, factor), partial(_stiffness, factor))
     for unit in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / unit.per_si)) < AMBIENT[1]:
             yield Edit("zero", 0.01, partial(_absolute_says, unit, ambient), partial(_absolute, unit, ambient))
@@ -45,13 +43,15 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     for k in range(markers):
         for own in (rest, rest & False):
             yield Edit("points", 0.02 / markers, partial(_exchanged_say, k), partial(_exchanged, k, own))
-    rods, every = sample.rods(sample.edited([((), near.x[None])])), range(-1, markers)
+    rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
-    for bodies in (every, *((body,) for body in every if apart)):
-        axes = _nearest_axes(*([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described)))
+    for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
+        moves = ([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described))
+        axes = _nearest_axes(*moves, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
-            kind, says = ("frame", axes_say) if bodies is every else ("points", partial(_axes_of_one_say, bodies[0]))
-            yield Edit(kind, 0.005, partial(says, axes), partial(_about_rest, axes, bodies, rest, bodies is every))
+            whole = len(handed) == 1
+            kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
+            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, rest, whole))
 
 
 def _place(v: Variants, body: int) -> Array:
@@ -64,10 +64,11 @@ def _from_rest(places: Array, rest: Mask) -> Array:
     return np.asarray(places - np.nanmean(places[:, rest], axis=1, keepdims=True))
 
 
-def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array]) -> Array:
+def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames: Sequence[Array]) -> Array:
     """(3, 3) the axes along which moves (n, 3) m of some bodies are most like those of the rod."""
-    like = [sum(float(np.nansum(a * (b @ m.T))) for a, b in zip(predicted, measured, strict=True)) for m in FRAMES]
-    return FRAMES[int(np.argmax(like))]
+    like = np.array([sum(np.nansum(a * (b @ m.T)) for a, b in zip(predicted, measured, strict=True)) for m in frames])
+    plainest = PLAINEST * like.max() * np.array([np.trace(m) for m in frames])
+    return frames[int(np.argmax(like + plainest))]
 
 
 def _about_rest(axes: Array, bodies: Sequence[int], rest: Mask, with_attitude: bool, v: Variants, own: Array) -> Variants:
@@ -94,24 +95,23 @@ def _axes_of_one_say(
     return [finding("axes_of_point", point=point, axes=", ".join(named), short=f"columns of {point}", p=p, rather=rather)]
 
 
+def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
+    return replace(v, modulus=factor * v.modulus)
+
+
+def _stiffness_says(factor: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    given, found = robot.youngs_modulus / 1e3, factor * robot.youngs_modulus / 1e3
+    name = "bending_stiffness" if robot.bending_stiffness else "youngs_modulus"
+    values = {"name": name, "given": given, "found": found, "unit": "kPa", "short": name}
+    return [finding("refitted", p=p, rather=rather, **values)]
+
+
 def _displacements(v: Variants, own: Array) -> Variants:
     return v.moved(np.broadcast_to([0.0, 0.0, v.robot.length], (len(own), 1, 3)))
 
 
 def _displacements_say(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     return [finding("displacements", length=robot.length, short="columns x, y, z", p=p, rather=rather)]
-
-
-def _no_roll(v: Variants, own: Array) -> Variants:
-    return replace(v, roll=np.zeros_like(v.roll))
-
-
-def _no_mass(v: Variants, own: Array) -> Variants:
-    return replace(v, mass=np.full_like(v.mass, v.robot.tip_mass))
-
-
-def _other_quantity_says(column: str, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("another_quantity", column=column, short=f"column {column}", p=p, rather=rather)]
 
 
 def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:

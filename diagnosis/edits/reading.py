@@ -6,10 +6,12 @@ A table that is not in SI units and in the base's frame is refused; what else is
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from model.errors import BadCondition
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -41,7 +43,8 @@ def read(robot: Robot, table: Table) -> Reading:
     """Judge a table of trials of a robot."""
     impossible, tips = implausible_values(robot, table)
     found = [(f, True) for f in wrong_units(robot, table)]
-    found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
+    with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
+        found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     refused = (*impossible, *(str(f) for f, refuse in found if refuse))
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
 
@@ -54,19 +57,22 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         campaign_of(tips, np.arange(len(tips)), np.arange(0)),
     )
     sample = Sample.of(plain, states)
-    starts = [((), np.eye(8)[AREA] * area) for area in AREAS]
-    fit = max(sample.fitted(starts, 3, alone=True), key=lambda f: f.log_posterior)
-    missed, findings = fit.missed[sample.places], list[Finding]()
-    if sample.rms(missed) > judgement.EDIT_GROSS * robot.length or sample.turn(fit.missed) > judgement.EDIT_GROSS_TURN:
+    gross, findings = judgement.EDIT_GROSS * robot.length, list[Finding]()
+    fits = sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)
+    fits.sort(key=lambda f: (sample.rms(f.missed[sample.places]) > gross, abs(f.theta[AREA])))
+    fit = fits[0]
+    missed = fit.missed[sample.places]
+    ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
+    scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
+    if sample.rms(missed) > gross or not sample.aligned(fit) or sample.ambient or scaled:
         judged = judge(plain, states)
         findings += judged.findings if judged is not None else ()
-    ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
-    if not findings and not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT:
+    if not findings and scaled:
         findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and (rms := sample.rms(missed)) > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length
     for f in findings:
-        refuse = f.code in UNITS or (f.code in FRAMES and far)
+        refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse

@@ -118,7 +118,7 @@ def _judged(sample: Sample) -> Judged | None:
     near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
-    if sample.aligned(near) and (sample.reached(near) or sample.near(near) and usual):
+    if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
         return None
     fits = [near, *_weighed(sample, [*every_edit(sample, near), *of_table(sample, near)], near, pairs=not sample.near(near))]
     return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
@@ -129,6 +129,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
 
     def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int) -> list[Fit]:
         sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
+        if not sets:
+            return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
         better = [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]

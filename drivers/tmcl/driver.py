@@ -352,6 +352,3 @@ class TmclSpine(DrumLengthUnit):
 
 
 DRIVER = Driver("spine", Config, TmclSpine)
-
-
-DRIVER = Driver("spine", Config, TmclSpine)

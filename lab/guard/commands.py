@@ -143,7 +143,8 @@ def called(method: Callable[[Any], R]) -> Callable[[Any], R]:
 
 
 class Remote:
-    """An instrument in another process; its methods and those of the classes below are those of `drivers.interfaces`."""
+    """An instrument in another process; its methods and those of the classes below are those of `drivers.interfaces`. What
+    crosses are plain numbers: the process there reads them without NumPy."""
 
     def __init__(self, line: Line, name: str, channels: int = 0) -> None:
         self.line, self.name, self.channels = line, name, channels
@@ -157,7 +158,7 @@ class RemoteRegulators(Remote):
     """`PressureRegulators`."""
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        return self.line.ask(SetPressures(self.name, tuple(pressures)))
+        return self.line.ask(SetPressures(self.name, tuple(map(float, pressures))))
 
     read, vent = called(PressureRegulators.read), called(PressureRegulators.vent)
 
@@ -190,7 +191,7 @@ class RemoteArm(Remote):
     """`ArmDriver`."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        self.line.ask(MoveArm(self.name, tuple(pose), speed, acceleration))
+        self.line.ask(MoveArm(self.name, tuple(map(float, pose)), speed, acceleration))
 
     moving, stop = called(Arm.moving), called(Arm.stop)
     standing, glance = called(ArmDriver.standing), called(ArmDriver.glance)

@@ -30,6 +30,30 @@ FEWEST = 6
 """States that turn by as much."""
 
 
+FITS, SIZES = 0.9, (0.15, 5.0)
+"""Agreement of place and turn (1 is the most) of bodies, and sizes of their displacements, of an arc's."""
+
+
+def turn_off(states: Table, length: float) -> tuple[float, float] | None:
+    """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
+    and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
+    kept = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
+    resting = at_rest(kept.pressures)
+    if not resting.any():
+        return None
+    bent, across = (
+        _from_rest(Rotation.from_quat(kept.orientation.reshape(-1, 4), scalar_first=True), resting),
+        _across(kept.tip, resting),
+    )
+    moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
+    told = turned > LEAST_TURN
+    if told.sum() < FEWEST or not (moved[told] > 0).any():
+        return None
+    agreement = float((across * bent)[told].sum() / (moved * turned)[told].sum())
+    size = float(moved[told].sum() / (length / 2 * turned[told].sum()))
+    return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
+
+
 def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
     """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None where it hardly
     turns."""

@@ -29,7 +29,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, jumps, moves_within, other_order, strays
+from .places import Jump, Stands, jumps, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 FORCES = ("force_x", "force_y", "force_z")
 MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
+FOLLOWS, FEW_SETTINGS = 0.9, 4
+"""Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -244,6 +246,7 @@ def conclude(
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states.oriented(), counted, notes)
+    notes += _contradictions(table, float(straight[2]))
     notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(table)
     if wanted.stiffness is not None:
@@ -257,6 +260,36 @@ def conclude(
     )
     questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
+
+
+def _contradictions(states: Table, length: float) -> Iterator[str]:
+    """What to ask about turns that do not fit the places, and mountings that vary."""
+    if (off := turn_off(states, length)) is not None:
+        yield (
+            f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
+            f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
+            "unit), the frame and the columns x, y, z"
+        )
+    for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
+        share = follows_pressure(states, name, same)
+        if share > FOLLOWS:
+            yield (
+                f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but what is mounted does not "
+                "follow them: is this column another quantity?"
+            )
+    within = np.diff(states.trial) == 0
+    changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
+    if changed > within.sum() / 2:
+        yield f"tip_mass changes {changed} times between states of one trial: is this column a mass that was hung there?"
+
+
+def follows_pressure(states: Table, name: str, same: float) -> float:
+    """Share of the variance of a column that is linear in the pressures; 0 where it has few values, those within `same` alike."""
+    values, terms = states.get(name, 0.0), np.column_stack([states.pressures, np.ones(len(states))])
+    if len(states) < 3 * terms.shape[1] or len(np.unique(levels(values, same))) < FEW_SETTINGS:
+        return 0.0
+    missed = values - terms @ np.linalg.lstsq(terms, values, rcond=None)[0]
+    return float(1 - missed.var() / values.var())
 
 
 def _demand_mounted(states: Table) -> None:

@@ -30,6 +30,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.own_files import replaced
+from recordings.table_file import csv_text
 
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
@@ -223,11 +224,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
     shown = {name: table[name] for name in names}
     shown[f"rate [{words.unit}/s]"] = np.where(table["branch"] == "unload", -1, 1) * table["rate"] / words.pascal
     shown |= {f"p{c} [{words.unit}]": np.asarray(table[f"p{c}"], float) / words.pascal for c in range(1, count + 1)}
-    lines = [
-        ",".join(shown),
-        *(",".join(map(str, row)) for row in zip(*(v.tolist() for v in shown.values()), strict=True)),
-    ]
-    replaced(path, "\n".join(lines) + "\n")
+    replaced(path, csv_text([shown, *zip(*(v.tolist() for v in shown.values()), strict=True)]))
     return path
 
 

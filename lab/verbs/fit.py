@@ -4,8 +4,6 @@ a robot.yaml that holds them."""
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +22,7 @@ from model.effects.spec import EffectSpec
 from model.estimate import Estimate
 from model.robot import Robot
 from recordings.own_files import folder_in, replaced
+from recordings.table_file import csv_text
 
 from ..calibration import Calibration, calibrate
 from ..console import Screen, note, out
@@ -313,12 +312,10 @@ def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], fo
 
     `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["file", *names])
+    rows: list[list[object]] = [["file", *names]]
     width = max(4, len(str(len(robots))))
     for k, (row, robot) in enumerate(zip(values.tolist(), robots, strict=True), 1):
         file = f"robot-{k:0{width}d}.yaml"
-        writer.writerow([file, *map(repr, row)])
+        rows.append([file, *row])
         yield write_robot(robot, folder / file, given)
-    replaced(folder / "samples.csv", text.getvalue())
+    replaced(folder / "samples.csv", csv_text(rows))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +25,7 @@ from model.robot import Robot
 from protocols.planned import planned_rows
 from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
-from recordings.table_file import read_numbers
+from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
@@ -95,7 +93,7 @@ def _result(
 ) -> Result:  # fmt: skip
     """Write what is wanted, and tell; `missing`: what there is no answer for."""
     if outputs.csv is not None:
-        _write_csv(rows, outputs.csv)
+        outputs.csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if outputs.figure is not None:
         draw(outputs.figure.resolve())
     written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
@@ -291,14 +289,6 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     if none.any():
         raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
     return place, np.where(np.isfinite(weight), weight, 1.0)
-
-
-def _write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({k: "" if v is None else repr(v) if isinstance(v, float) else v for k, v in r.items()} for r in rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def _interval(robot: Robot) -> str:

@@ -124,8 +124,8 @@ def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: st
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["replay", "a.mcap", "--sped", "5"], "lab replay --sped: is not an option; did you mean --speed?"),
-        (["replay", "a.mcap", "--sped=5"], "lab replay --sped: is not an option; did you mean --speed?"),
+        (["watch", "a.mcap", "--sped", "5"], "lab watch --sped: is not an option; did you mean --speed?"),
+        (["watch", "a.mcap", "--sped=5"], "lab watch --sped: is not an option; did you mean --speed?"),
         (["run", "-rig", "rig.yaml"], "lab run -rig: is not an option; did you mean --rig?"),
         (["safe", "--al"], "lab safe --al: is not an option; did you mean --all?"),
         (["safe", "--xyzzy"], "lab safe --xyzzy: is not an option; lab safe --help lists the options"),
@@ -138,7 +138,7 @@ def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: 
 
 @pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])
 def test_what_follows_two_dashes_or_asks_for_help_is_no_unknown_option(words: list[str]) -> None:
-    assert declared("replay").unknown_option(["a.mcap", *words]) == ""
+    assert declared("watch").unknown_option(["a.mcap", *words]) == ""
 
 
 def test_the_table_and_the_modules_name_the_same_verbs() -> None:
