@@ -34,8 +34,8 @@ def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured)
 def test_thrust_is_settled_behind_a_mistake_that_hides_it(turned: Measured) -> None:
     rows = [replace(r, tip=tuple(np.add(r.tip, (0.06, 0.0, -0.05)))) for r in turned.table.rows]
     own, _ = states(replace(turned, table=Table.of(rows)))
-    assert settle_thrust(ROBOT, own, SOME) is None
-    settled, first = settled_and_edited(ROBOT, own, SOME, SOME)
+    assert settle_thrust(ROBOT, own, RIVALS) is None
+    settled, first = settled_and_edited(ROBOT, own, RIVALS, RIVALS)
     assert first.changes and settled is not None and first.robot.thrust == "walls"
 
 
