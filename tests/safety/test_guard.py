@@ -26,16 +26,7 @@ from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.child import start_child
-from lab.guard.commands import (
-    Command,
-    R,
-    RemoteLengthUnit,
-    RemoteRegulators,
-    SetPressures,
-    SwitchValve,
-    energises,
-    moves,
-)
+from lab.guard.commands import Command, R, RemoteLengthUnit, RemoteRegulators, SetPressures, SwitchValve, energises, moves
 from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
