@@ -81,7 +81,7 @@ EDIT_REPEATED = 4e-3
 """Robust rms of repeats, robot lengths, from which edits are tried: far more than cameras and re-grown spines scatter."""
 EDIT_MODEL_ERROR, EDIT_NOISE = 1.5e-3, 1e-3
 """Robot lengths of robust rms that no edit is asked to go below: models and repeats are no better."""
-EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 5
+EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 7
 """rad of attitudes that no edit is asked to go below, and conditions of them that count at most."""
 EDIT_CONDITIONS, EDIT_REPEATS = 7, 14
 """Conditions and repeats that count at most in the evidence of edits. Seven: an edit with a prior of a hundredth is sure where it
