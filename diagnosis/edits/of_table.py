@@ -106,10 +106,10 @@ def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
 
 
 def _stiffness_says(factor: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    given, found = robot.youngs_modulus / 1e3, factor * robot.youngs_modulus / 1e3
-    name = "bending_stiffness" if robot.bending_stiffness else "youngs_modulus"
-    values = {"name": name, "given": given, "found": found, "unit": "kPa", "short": name}
-    return [finding("refitted", p=p, rather=rather, **values)]
+    name, given, unit = "youngs_modulus", robot.youngs_modulus / 1e3, "kPa"
+    if robot.bending_stiffness:
+        name, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
+    return [finding("refitted", name=name, given=given, found=factor * given, unit=unit, short=name, p=p, rather=rather)]
 
 
 def _displacements(v: Variants, own: Array) -> Variants:
@@ -125,10 +125,11 @@ def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
 
 
 def _absolute_says(unit: Unit, ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    shared = {"short": "gauge or absolute pressures", "p": p, "rather": rather}
-    words, factor = robot.actuators.words, 1 / unit.per_si
-    return [finding("pressures_in_unit", words, factor=factor, looks=unit.name, **{**shared, "rather": ""}),
-            finding("pressures_absolute", words, ambient=ambient, **shared)]  # fmt: skip
+    words, short, factor = robot.actuators.words, "gauge or absolute pressures", 1 / unit.per_si
+    return [
+        finding("pressures_in_unit", words, factor=factor, looks=unit.name, short=short, p=p, rather=""),
+        finding("pressures_absolute", words, ambient=ambient, short=short, p=p, rather=rather),
+    ]
 
 
 def _exchanged(k: int, rest: Mask, v: Variants, own: Array) -> Variants:
