@@ -114,7 +114,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "cause_impossible": "the cause is not certain: {effect} would have an impossible size",
         "cause_undetermined": "the cause is not certain: within its error, {effect} carries less than the noise floor",
-        "cause_by_law": "the cause is not certain: with laws more or less wrong, {effect} would be named",
         "fit_not_reached": (
             "the cause is not certain: the robot with {effect} alone leaves {mm:.2g} mm, with tolerances of other effects "
             "{promised_mm:.2g} mm"

@@ -347,17 +347,12 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
 
 
-SIZES = {"base_tilt": 3.0, "contact": 2.5, "frame_misalignment": 3.0, "chamber_azimuth": 3.0}
-"""Effect -> its size, prior standard deviations."""
-
-
-@pytest.mark.parametrize("effect", SIZES)
-def test_an_effect_of_the_catalogue_is_no_mistake(effect: str) -> None:
-    table = read(FINGER)
+def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
+    """Chambers 18 deg from where they should be: without their signature the azimuth would be a mistake."""
+    effect, table = "chamber_azimuth", read(FINGER)
     forward = ForwardModel(FINGER, design_from_columns(FINGER, table.values, TIP), "one", {effect: CATALOGUE[effect]})
     theta = np.zeros(len(forward.parameters))
-    for k in forward.index(effect):
-        theta[k] = SIZES[effect] * forward.parameters[k].sd * (forward.parameters[k].role == "size")
+    theta[forward.index(effect)] = 0.31
     tips = forward.predict(theta).reshape(-1, 3) + np.random.default_rng(2).normal(0, 0.2e-3, (len(table), 3))
     judged = judge(FINGER, campaign(placed(table, lambda _: tips)))
     assert judged is None or judged.chosen is None, judged.findings
