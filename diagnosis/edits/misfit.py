@@ -23,7 +23,8 @@ import numpy as np
 
 from model.condition import States
 from model.robot import Robot
-from model.rods import Fast, solve
+from model.rods import Fast, Rods, Solution, solve
+from model.rods.description import BASIC
 from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.section import rods_of
 from recordings.trials import Table
@@ -40,7 +41,9 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
+LOADED, MOST_LOST = (0.4, 0.7, 1.0), 0.6
+"""Shares of the loads in which rods are solved that bend too far for one, and the share of a variant's rods that may need it: a
+robot so soft that more do counts as one that does not stand."""
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
@@ -193,12 +196,17 @@ class Sample:
         shares = rods.field("length") / rods.whole_length[:, None]
         steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
         arcs = np.minimum(robot.markers, rods.whole_length[:, None]) if v.markers.size else None
-        solution = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
-        solved = np.where(solution.converged, 1.0, np.nan)[:, None]
-        shape = (len(v.area), len(states), -1)
-        markers = (solution.shape * solved[:, :, None]).reshape(*shape[:2], v.markers.shape[2], 3)
-        tip, orientation = ((a * solved).reshape(shape) for a in (solution.tip, solution.orientation))
-        return replace(v, tip=tip, orientation=orientation, markers=markers)
+        solution, shape = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs), (len(v.area), len(states), -1)
+        found = [np.where(solution.converged[:, None], a.reshape(len(rods), -1), np.nan)
+                 for a in (solution.tip, solution.orientation, solution.shape)]  # fmt: skip
+        lost = ~solution.converged.reshape(shape[:2])
+        again = np.flatnonzero(lost & (lost.mean(axis=1, keepdims=True) < MOST_LOST))
+        if again.size:
+            bent = _loaded_in_steps(rods[again], steps[again], None if arcs is None else arcs[again])
+            for known, more in zip(found, (bent.tip, bent.orientation, bent.shape), strict=True):
+                known[again] = np.where(bent.converged[:, None], more.reshape(len(again), -1), np.nan)
+        tip, orientation, markers = (a.reshape(shape) for a in found)
+        return replace(v, tip=tip, orientation=orientation, markers=markers.reshape(*shape[:2], -1, 3))
 
     def missed(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> list[Array]:
         """(v, readings, 3) m for each hypothesis, edits and parameters (v, ..): tips and markers predicted minus measured, then
@@ -280,6 +288,20 @@ class Sample:
             both = np.stack([near.theta, np.zeros(len(CALIBRATION))])
             both[:, [*last.widens]] = values[: len(last.widens)]
             yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
+
+
+def _loaded_in_steps(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
+    """Solutions of rods that bend too far to be found from nothing, each share of their loads from the one before."""
+    solution = None
+    for share in LOADED:
+        part = Rods(rods.form, rods.values.copy())
+        for name in (*BASIC, "curvature_rise"):
+            part.field(name)[:] *= share
+        part.field("rest_strain")[..., 2] += (share - 1) * (part.field("rest_strain")[..., 2] - 1)
+        method = replace(DIRECT, steps=steps, remember=True, least_margin=0.01)
+        solution = solve(part, method, arc_lengths=arcs, start=solution)
+    assert solution is not None
+    return solution
 
 
 @dataclass
