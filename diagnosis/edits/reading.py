@@ -69,7 +69,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
         judged = judge(plain, states)
         findings += judged.findings if judged is not None else ()
-    if not findings and scaled:
+    if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
