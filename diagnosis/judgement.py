@@ -91,8 +91,8 @@ EDIT_NONE = 0.5
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
 EDIT_OF_MOVED, EDIT_LEAST, EDIT_GROSS = 0.25, 0.003, 0.02
-"""Share of the movement of tip and markers, and its least and largest value in robot lengths, that robust rms, calibrated, must
-exceed for edits to be tried at reading: the rest is left to the diagnosis."""
+"""Share of the tip's movement, and its least and largest value in robot lengths, that robust rms, calibrated, must exceed for
+edits to be tried at reading: the rest is left to the diagnosis."""
 EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
 """Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
 a table in another frame is refused, as nothing can be said of its robot."""

@@ -61,10 +61,10 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     yield Edit("order", 0.05, _azimuth, starts=QUARTERS, widens={AZIMUTH: np.pi})
     yield Edit("order", 0.03, _counted, _mirrored, starts=QUARTERS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
-    yield Edit("gravity", 0.03, partial(_gravity_says, turned_round), partial(_gravity, turned_round))
+    yield Edit("gravity", 0.03, partial(gravity_says, turned_round), partial(_gravity, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
         if min(np.linalg.norm(down - other) for other in (robot.gravity, turned_round)) > 0.1 * size:
-            yield Edit("gravity", 0.005, partial(_gravity_says, down), partial(_gravity, down))
+            yield Edit("gravity", 0.005, partial(gravity_says, down), partial(_gravity, down))
     around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
     widest = np.radians(25)
     yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})
@@ -120,7 +120,7 @@ def _gravity(down: Array, v: Variants, own: Array) -> Variants:
     return replace(v, gravity=np.broadcast_to(down, v.gravity.shape))
 
 
-def _gravity_says(down: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def gravity_says(down: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     given = listed(robot.gravity)
     return [finding("gravity_elsewhere", found=listed(down), given=given, short="gravity", p=p, rather=rather)]
 

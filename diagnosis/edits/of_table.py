@@ -19,7 +19,7 @@ from ..arrays import Array, Mask
 from ..data.units import PRESSURE_UNITS, Unit
 from ..findings import Finding, finding
 from .edit import Edit, Variants
-from .listed import FRAMES, axes_say
+from .listed import FRAMES, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -39,6 +39,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit("zero", 0.01, partial(_absolute_says, unit, ambient), partial(_absolute, unit, ambient))
     highest = np.abs(table.pressures).max(axis=1)
     rest = np.asarray(highest <= highest.min() + AT_REST * np.ptp(highest))
+    yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
     for k in range(markers):
         for own in (rest, rest & False):
@@ -52,6 +53,26 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             whole = len(handed) == 1
             kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
             yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, rest, whole))
+
+
+def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
+    """Gravity along another axis, of readings that were put where the robot stands at rest under the stated one."""
+    stated = np.array(sample.robot.gravity)
+    downs = [stated, -stated, *(float(np.linalg.norm(stated)) * sign * axis for axis in np.eye(3) for sign in (1, -1))]
+    v = sample.described.repeated(len(downs))
+    stands = sample.rods(replace(v, gravity=np.array(downs)[:, None]))
+    tip, markers = (
+        np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers.reshape(len(downs), len(rest), -1))
+    )
+    for down, *shift in list(zip(downs, tip, markers, strict=True))[1:]:
+        if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):
+            yield Edit("gravity", 0.005, partial(gravity_says, down), partial(_gravity_from_rest, down, shift))
+
+
+def _gravity_from_rest(down: Array, shift: Sequence[Array], v: Variants, own: Array) -> Variants:
+    """Gravity along `down`, the tip and the markers moved (m) as the robot at rest moves with it."""
+    gravity = np.broadcast_to(down, v.gravity.shape)
+    return replace(v, gravity=gravity, tip=v.tip + shift[0], markers=v.markers + shift[1].reshape(1, 1, -1, 3))
 
 
 def _place(v: Variants, body: int) -> Array:
@@ -106,10 +127,10 @@ def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
 
 
 def _stiffness_says(factor: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    given, found = robot.youngs_modulus / 1e3, factor * robot.youngs_modulus / 1e3
-    name = "bending_stiffness" if robot.bending_stiffness else "youngs_modulus"
-    values = {"name": name, "given": given, "found": found, "unit": "kPa", "short": name}
-    return [finding("refitted", p=p, rather=rather, **values)]
+    name, given, unit = "youngs_modulus", robot.youngs_modulus / 1e3, "kPa"
+    if robot.bending_stiffness:
+        name, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
+    return [finding("refitted", name=name, given=given, found=factor * given, unit=unit, short=name, p=p, rather=rather)]
 
 
 def _displacements(v: Variants, own: Array) -> Variants:
@@ -125,10 +146,11 @@ def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
 
 
 def _absolute_says(unit: Unit, ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    shared = {"short": "gauge or absolute pressures", "p": p, "rather": rather}
-    words, factor = robot.actuators.words, 1 / unit.per_si
-    return [finding("pressures_in_unit", words, factor=factor, looks=unit.name, **{**shared, "rather": ""}),
-            finding("pressures_absolute", words, ambient=ambient, **shared)]  # fmt: skip
+    words, short, factor = robot.actuators.words, "gauge or absolute pressures", 1 / unit.per_si
+    return [
+        finding("pressures_in_unit", words, factor=factor, looks=unit.name, short=short, p=p, rather=""),
+        finding("pressures_absolute", words, ambient=ambient, short=short, p=p, rather=rather),
+    ]
 
 
 def _exchanged(k: int, rest: Mask, v: Variants, own: Array) -> Variants:

@@ -52,28 +52,26 @@ def read(robot: Robot, table: Table) -> Reading:
 def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     """Findings about states with a tip, and whether they refuse the table; of a robot with effects, which are not in the rod,
     only those that do."""
-    plain, states = (
-        robot.model_copy(update={"effects": {}, "tolerances": {}}),
-        campaign_of(tips, np.arange(len(tips)), np.arange(0)),
-    )
+    plain = robot.model_copy(update={"effects": {}, "tolerances": {}})
+    states = campaign_of(tips, np.arange(len(tips)), np.arange(0))
     sample = Sample.of(plain, states)
-    places, findings = np.concatenate([sample.table.tip[:, None], sample.table.markers], axis=1), list[Finding]()
-    moved = sample.rms(np.nan_to_num(places - np.nanmean(places, axis=0)).reshape(-1, 3))
-    gross = float(
-        np.clip(judgement.EDIT_OF_MOVED * moved, judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length)
-    )
+    moved, findings = sample.rms(sample.table.tip - sample.table.tip.mean(axis=0)), list[Finding]()
+    least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
+    gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
     fits = sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)
-    fits.sort(key=lambda f: (sample.rms(f.missed[sample.places]) > gross, abs(f.theta[AREA])))
-    fit = fits[0]
+    left = [sample.rms(f.missed[sample.places]) for f in fits]
+    # of those that are near, the one that changes least
+    best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))
+    rms, fit = left[best], fits[best]
     missed = fit.missed[sample.places]
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
-    if sample.rms(missed) > gross or not sample.aligned(fit) or sample.ambient or scaled:
+    if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
         judged = judge(plain, states)
         findings += judged.findings if judged is not None else ()
-    if not findings and scaled:
+    if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
-    elif not findings and (rms := sample.rms(missed)) > judgement.EDIT_UNEXPLAINED * robot.length:
+    elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length
     for f in findings:

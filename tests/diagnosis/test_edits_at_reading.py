@@ -152,7 +152,8 @@ def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
     guessed = ROBOT.model_copy(
         update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
     )
-    assert reading(guessed, sweep()) == SILENT
+    found = reading(guessed, sweep())
+    assert not found.refused and all("youngs_modulus" in text for text in found.asked)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +222,7 @@ def test_attitudes_of_a_robot_that_sags_at_rest_are_left_alone() -> None:
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0, 0.0))]
-    assert any("the cameras' frame" in text for text in reading(ROBOT, hanging).refused)
+    assert "check which marker is the tip, the frame" in " ".join(reading(ROBOT, hanging).asked)
     assert not reading(LIMP, hanging).refused
 
 

@@ -198,7 +198,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     trunk.map.write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
     for text, asked in ((hangs, False), (hangs.replace("gravity: [0, 0, 9.81]", stated), True)):
         trunk.robot.write_text(text.replace("markers: [130 mm]\n", ""))
-        assert ("gravity" in trunk.imported().flat_err) is asked
+        assert ("gravity [0, 0, 9.81] instead of" in trunk.imported().flat_err) is asked
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,6 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     [
         (TIP, MIDDLE, ""),
         ((TIP[1], TIP[0], TIP[2]), MIDDLE, "the tip stands along other axes"),
-        (TIP, (MIDDLE[1], MIDDLE[0], MIDDLE[2]), "marker 1 stands along other axes"),
         ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip stands along other axes"),
         (MIDDLE, TIP, "the tip and marker 1 are exchanged"),
     ],
