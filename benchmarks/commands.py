@@ -82,7 +82,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="a folder for commands.json")
     parser.add_argument("--repeats", type=int, nargs="+", default=REPEATS, help="of the sweep, for the growth with rows")
-    parser.add_argument("--case", type=Path, action="append", default=[], help="a case folder that is diagnosed too; repeatable")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     waits: list[Wait] = []
@@ -105,8 +104,6 @@ def main() -> int:
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
         do("lab diagnose, 231 rows, clean", ["diagnose", first], warm, 77 * BASE.repeats)
         do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
-        for folder in a.case:
-            do(f"lab diagnose {folder.name}", ["diagnose", str(folder.resolve())], warm)
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)

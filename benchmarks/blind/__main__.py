@@ -30,9 +30,7 @@ def _make(a: argparse.Namespace) -> int:
     for cause in a.cause or ():
         if cause not in drawable():
             raise ConfigError(f"--cause {cause}: must be one of {', '.join(drawable())}")
-    recipe = Recipe(
-        a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.settled, a.held_out, tuple(a.cause or ())
-    )
+    recipe = Recipe(a.world, a.n, a.seed, tuple(a.kind or ()), a.clutter, (low, high), a.held_out, tuple(a.cause or ()))
     # a simulator predicts the base sweep alone
     menu = a.simulator is None
     digest = make(a.out, recipe, a.design, menu=menu, simulator=a.simulator, workers=a.workers)
@@ -82,7 +80,6 @@ def parser() -> argparse.ArgumentParser:
     making.add_argument("--held-out", action="store_true", help="held-out outside causes, for a final score")
     making.add_argument("--sizes", type=float, nargs=2, default=(0.5, 1.5), metavar=("LOW", "HIGH"), help="effects, in plausible "
                         "scales")  # fmt: skip
-    making.add_argument("--settled", action="store_true", help="stop and read, instead of reading while ramping slowly")
     making.add_argument("--simulator", metavar="NAME|FILE.py", help="its predictions are the baseline, in the rod's place; no "
                         "further experiments")  # fmt: skip
     making.add_argument("--cause", action="append", metavar="ID", help="draw causes from these effects (repeatable)")

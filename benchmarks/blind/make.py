@@ -21,7 +21,7 @@ from recordings.table_file import write_csv
 from recordings.trials import Table, TrialRow
 
 from .folder import SetFolder, new_set, seal
-from .sweeps import BASE, BASE_SETTLED, MENU, Design, MenuSweep, PlannedState, design
+from .sweeps import BASE, MENU, Design, MenuSweep, PlannedState, design
 from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, draw_robot
 from .workers import spread
 from .worlds.campaign import Jamming, Response, SweptReadings, WalkedSweep, WorldRobot, courses, read, respond
@@ -74,7 +74,7 @@ def make(
     truths = sorted(spread(make_case, orders, workers, "cases made"), key=lambda t: t.case)
     about = {
         "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
-        "settled": recipe.settled, "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
+        "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
         **({"simulator": simulator} if simulator else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
@@ -125,7 +125,7 @@ class Drawn:
 def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], attempt: int) -> Drawn:
     """A robot and what its effects do; a pair's partners carry alike. Raises NoRodStands and Unequal."""
     robot, effects = draw_robot(recipe, place, stratum, causes, attempt)
-    walked = walk_of(BASE_SETTLED if recipe.settled else BASE)
+    walked = walk_of(BASE)
     pair = KINDS[stratum] == "pair"
     if pair:
         robot, effects = _comparable(robot, effects, walked)
@@ -139,12 +139,11 @@ def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], a
 
 def _measured(order: CaseOrder, attempt: int) -> tuple[Truth, dict[str, Table]]:
     recipe = order.recipe
-    base = BASE_SETTLED if recipe.settled else BASE
     d = drawn(recipe, order.place, order.stratum, order.causes, attempt)
     robot, walked, response = d.robot, d.walked, d.response
     rng = np.random.default_rng([recipe.seed, 7, order.place, attempt])
     readings = read(robot, walked, response, rng)
-    tables = {base.name: table_of(base, readings)}
+    tables = {BASE.name: table_of(BASE, readings)}
     for sweep in MENU if order.menu else ():
         # experiments of the menu are done when the campaign of the base sweep is over
         later = walk_of(sweep, late=1e6)

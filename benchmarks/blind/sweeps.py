@@ -96,7 +96,6 @@ PAPER_LENGTHS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 PAPER_PRESSURES = (50e3, 100e3, 150e3, 200e3, 250e3)
 BASE = MenuSweep("base", PAPER_LENGTHS, PAPER_PRESSURES, repeats=3, unload=True, reading="fly", rate=5e3)
 """The paper's 35 states, loading and unloading, three times, with the state at zero pressure."""
-BASE_SETTLED = replace(BASE, reading="settled", rate=25e3)
 
 _FEW = (0.0, 0.15, 0.30)
 MENU: tuple[MenuSweep, ...] = (

@@ -37,8 +37,6 @@ TOLERANCES = {"body_modulus": 0.02 / 0.12, "self_weight": 0.01 / 0.12, "base_til
 SMALL = 0.5e-3
 """m: length of the body, origin of the camera frame."""
 LEAST_BLEND = 0.6
-RAMPING_ONLY = ("time_offset",)
-"""Effects that a settled reading cannot show."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,6 @@ class Recipe:
     clutter: float | None = None
     """Standard deviation of clutter in plausible scales; the world's own without."""
     sizes: tuple[float, float] = (0.5, 1.5)
-    settled: bool = False
     held_out: bool = False
     """Outside causes are those that nothing is developed on."""
     causes: tuple[str, ...] = ()
@@ -135,7 +132,7 @@ def _strata(recipe: Recipe) -> list[Stratum]:
 
 
 def _names(recipe: Recipe) -> list[str]:
-    return [e for e in EFFECTS if e != THRUST and not (recipe.settled and e in RAMPING_ONLY)]
+    return [e for e in EFFECTS if e != THRUST]
 
 
 def drawable() -> list[str]:

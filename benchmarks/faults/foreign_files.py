@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.edits.reading import refused
+from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
@@ -114,7 +114,7 @@ def foreign_tables(folder: Path) -> Callable[[random.Random], Callable[[], objec
     def every_way(place: Path) -> None:
         if place.name in maps:
             with suppress(ConfigError):
-                refused(robot, imported([place], maps[place.name], robot).table)
+                judged(robot, imported([place], maps[place.name], robot).table)
         series = read(place, Source())
         proposed = folder / "proposed.yaml"
         proposed.write_text(guess_text(guess_map(series, robot), ROBOT, [place], series.form), encoding="utf-8")

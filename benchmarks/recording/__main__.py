@@ -1,7 +1,6 @@
 """The figures of the recordings: `python -m benchmarks.recording [--quick] [--json FILE]`.
 
-The full table takes about five minutes; `--real-time` records the ten minutes in ten minutes instead of one, `--quick`
-takes fewer seconds. Exit code 1 when a target is missed.
+Exit code 1 when a target is missed.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ def main(arguments: list[str] | None = None) -> int:
     """Measure, print, write."""
     p = argparse.ArgumentParser(description="Measures the figures of the recordings.")
     p.add_argument("--quick", action="store_true", help="ten seconds instead of a minute")
-    p.add_argument("--real-time", action="store_true", help="record the ten minutes in ten minutes")
     p.add_argument("--json", type=Path, default=Path("out/recording.json"), help="where the table is written as JSON")
     p.add_argument("--only", default="", help="figures whose name has this word")
     a = p.parse_args(arguments)
@@ -35,13 +33,11 @@ def main(arguments: list[str] | None = None) -> int:
                 record(path, seconds)
             return path
 
-        wall = 10.0 if a.quick else speed.TEN_MINUTES if a.real_time else 60.0
+        wall = 10.0 if a.quick else 60.0
         todo: dict[str, Callable[[], Figure]] = {
             "start": lambda: speed.start_up(folder),
             "paced": lambda: speed.paced(folder, wall),
             "reading": lambda: speed.reading(made(hour, HOUR), made(short, SHORT)),
-            "writing": lambda: speed.writing(folder, 30.0 if a.quick else SHORT),
-            "replays": lambda: speed.replays(made(short, SHORT)),
             "table": lambda: speed.table(made(hour, HOUR)),
         }
         figures = [measure() for name, measure in todo.items() if a.only in name]

@@ -1,10 +1,7 @@
-"""How fast recordings begin, are written and read, and that they replay alike."""
+"""How fast recordings begin, are written and read."""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,19 +10,16 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from recordings.campaign.replay import replay
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.messages import streams
 
 from ..figures import Figure
-from .stream import RATES, START_NS, TOTAL, Values, schedule
+from .stream import TOTAL, Values, schedule
 
-TEN_MINUTES = 600.0
 DENSE = 10.0
 """Seconds of the rig in one host second where only drops are counted: the writer then needs about a quarter of a processor."""
 LEAD_NS = 500_000_000
@@ -35,10 +29,10 @@ PRODUCERS = (("/force",), ("/arm",), ("/tip",), ("/pressure", "/spine", "/valve"
 
 
 def paced(folder: Path, wall: float) -> Figure:
-    """Twice the rig's rates: `wall` host seconds at their true pace for the delays, and, where that is less than ten
-    minutes, DENSE times as many messages within the same time again for the drops (a harder task)."""
+    """Twice the rig's rates: `wall` host seconds at their true pace for the delays, and DENSE times as many messages within the
+    same time again for the drops (a harder task)."""
     true = paced_run(folder / "true.mcap", wall, wall)
-    dense = true if wall >= TEN_MINUTES else paced_run(folder / "dense.mcap", wall, DENSE * wall)
+    dense = paced_run(folder / "dense.mcap", wall, DENSE * wall)
     p50, p99, p999 = np.quantile(true.delays, (0.5, 0.99, 0.999)).tolist()
     crowded = float(np.quantile(dense.delays, 0.999))
     dropped = true.dropped + dense.dropped
@@ -126,49 +120,6 @@ def reading(hour: Path, short: Path, topic: str = "/arm") -> Figure:
     )
 
 
-def writing(folder: Path, seconds: float) -> Figure:
-    """The same messages by the recorder, and by the library's writer as JSON with a schema: rate and size."""
-    values = Values()
-    sent = [(topic, t, values.of(topic, k, t)) for t, topic, k in schedule(seconds)]
-    names = {topic: message.value_names for topic, message in streams().items()}
-
-    written = 0
-
-    def ours(path: Path) -> None:
-        nonlocal written
-        path.unlink(missing_ok=True)
-        with Recorder(path, start_wall_ns=START_NS, keep=60.0) as recorder:
-            for topic, t, fields in sent:
-                recorder.push(topic, t, fields)
-        written = sum(count.written for count in recorder.counts().values())
-
-    def theirs(path: Path) -> None:
-        with open(path, "wb") as file:
-            writer = Writer(file)
-            writer.start()
-            schema = writer.register_schema("any", "jsonschema", b'{"type": "object"}')
-            channels = {topic: writer.register_channel(topic, "json", schema) for topic in RATES}
-            for topic, t, fields in sent:
-                data = json.dumps({"t": t, **dict(zip(names[topic], fields, strict=True))}).encode()
-                ns = START_NS + round(t * 1e9)
-                writer.add_message(channels[topic], ns, data, ns)
-            writer.finish()
-
-    a, b = folder / "ours.mcap", folder / "json.mcap"
-    goes = [(best(1, lambda: ours(a)), best(1, lambda: theirs(b))) for _ in range(5)]  # in turn: the host is shared
-    fast, slow = min(mine for mine, _ in goes), min(other for _, other in goes)
-    size, other = a.stat().st_size, b.stat().st_size
-    rate, their_rate = written / fast, len(sent) / slow
-    return Figure(
-        f"writing {len(sent)} samples ({written} messages with those for viewers), against the library's plain JSON way",
-        ">= 2x messages/s, smaller file",
-        f"{rate / 1e3:.0f} k/s, {rate / their_rate:.1f}x ({their_rate / 1e3:.0f} k/s); "
-        f"{size / 1e6:.2f} MB against {other / 1e6:.2f} MB",
-        rate >= 2 * their_rate and size < other,
-        {"per_s": rate, "times": rate / their_rate, "bytes": size, "json_bytes": other},
-    )
-
-
 def table(hour: Path) -> Figure:
     """One hour of the rig: every state read again from the samples."""
     rows: list[int] = []
@@ -176,20 +127,6 @@ def table(hour: Path) -> Figure:
     return Figure(
         f"one hour of the rig ({TOTAL * 3600 / 1e6:.2f} M messages) to a trials table",
         "<= 10 s", f"{took:.2f} s, {rows[-1]} rows", took <= 10 and rows[-1] == 180, {"s": took, "rows": rows[-1]},
-    )  # fmt: skip
-
-
-def replays(file: Path, times: int = 5) -> Figure:
-    """`lab replay`, each time in a process of its own: the digest of the rows that it concludes."""
-    found = []
-    for _ in range(times):
-        command = [sys.executable, "-m", "lab.cli", "replay", str(file), "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        found.append(json.loads(done.stdout))
-    digests, rows = {one["sha256"] for one in found}, found[0]["replayed"]
-    return Figure(
-        f"{times} replays by `lab replay`", "one sha256", f"{len(digests)} sha256 of {rows} rows: {min(digests)[:16]}..",
-        len(digests) == 1 and rows > 0, {"digests": len(digests), "rows": rows},
     )  # fmt: skip
 
 

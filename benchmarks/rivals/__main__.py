@@ -18,22 +18,19 @@ from .table import report
 
 
 def main() -> None:
-    """Answer, then open the seal unless it is to be kept."""
+    """Answer, then open the seals."""
     a = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
     a.add_argument("sets", metavar="SET", type=Path, nargs="+")
     a.add_argument("--methods", nargs="+", choices=tuple(METHODS), default=tuple(METHODS))
-    a.add_argument("--first", type=int, help="answer the first N cases of each set only")
-    a.add_argument("--keep-sealed", action="store_true", help="answer, and leave the seal closed")
     a.add_argument("--workers", type=int, default=2)
     a.add_argument("--out", type=Path, default=Path("out/rivals"))
     asked = a.parse_args()
     sets = [place.resolve() for place in asked.sets]
     for place in sets:
         do = partial(answer, place, asked.out.resolve() / place.name, tuple(asked.methods))
-        for _ in spread(do, SetFolder(place).names()[: asked.first], asked.workers, place.name):
+        for _ in spread(do, SetFolder(place).names(), asked.workers, place.name):
             pass
-    if not asked.keep_sealed:
-        report(sets, asked.out, list(METHODS))
+    report(sets, asked.out, list(METHODS))
 
 
 if __name__ == "__main__":

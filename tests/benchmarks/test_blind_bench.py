@@ -119,11 +119,6 @@ def test_every_effect_gets_its_turn() -> None:
     assert sorted(drawn) == sorted([e for e in EFFECTS if e != "chamber_thrust"] * 2)
 
 
-def test_settled_sets_leave_out_what_a_settled_reading_cannot_show() -> None:
-    drawn = {settled: draw(Recipe("bench", 60, 3, ("clean",), settled=settled)) for settled in (False, True)}
-    assert {settled: any("time_offset" in ids for _, ids in own) for settled, own in drawn.items()} == {False: True, True: False}
-
-
 def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> None:
     recipe = Recipe("bench", 1, 2, sizes=(0.8, 1.2))
     for place, effect in enumerate(e for e in EFFECTS if e != "chamber_thrust"):

@@ -49,15 +49,6 @@ def arrived(arm: UR5, timeout: float = 10.0) -> None:
     wait_until(lambda: not arm.moving(), timeout)
 
 
-def test_a_move_arrives_and_moving_ends(arm: UR5, watcher: UR5State) -> None:
-    start = watcher.latest().tcp_pose
-    for goal in (raised(start, UP), start):
-        arm.move_to(goal, SPEED, ACCELERATION)
-        assert arm.moving()
-        arrived(arm)
-        assert distance_between(watcher.latest().tcp_pose, goal) < 1e-3
-
-
 def test_stop_ends_the_motion_within_a_short_distance(arm: UR5, watcher: UR5State) -> None:
     start = watcher.latest().tcp_pose
     arm.move_to(raised(start, 10 * UP), SPEED, ACCELERATION)

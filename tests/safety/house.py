@@ -95,10 +95,10 @@ def recorded(folder: Path) -> Recording:
 
 
 def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
-    """Do something as soon as a condition holds."""
+    """Do something as soon as a condition of the plant holds."""
 
     def watch() -> None:
-        if until(condition, 60.0):
+        if timing.wait(condition, 60.0):
             act()
 
     thread = timing.Thread(target=watch, daemon=True)
@@ -116,5 +116,10 @@ def inflate(rig: Rig, house: House) -> None:
 
 
 def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
-    """Wait until the condition holds; False when it does not within `within` host seconds, far more than it takes."""
-    return timing.wait(condition, within)
+    """Look until the condition holds, which may wait for the rig itself; False when it does not within `within` host seconds."""
+    deadline = timing.now() + within
+    while not condition():
+        if timing.now() > deadline:
+            return False
+        timing.sleep(0.005)
+    return True

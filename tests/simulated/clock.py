@@ -8,7 +8,6 @@ A thread that lives in no such clock may set what is waited for, and must not wa
 """
 
 import math
-import operator
 import os
 import queue
 import select
@@ -77,9 +76,6 @@ class _Waiter:
             return bool(self.condition())
         except Exception:  # noqa: BLE001
             return True
-
-
-_deadline = operator.attrgetter("until")
 
 
 def _arm(*args: Any, **how: Any) -> Any:
@@ -220,7 +216,7 @@ class SimulatedClock:
                 if waiter.holds():
                     self._waiting.remove(waiter)
                     return waiter
-            first = min(self._waiting, key=_deadline, default=None)
+            first = min(self._waiting, key=lambda w: w.until, default=None)
             if first is not None and first.until < math.inf:
                 self._now = max(self._now, first.until)
                 self._waiting.remove(first)
