@@ -93,8 +93,8 @@ class States:
 
     @cached_property
     def pace(self) -> float | None:
-        """s, geometric mean of the median time from reading to reading and the median duration of a trial, to two digits; None
-        where no time passes. What a material remembers shows between these two."""
+        """s, geometric mean of the median time from reading to reading and the median duration of a trial, between which a memory
+        shows; None where no time passes."""
         own = self[~self.stiffness]
         first = np.diff(own.trial, prepend=-1) != 0
         step = np.abs(np.where(first[:, None], own.pressure, np.diff(own.pressure, axis=0, prepend=0.0))).max(axis=1)
@@ -104,7 +104,7 @@ class States:
         if not (passed > 0).any():
             return None
         trials = np.add.reduceat(passed, np.flatnonzero(first))
-        return float(f"{np.sqrt(np.median(passed[passed > 0]) * np.median(trials[trials > 0])):.2g}")
+        return float(np.sqrt(np.median(passed[passed > 0]) * np.median(trials[trials > 0])))
 
     @property
     def markers(self) -> int:

@@ -289,7 +289,7 @@ def _payload(q: Quantities, out: RodColumns) -> None:
 
 
 def _boundary(q: Quantities, out: RodColumns) -> None:
-    """The base, and rest curvature that is linear along the arc: u*(s) = u* (1 + growth (2 s / L - 1)), in part by a moment."""
+    """The base, and rest curvature that is linear along the arc: u*(s) = u* (1 + growth (2 s / L - 1))."""
     for k in range(3):
         out[col.BASE_TURN + k] = q.base_turn[..., k]
     out[col.BASE_COMPLIANCE] = q.base_compliance
@@ -298,12 +298,10 @@ def _boundary(q: Quantities, out: RodColumns) -> None:
     if not q.rest_curvature.any():
         return
     begin = np.zeros((1, 1))  # arc length m at which the element begins
-    for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
+    for element in q.layout.elements:
         length = out[element + col.LENGTH]
-        give = 1 + q.rest_moment * (q.body_modulus * q.body.second[piece] / out[element + col.BEND] - 1)
-        factor_at_begin = 1 + q.rest_growth * (2 * begin / q.length - 1)
         for k in range(3):
-            curvature = give * q.rest_curvature[..., k]
-            out.add(element + col.REST_CURVATURE + k, curvature * factor_at_begin)
-            out.add(element + col.RISE + k, curvature * q.rest_growth * 2 * length / q.length)
+            factor_at_begin = 1 + q.rest_growth * (2 * begin / q.length - 1)
+            out.add(element + col.REST_CURVATURE + k, q.rest_curvature[..., k] * factor_at_begin)
+            out.add(element + col.RISE + k, q.rest_curvature[..., k] * q.rest_growth * 2 * length / q.length)
         begin = begin + length

@@ -123,8 +123,6 @@ class Quantities:
     """(v, n, 3) 1/m at mid-length, section frame."""
     rest_growth: Array = constant(0.0)
     """Rest curvature at the tip over that at mid-length, less one."""
-    rest_moment: Array = constant(0.0)
-    """Share 0..1 of the rest curvature that is a moment's, which bends a section with spine less."""
     clamp_root: Array = constant(0.0)
     """Stiffness rows: rad/(N m) of the specimen's root (body only)."""
     arm_compliance: Array = constant(0.0)

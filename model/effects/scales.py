@@ -36,7 +36,7 @@ class Scales:
     gravity: float = 9.81
     """m/s^2."""
     time: float = 16.0
-    """s, the pace of the campaign (`States.pace`); what is much faster or slower is not seen in it."""
+    """s, the pace of the campaign (`States.pace`) to the nearest decade; what is much faster or slower is not seen in it."""
 
     def of(self, unit: str) -> float:
         """The scale of quantities with this unit; 1 for pure numbers and angles.
@@ -83,5 +83,6 @@ def scales(robot: Robot, pressure: NDArray[np.float64] | None = None, pace: floa
         quoted = most if near or highest == 0 else float(f"{highest:.2g}")
     stiffness = robot.youngs_modulus * body_of(robot).mean_second
     gravity = float(np.linalg.norm(robot.gravity)) or STANDARD.gravity
-    time = robot.quoted_time or (None if MEMORY in robot.effects else pace) or STANDARD.time
-    return Scales(robot.length, stiffness, quoted, gravity, time)
+    own = STANDARD.time if pace is None or MEMORY in robot.effects else pace
+    decades = round(math.log10(own / STANDARD.time))
+    return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades)

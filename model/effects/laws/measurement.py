@@ -16,18 +16,7 @@ TURN = math.radians(1.5) / math.sqrt(3)
 
 
 def _frame_misalignment(r: Readings, v: Values) -> None:
-    """A frame that is turned; with s = 1 or -1 one of each two axes alone is, and positions are read along axes not square."""
-    by = vector(v["x"], v["y"], v["z"])
-    askew = v["skew"][..., None] * by
-    r.tip = r.tip + _along_others(askew, r.tip)
-    if r.markers.shape[2]:
-        r.markers = r.markers + _along_others(askew[..., None, :], r.markers)
-    r.turn(by)
-
-
-def _along_others(by: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Each coordinate (.., 3) by the two others, times the symmetric matrix of which `by` (.., 3) is off the diagonal."""
-    return np.asarray(by[..., [2, 2, 1]] * place[..., [1, 0, 0]] + by[..., [1, 0, 0]] * place[..., [2, 2, 1]])
+    r.turn(vector(v["x"], v["y"], v["z"]))
 
 
 def _marker_offset(r: Readings, v: Values) -> None:
@@ -67,12 +56,8 @@ SPECS = (
         label="turn of the cameras' frame",
         says="the cameras' frame is turned by {}",
         stage="measurement",
-        equation="p_read = exp(theta^) (1 + s |theta^|) p, |theta^| symmetric; s = 1 or -1: axes that are not square; "
-        "orientation as for s = 0",
-        parameters=(
-            *(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
-            Parameter("skew", "1", 0.3, -1.5, 1.5, role="shape"),
-        ),
+        equation="p_read = exp(theta^) p, orientation likewise",
+        parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
         law=Law(after=_frame_misalignment),
         citation="geometry",
         exact=True,

@@ -75,7 +75,6 @@ def _precurvature(q: Quantities, v: Values) -> None:
     """The body's own curvature turns with the body."""
     q.rest_curvature = q.rest_curvature + vector(*rolled(q.design.roll, v["x"], v["y"]))
     q.rest_growth = q.rest_growth + v["growth"]
-    q.rest_moment = q.rest_moment + v["moment"]
 
 
 SPECS = (
@@ -193,12 +192,11 @@ SPECS = (
         label="curvature at rest",
         says="the body is curved by {} at rest",
         stage="boundary",
-        equation="u*(s) = u0 (1 + g (2 s / L - 1)) (1 - m + m E I_c / EI(s)), turns with roll; m = 1: a prestress of the body",
+        equation="u*(s) = u0 (1 + g (2 s / L - 1)), turns with roll",
         parameters=(
             Parameter("x", "1/m", 0.12 / math.sqrt(2), -2.0, 2.0),
             Parameter("y", "1/m", 0.12 / math.sqrt(2), -2.0, 2.0),
             Parameter("growth", "1", 0.5, -2.0, 2.0, role="shape"),
-            Parameter("moment", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
         law=Law(before=_precurvature),
         citation="paper's u*, set to zero there",

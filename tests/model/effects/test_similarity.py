@@ -127,6 +127,6 @@ def test_a_size_that_is_quoted_at_a_pressure_needs_it(paper_robot: Robot) -> Non
 
 def test_relaxation_times_that_are_stated_are_those_of_the_campaign_they_were_fitted_to(paper_robot: Robot) -> None:
     creeps = paper_robot.model_copy(update={"effects": {"viscoelastic": {"slow": Stated(value=0.1, unit="1")}}})
-    assert scales(paper_robot, pace=3.0).time == 3.0
+    assert [scales(paper_robot, pace=t).time for t in (3.0, 12.0)] == pytest.approx([1.6, STANDARD.time])
     assert scales(creeps, pace=3.0).time == scales(paper_robot).time == STANDARD.time
     assert scales(creeps.model_copy(update={"quoted_time": 40.0}), pace=3.0).time == 40.0
