@@ -39,7 +39,6 @@ from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.posterior import leading_by_law
 from .inference.prepare import AREA, prepare
 from .inference.thrust import settled_and_edited
 
@@ -132,16 +131,11 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
     alone, size, carried = alone_as_good(scale, found), sizes(prepared, found.best), assemble.budget_section(found)
     named = {e: sentences.with_id(e, names) for e in found.decision.effects}
-    weighed = found.posterior.candidates.values()
-    leading = leading_by_law(weighed, len(prepared.problem.parameters.ids))
-    # a tolerance that is named for its millimetres leads no hypothesis
-    leads = any({*c.named} & {*named} for c in weighed)
-    by_law = {sentences.hypothesis_name(h, names): p for h, p in leading.items() if leads and not {*h} & {*named}}
-    as_good = [sentences.hypothesis_name((e,), names) for e in alone]
+    as_good = [sentences.with_id(e, names) for e in alone]
     why: tuple[Finding, ...] = ()
     if named:
-        why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good, by_law))
-        found = replace(found, decision=doubted(found.decision, why, len(alone), sum(by_law.values())))
+        why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good))
+        found = replace(found, decision=doubted(found.decision, why, len(alone)))
     unsure = bool(far or first.numbers or tense)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
     facts = sentences.Facts(

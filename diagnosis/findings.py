@@ -114,7 +114,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "cause_impossible": "the cause is not certain: {effect} would have an impossible size",
         "cause_undetermined": "the cause is not certain: within its error, {effect} carries less than the noise floor",
-        "cause_by_law": "the cause is not certain: with laws more or less wrong, {effect} would be named",
         "fit_not_reached": (
             "the cause is not certain: the robot with {effect} alone leaves {mm:.2g} mm, with tolerances of other effects "
             "{promised_mm:.2g} mm"
@@ -200,7 +199,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "tip_far_off": (
             "the tip is {mm:.3g} mm (rms, outliers down-weighted) from where the rod of robot.yaml has it, and no single mistake "
-            "explains it: check which marker is the tip, the frame, the columns x, y, z and p1 .., tip_mass and moduli"
+            "explains it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass and moduli"
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),

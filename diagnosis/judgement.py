@@ -81,7 +81,7 @@ EDIT_REPEATED = 4e-3
 """Robust rms of repeats, robot lengths, from which edits are tried: far more than cameras and re-grown spines scatter."""
 EDIT_MODEL_ERROR, EDIT_NOISE = 1.5e-3, 1e-3
 """Robot lengths of robust rms that no edit is asked to go below: models and repeats are no better."""
-EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 5
+EDIT_TURN_ERROR, EDIT_ATTITUDES = 0.1, 7
 """rad of attitudes that no edit is asked to go below, and conditions of them that count at most."""
 EDIT_CONDITIONS, EDIT_REPEATS = 7, 14
 """Conditions and repeats that count at most in the evidence of edits. Seven: an edit with a prior of a hundredth is sure where it
@@ -90,8 +90,9 @@ EDIT_NONE = 0.5
 """Prior share of descriptions that need no edit."""
 EDIT_STATED = 0.05
 """Probability from which another edit is stated beside the one that is made."""
-EDIT_GROSS = 0.02
-"""Robot lengths of robust rms, calibrated, above which edits are tried at reading: the rest is left to the diagnosis."""
+EDIT_OF_MOVED, EDIT_LEAST, EDIT_GROSS = 0.25, 0.003, 0.02
+"""Share of the movement of tip and markers, and its least and largest value in robot lengths, that robust rms, calibrated, must
+exceed for edits to be tried at reading: the rest is left to the diagnosis."""
 EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
 """Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
 a table in another frame is refused, as nothing can be said of its robot."""

@@ -1,5 +1,4 @@
-"""JSON from outside: values of bounded depth, or a ValueError. The only place of this room where JSON is read; and numbers that
-JSON does not know."""
+"""JSON from outside, which this room reads here alone: values of bounded depth, or a ValueError; numbers that JSON lacks."""
 
 from __future__ import annotations
 

@@ -28,10 +28,8 @@ from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Ta
 
 MOST_COLUMNS = 2000
 """Of a table: a robot of a hundred chambers and markers has a thousand."""
-MOST_ROWS, LARGEST = 50_000, 50_000_000
-"""Of a table of trials, and bytes of a table; a row has some 300."""
-MOST_STATES = 200_000
-"""Rows of any other table."""
+MOST_ROWS, MOST_STATES, LARGEST = 50_000, 200_000, 50_000_000
+"""Rows of a table of trials and of any other, and bytes of a table; a row has some 300."""
 LIMITS = (
     (r"p[0-9]+", -100e3, 2e6,
      "{value:g} Pa is outside {low:g} .. {high:g} Pa gauge; pressures are gauge, in Pa: check the unit"),

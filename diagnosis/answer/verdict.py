@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -97,11 +96,10 @@ def doubts(
     fitted: FittedRobot | None,
     floor_mm: float,
     alone: Sequence[str] = (),
-    by_law: Mapping[str, float] = MappingProxyType({}),
 ) -> Iterator[Finding]:
     """Why effects (id -> name) are no certain cause: their sizes, what they carry, what they leave on unseen states, and what the
-    robot with them alone does. `alone`: names of effects that do as well without any calibration; `by_law`: of those that would
-    be named in their place if laws were more or less wrong, and how probable that is."""
+    robot with them alone does. `alone`: names of effects that do as well without any calibration. (That another is the cause if
+    laws are more or less wrong needs no doubt: probabilities are means over how wrong they are.)"""
     low = {c.effect: c.low95_mm for c in budget}
     for effect, name in effects.items():
         if any(s.impossible for s in sizes if s.effect == effect and s.role == "size"):
@@ -109,8 +107,6 @@ def doubts(
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
             yield finding("cause_undetermined", effect=name)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
-    if sum(by_law.values()) > 1 - judgement.CAUSE_PROBABILITY:
-        yield finding("cause_by_law", effect=max(by_law, key=lambda name: by_law[name]))
     if unseen is None:
         return
     if unseen.after_mm > max(judgement.LEFT_FLOORS * unseen.floor_mm, judgement.LEFT_SHARE * unseen.before_mm):
@@ -121,12 +117,11 @@ def doubts(
         yield finding("fit_not_reached", effect=" and ".join(effects.values()), mm=fitted.left_mm, promised_mm=unseen.after_mm)
 
 
-def doubted(d: Decision, why: Sequence[Finding], as_good: int, other_laws: float) -> Decision:
-    """The decision with a probability that leaves room for its doubts: it is shared with the effects that do `as_good`, no more
-    than that of laws under which nothing else leads (1 - `other_laws`), and with any other doubt than that no more than
-    `DOUBTED_PROBABILITY`. What is taken off goes to causes outside the catalogue and mistakes in the description."""
-    most = judgement.DOUBTED_PROBABILITY if any(f.code != "cause_by_law" for f in why) else 1.0
-    probability = min(d.probability / (1 + as_good), 1 - other_laws, most)
+def doubted(d: Decision, why: Sequence[Finding], as_good: int) -> Decision:
+    """The decision with a probability that leaves room for its doubts: it is shared with the effects that do `as_good`, and never
+    more than `DOUBTED_PROBABILITY`. What is taken off goes to causes outside the catalogue and mistakes in the description."""
+    most = judgement.DOUBTED_PROBABILITY if why else 1.0
+    probability = min(d.probability / (1 + as_good), most)
     return replace(d, probability=probability, outside=d.outside + d.probability - probability)
 
 

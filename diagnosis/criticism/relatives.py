@@ -19,18 +19,12 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import by_chambers, with_spine
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
 
 from ..arrays import Array
 
 ASIDE = 0.5
 """Robot lengths aside at which sizes that grow away from the axis are counted."""
-
-
-def _xyz(v: Values, axes: str = "xyz") -> Array:
-    """(v, n, 3), 0 for an axis that is not there."""
-    zero = np.zeros_like(v[axes[0]])
-    return np.stack(np.broadcast_arrays(*(v[a] if a in axes else zero for a in "xyz")), axis=-1)
 
 
 def _highest(q: Quantities) -> Array:
@@ -65,11 +59,11 @@ def _spine_pressed(q: Quantities, v: Values) -> None:
 
 def _spine_off_axis(q: Quantities, v: Values) -> None:
     covered = q.design.spine_length / q.robot.length
-    q.rest_curvature = q.rest_curvature + (_highest(q) * covered)[..., None] * _xyz(v, "xy")
+    q.rest_curvature = q.rest_curvature + (_highest(q) * covered)[..., None] * vector(v["x"], v["y"])
 
 
 def _mount_creeps(q: Quantities, v: Values) -> None:
-    q.base_turn = q.base_turn + q.design.progress[None, :, None] * _xyz(v, "xy")
+    q.base_turn = q.base_turn + q.design.progress[None, :, None] * vector(v["x"], v["y"])
 
 
 def _body_length(q: Quantities, v: Values) -> None:
@@ -98,7 +92,7 @@ def _stretched(r: Readings, by: Callable[[Array], Array]) -> None:
 
 
 def _cameras_creep(r: Readings, v: Values) -> None:
-    r.turn(r.design.progress[None, : r.tip.shape[1], None] * _xyz(v))
+    r.turn(r.design.progress[None, : r.tip.shape[1], None] * vector(v["x"], v["y"], v["z"]))
 
 
 ANGLE = math.radians(1.5)

@@ -164,9 +164,9 @@ def _length_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) 
 
 
 def _origin(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    shift = theta[ORIGIN]
+    shift, remedy = theta[ORIGIN], f"; a map can take it off (`zero` of a column, or `straight: at rest`){rather}"
     return [
-        _refitted(f"origin of the tip's {axis}", 0.0, 1e3 * float(d) * robot.length, "mm", p, rather, _at_bound(d, 0.3))
+        _refitted(f"origin of the tip's {axis}", 0.0, 1e3 * float(d) * robot.length, "mm", p, remedy, _at_bound(d, 0.3))
         for d, axis, usual in zip(shift, "xyz", judgement.EDIT_USUAL[ORIGIN], strict=True)
         if abs(d) > usual
     ]

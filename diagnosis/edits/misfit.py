@@ -238,9 +238,9 @@ class Sample:
         """m, rms of the means of places' conditions, and of repeats about these."""
         condition, places = self._place_condition, missed[self.places]
         mean = np.stack([np.bincount(condition, axis) for axis in places.T], axis=1) / np.bincount(condition)[:, None]
-        repeated = self._repeated > 0
-        deviation = ((places - mean[condition]) * self._repeated[:, None])[repeated]
-        return self.rms(mean), self.rms(deviation)
+        lost = (places == self.robot.length).all(axis=1, keepdims=True)  # no equilibrium is none that repeats
+        deviation = np.where(lost, places, (places - mean[condition]) * self._repeated[:, None])
+        return self.rms(mean), self.rms(deviation[self._repeated > 0])
 
     def turn(self, missed: Array) -> float:
         """rad, robust rms of attitudes."""

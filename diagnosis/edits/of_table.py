@@ -46,8 +46,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
-        moves = ([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described))
-        axes = _nearest_axes(*moves, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
+        predicted, measured = ([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described))
+        axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
             kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
@@ -60,8 +60,14 @@ def _place(v: Variants, body: int) -> Array:
 
 
 def _from_rest(places: Array, rest: Mask) -> Array:
-    """(v, n, 3) m from the mean of the states at rest."""
-    return np.asarray(places - np.nanmean(places[:, rest], axis=1, keepdims=True))
+    """(v, n, 3) m from the mean of the states at rest, those that were seen."""
+    return places - _mean(places[:, rest])
+
+
+def _mean(places: Array) -> Array:
+    """(v, 1, 3) m, of the states (v, n, 3) that were seen; 0 of none."""
+    seen = np.isfinite(places).all(axis=2, keepdims=True)
+    return np.asarray(np.where(seen, places, 0.0).sum(axis=1, keepdims=True) / np.maximum(seen.sum(axis=1, keepdims=True), 1))
 
 
 def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames: Sequence[Array]) -> Array:
@@ -128,7 +134,7 @@ def _absolute_says(unit: Unit, ambient: float, robot: Robot, theta: Array, own: 
 def _exchanged(k: int, rest: Mask, v: Variants, own: Array) -> Variants:
     """Tip and marker k in each other's place; with states at `rest` (n,), each moved to where the other rests."""
     tip, marker, markers = v.tip, v.markers[:, :, k], v.markers.copy()
-    apart = np.nanmean((tip - marker)[:, rest], axis=1, keepdims=True) if rest.any() else 0.0
+    apart = _mean((tip - marker)[:, rest])
     markers[:, :, k] = tip - apart
     return replace(v, tip=marker + apart, markers=markers)
 

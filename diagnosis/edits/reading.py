@@ -57,7 +57,11 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         campaign_of(tips, np.arange(len(tips)), np.arange(0)),
     )
     sample = Sample.of(plain, states)
-    gross, findings = judgement.EDIT_GROSS * robot.length, list[Finding]()
+    places, findings = np.concatenate([sample.table.tip[:, None], sample.table.markers], axis=1), list[Finding]()
+    moved = sample.rms(np.nan_to_num(places - np.nanmean(places, axis=0)).reshape(-1, 3))
+    gross = float(
+        np.clip(judgement.EDIT_OF_MOVED * moved, judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length)
+    )
     fits = sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)
     fits.sort(key=lambda f: (sample.rms(f.missed[sample.places]) > gross, abs(f.theta[AREA])))
     fit = fits[0]

@@ -8,15 +8,14 @@ of these: `budget.by_what_is_carried`, then `with_unknown`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb, log
 
 import numpy as np
-from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
-from ..judgement import CREDIBLE_SHARE, LAW_ERRORS, PRIOR_OF_NUMBER, TEMPERATURE
+from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -75,22 +74,6 @@ def shares(candidates: Sequence[Candidate], effects: int) -> Array:
     weight = np.array([log_weight(c.named, c.log_evidence, effects) for c in candidates])
     share = np.exp(weight - weight.max())
     return np.asarray(share / share.sum())
-
-
-def leading_by_law(candidates: Iterable[Candidate], effects: int) -> dict[Hypothesis, float]:
-    """The hypotheses that name an effect and lead if laws are wrong by each of the shares `LAW_ERRORS`, and how probable it is
-    that laws are wrong by those."""
-    named = [*{c.named: c for c in candidates if c.named and hypothesis_prior(c.named, effects) > 0}.values()]
-    if not named:
-        return {}
-    by_law = [logsumexp(c.weighed.log_terms, axis=(0, 1)) - c.fit.predicted_decrease for c in named]
-    # without an error of laws there is one term for all of them
-    terms = [np.broadcast_to(z - log(len(LAW_ERRORS) / len(z)), LAW_ERRORS.shape) for z in by_law]
-    weight = np.array([[log_weight(c.named, z, effects) for z in own] for c, own in zip(named, terms, strict=True)])
-    out: dict[Hypothesis, float] = {}
-    for first, share in zip(weight.argmax(axis=0).tolist(), softmax(logsumexp(weight, axis=0)).tolist(), strict=True):
-        out[named[first].named] = out.get(named[first].named, 0.0) + share
-    return out
 
 
 def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:

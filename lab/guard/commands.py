@@ -40,8 +40,10 @@ class ActuatorDriver(Instrument, Protocol):
         """Sentences worth a warning."""
 
 
-OPTIONAL: Mapping[Any, Any] = MappingProxyType({ActuatorDriver.confirm_settings: None, ActuatorDriver.take_notices: []})
-"""Methods that not every driver has, and what they give then."""
+OPTIONAL: Mapping[Any, Callable[[], Any]] = MappingProxyType(
+    {ActuatorDriver.confirm_settings: lambda: None, ActuatorDriver.take_notices: list}
+)
+"""Methods that not every driver has, and what stands in for them."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Call(Command[R]):
 
     def perform(self, driver: Any) -> R:
         name = self.method.__name__
-        result: R = OPTIONAL[self.method] if self.method in OPTIONAL and not hasattr(driver, name) else getattr(driver, name)()
+        result: R = (getattr(driver, name, OPTIONAL[self.method]) if self.method in OPTIONAL else getattr(driver, name))()
         return result
 
     def __str__(self) -> str:
@@ -167,7 +169,7 @@ class RemoteLengthUnit(Remote):
     """`LengthUnit`."""
 
     def move_to(self, length: float, speed: float) -> float:
-        return self.line.ask(MoveSpine(self.name, length, speed))
+        return self.line.ask(MoveSpine(self.name, float(length), float(speed)))
 
     home, stop, read = called(LengthUnit.home), called(LengthUnit.stop), called(LengthUnit.read)
 
@@ -176,7 +178,7 @@ class RemoteValve(Remote):
     """`JammingValve`."""
 
     def set(self, on: bool) -> bool:
-        return self.line.ask(SwitchValve(self.name, on))
+        return self.line.ask(SwitchValve(self.name, bool(on)))
 
     read = called(JammingValve.read)
 
@@ -191,7 +193,7 @@ class RemoteArm(Remote):
     """`ArmDriver`."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        self.line.ask(MoveArm(self.name, tuple(map(float, pose)), speed, acceleration))
+        self.line.ask(MoveArm(self.name, tuple(map(float, pose)), float(speed), float(acceleration)))
 
     moving, stop = called(Arm.moving), called(Arm.stop)
     standing, glance = called(ArmDriver.standing), called(ArmDriver.glance)

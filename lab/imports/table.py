@@ -29,7 +29,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, jumps, moves_within, other_order, strays, turn_off
+from .places import Jump, Stands, jumps, lever_off, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -246,6 +246,8 @@ def conclude(
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states.oriented(), counted, notes)
+    if wanted.straight != "as recorded" and (off := lever_off(table, float(straight[2]))) is not None:
+        notes.append(_lever_note(wanted.sensor[2], *off))
     notes += _contradictions(table, float(straight[2]))
     notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(table)
@@ -362,6 +364,14 @@ def _jump_notes(
         )
     if len(told) > MOST_JUMPS:
         yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
+
+
+def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
+    return (
+        f"place and turn of the tip fit one arc to {1e3 * best:.1f} mm for a sensor {1e3 * (sensor + off):.1f} mm beyond "
+        f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
+        "and orientation"
+    )
 
 
 def _rest(q: Quantities) -> Array:

@@ -38,6 +38,11 @@ Sign = Literal["both", "positive", "blend"]
 """both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
 
 
+def vector(x: Array, y: Array, z: Array | None = None) -> Array:
+    """(v, n, 3) of coordinates (v, n), z 0 unless given."""
+    return np.stack(np.broadcast_arrays(x, y, np.zeros_like(x) if z is None else z), axis=-1)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect. A size makes the effect; a shape says how it looks and does nothing at size zero."""

@@ -16,7 +16,7 @@ import numpy as np
 from model.condition import States
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
 from model.robot import Robot
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
@@ -33,10 +33,6 @@ class VariationSource:
     spec: EffectSpec
     group: Group
     scope: Scope = "all"
-
-
-def _stack(v: Values) -> np.ndarray:
-    return np.stack(np.broadcast_arrays(v["x"], v["y"], v["z"]), axis=-1)
 
 
 def _area(q: Quantities, v: Values) -> None:
@@ -63,8 +59,7 @@ def _length(q: Quantities, v: Values) -> None:
 
 
 def _tilt(q: Quantities, v: Values) -> None:
-    x, y = np.broadcast_arrays(v["x"], v["y"])
-    q.base_turn = q.base_turn + np.stack([x, y, np.zeros_like(x)], axis=-1)
+    q.base_turn = q.base_turn + vector(v["x"], v["y"])
 
 
 def _mount(q: Quantities, v: Values) -> None:
@@ -73,11 +68,11 @@ def _mount(q: Quantities, v: Values) -> None:
 
 
 def _frame_turn(r: Readings, v: Values) -> None:
-    r.turn(_stack(v))
+    r.turn(vector(v["x"], v["y"], v["z"]))
 
 
 def _frame_shift(r: Readings, v: Values) -> None:
-    shift = _stack(v)
+    shift = vector(v["x"], v["y"], v["z"])
     r.tip = r.tip + shift
     if r.markers.shape[2]:
         r.markers = r.markers + shift[..., None, :]

@@ -158,9 +158,8 @@ def _variable(name: str) -> str:
 def _write(columns: Columns, path: Path) -> None:
     import pandas  # a second, which recording does not need
 
-    frame = pandas.DataFrame(columns)
     with replacing(path) as (file, _):
-        frame.to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
+        pandas.DataFrame(columns).to_csv(file, index=False, na_rep="nan", lineterminator="\n", mode="wb")
 
 
 def export_case(recording: Recording, folder: str | os.PathLike[str], table: Table | None = None) -> Path:

@@ -191,10 +191,9 @@ class Recording:
         first, last = np.searchsorted(samples["t"], t0), np.searchsorted(samples["t"], t1, side="right")
         return samples[first:last]
 
-    def log_times(self, topic: str, samples: bool = False) -> NDArray[np.uint64]:
-        """Log times (ns since the epoch) of a topic's messages on all its channels, ascending; `samples`: of those that
-        `stream` gives."""
-        numbers = {self._channel(topic).id} if samples else {channel.id for channel in self._carriers.get(topic, [])}
+    def log_times(self, topic: str) -> NDArray[np.uint64]:
+        """Log times (ns since the epoch) of a topic's messages on all its channels, ascending."""
+        numbers = {channel.id for channel in self._carriers.get(topic, [])}
         if not self._loaded and numbers:
             self._load(numbers)
         return np.sort(self._times_of(*numbers)["log"].astype(np.uint64))

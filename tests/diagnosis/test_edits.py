@@ -16,7 +16,7 @@ from diagnosis.edits.misfit import Sample, _Problem
 from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
-from model.effects.catalogue import CATALOGUE
+from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.laws.actuation import orders
 from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
@@ -345,6 +345,22 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert all(word in text for word in words) and "(p = " in text, text
     assert len(first.changes) == 1 + (" and " in mistake)
     assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+
+
+def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
+    """Chambers 18 deg from where they should be: without their signature the azimuth would be a mistake."""
+    effect, table = "chamber_azimuth", read(FINGER)
+    forward = ForwardModel(FINGER, design_from_columns(FINGER, table.values, TIP), "one", {effect: CATALOGUE[effect]})
+    theta = np.zeros(len(forward.parameters))
+    theta[forward.index(effect)] = 0.31
+    tips = forward.predict(theta).reshape(-1, 3) + np.random.default_rng(2).normal(0, 0.2e-3, (len(table), 3))
+    judged = judge(FINGER, campaign(placed(table, lambda _: tips)))
+    assert judged is None or judged.chosen is None, judged.findings
+
+
+def test_rods_that_do_not_stand_are_not_taken_for_readings_that_repeat() -> None:
+    sample = Sample.of(FINGER, campaign(read(FINGER)))
+    assert min(sample.between_and_within(np.full((2 * len(sample.table), 3), FINGER.length))) > 0.1 * FINGER.length
 
 
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:

@@ -30,10 +30,7 @@ from diagnosis.answer.size import Size
 from diagnosis.answer.verdict import conclude, decide, doubted, doubts, rivals, without_nothing
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
-from diagnosis.inference.candidate import Candidate
-from diagnosis.inference.evidence import GridPoint, Weighed
-from diagnosis.inference.fit import Fit
-from diagnosis.inference.posterior import EffectPosterior, leading_by_law
+from diagnosis.inference.posterior import EffectPosterior
 from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.robot_file import paper_robot
@@ -289,12 +286,10 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
     little, robot = Shrink("", 3.0, 0.6, 0.3, 0.99, None, ()), FittedRobot(("base_tilt",), {}, 0.4, 3.0)
     cause = {"base_tilt": "tilt"}
 
-    def why(
-        sizes: list[Size], left: Shrink, low: float = 2.0, alone: bool = False, law: bool = False, mm: float = 0.4
-    ) -> list[str]:
+    def why(sizes: list[Size], left: Shrink, low: float = 2.0, alone: bool = False, mm: float = 0.4) -> list[str]:
         carried, other = [Carries("base_tilt", "named", 2.5, low, 3.0)], ["contact"]
         fitted = replace(robot, left_mm=mm)
-        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other, {"contact": 0.2 * law})]
+        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other)]
 
     assert why([sure, shape], little) == []
     assert why([sure], little, low=0.2) == ["cause_undetermined"]
@@ -302,13 +297,13 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
     assert why([sure], replace(little, after_mm=1.8)) == ["gap_remains"]
     assert why([sure], replace(little, after_mm=1.8, before_mm=20.0)) == []
     assert why([sure], little, mm=2.9) == ["fit_not_reached"]
-    assert why([sure], little, alone=True, law=True) == ["cause_or_calibration", "cause_by_law"]
+    assert why([sure], little, alone=True) == ["cause_or_calibration"]
 
 
 def test_a_doubt_leaves_room_for_other_causes() -> None:
     sure, why = decide(SURE, True), [finding("gap_remains", mm=1.0)]
-    assert doubted(sure, [], 0, 0.0).probability == sure.probability
-    capped, shared = doubted(sure, why, 0, 0.0), doubted(sure, why, 1, 0.0)
+    assert doubted(sure, [], 0).probability == sure.probability
+    capped, shared = doubted(sure, why, 0), doubted(sure, why, 1)
     assert capped.probability == 0.8 and shared.probability == pytest.approx(0.97 / 2)
     assert capped.outside == pytest.approx(0.005 + 0.17) and conclude(capped, True, ()) == "one of several"
 
@@ -474,24 +469,3 @@ def test_a_size_that_is_zero_within_its_error_is_not_named() -> None:
     assert without_nothing(found, [unsure], large, 0.025) == found == without_nothing(found, [], {"base_tilt": 0.3}, 0.025)
     none = without_nothing(found, [unsure], {"base_tilt": 0.3}, 0.025)
     assert (none.verdict, none.effects, none.too_small) == ("none", (), ("base_tilt",)) and none.probability == 0.995
-
-
-def test_another_error_of_the_laws_may_make_another_hypothesis_lead() -> None:
-    def candidate(effect: str, *by_law: float) -> Candidate:
-        weighed = Weighed(0.0, np.array([[by_law]]), *(np.zeros(0),) * 4)
-        fit = Fit(np.zeros(0), np.zeros(0), None, 0.0, 0.0)
-        return Candidate((effect,), weighed, fit, GridPoint(0.0, 0.0, 0.1), False)
-
-    exact, wrong, geometry = candidate("a", 9.0, 5.0, 1.0), candidate("b", 1.0, 4.0, 8.0), candidate("c", 7.0)
-    four = replace(exact, named=("a", "b", "c", "d"))  # no hypothesis names as many
-    found = leading_by_law([exact, wrong, geometry, four], 4)
-    assert set(found) == {("a",), ("b",), ("c",)} and sum(found.values()) == pytest.approx(1.0)
-    assert found["a",] > found["b",] > found["c",]
-    assert leading_by_law([], 4) == {}
-
-
-def test_laws_that_are_hardly_as_wrong_as_another_cause_needs_leave_it_certain() -> None:
-    sure = decide(SURE, True)
-    assert doubted(sure, [], 0, 0.04).probability == pytest.approx(0.96)
-    by_law = [finding("cause_by_law", effect="contact")]
-    assert doubted(sure, by_law, 0, 0.15).probability == pytest.approx(0.85)

@@ -11,7 +11,9 @@ import threading
 from collections.abc import Iterator
 from multiprocessing import Pipe
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from house import House, inflate, until
 
@@ -24,16 +26,7 @@ from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.child import start_child
-from lab.guard.commands import (
-    Command,
-    R,
-    RemoteLengthUnit,
-    RemoteRegulators,
-    SetPressures,
-    SwitchValve,
-    energises,
-    moves,
-)
+from lab.guard.commands import Command, R, RemoteLengthUnit, RemoteRegulators, SetPressures, SwitchValve, energises, moves
 from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
@@ -271,7 +264,7 @@ class Mute:
     """A driver without the optional methods, which notes what it is asked."""
 
     def __init__(self) -> None:
-        self.asked: list[object] = []
+        self.asked: list[Any] = []
 
     def set(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         self.asked.append(pressures)
@@ -291,7 +284,8 @@ def test_a_command_is_the_same_call_in_another_process() -> None:
 
     driver, sent = Mute(), list[Command[object]]()
     regulators, unit = RemoteRegulators(Line(), "pressure", 3), RemoteLengthUnit(Line(), "spine")
-    assert regulators.set([1e3, 2e3, 0.0]) == (1e3, 2e3, 0.0) and regulators.take_notices() == []
+    assert regulators.set(np.array([1e3, 2e3, 0.0])) == (1e3, 2e3, 0.0) and regulators.take_notices() == []
+    assert {type(p) for p in driver.asked[0]} == {float}, "a process that holds instruments knows no NumPy"
     assert regulators.confirm_settings() is None
     unit.home()
     assert driver.asked == [(1e3, 2e3, 0.0), "home"]

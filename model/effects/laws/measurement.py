@@ -9,20 +9,15 @@ import numpy as np
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import pushes
-from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Values, vector
 from model.rotation import rolled, to_base
 
 TURN = math.radians(1.5) / math.sqrt(3)
 
 
-def _stack(v: Values) -> np.ndarray:
-    """(v, n, 3)."""
-    return np.stack(np.broadcast_arrays(v["x"], v["y"], v["z"]), axis=-1)
-
-
 def _frame_misalignment(r: Readings, v: Values) -> None:
     """A frame that is turned; with s = 1 or -1 one of each two axes alone is, and positions are read along axes not square."""
-    by = _stack(v)
+    by = vector(v["x"], v["y"], v["z"])
     askew = v["skew"][..., None] * by
     r.tip = r.tip + _along_others(askew, r.tip)
     if r.markers.shape[2]:
@@ -38,7 +33,7 @@ def _along_others(by: np.ndarray, place: np.ndarray) -> np.ndarray:
 def _marker_offset(r: Readings, v: Values) -> None:
     """The marker is rolled with the robot it sits on."""
     x, y = rolled(r.design.roll, v["x"], v["y"])
-    r.tip = r.tip + to_base(r.orientation, np.stack(np.broadcast_arrays(x, y, v["z"]), axis=-1))
+    r.tip = r.tip + to_base(r.orientation, vector(x, y, v["z"]))
 
 
 def _force_bias(r: Readings, v: Values) -> None:

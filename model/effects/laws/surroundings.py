@@ -8,17 +8,11 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers
-from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Values, vector
 from model.rotation import rolled
 
 OBSTACLE = 0.175
 """Robot lengths from the axis at which an obstacle is looked for first."""
-
-
-def _vector(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """(v, n, 3) with z = 0."""
-    x, y = np.broadcast_arrays(x, y)
-    return np.stack([x, y, np.zeros_like(x)], axis=-1)
 
 
 def _self_weight(q: Quantities, v: Values) -> None:
@@ -26,7 +20,7 @@ def _self_weight(q: Quantities, v: Values) -> None:
 
 
 def _tether_load(q: Quantities, v: Values) -> None:
-    q.tip_force = q.tip_force + _vector(v["x"], v["y"])
+    q.tip_force = q.tip_force + vector(v["x"], v["y"])
     q.tether = q.tether + v["spring"]
 
 
@@ -34,7 +28,7 @@ def _tip_payload(q: Quantities, v: Values) -> None:
     """What is fixed to the tip turns with it, and with a robot that is mounted rolled."""
     q.payload = q.payload + v["mass"]
     x, y = rolled(q.design.roll, v["x"], v["y"])
-    q.payload_place = q.payload_place + np.stack(np.broadcast_arrays(x, y, v["z"]), axis=-1)
+    q.payload_place = q.payload_place + vector(x, y, v["z"])
 
 
 def _chamber_thrust(q: Quantities, v: Values) -> None:
@@ -66,7 +60,7 @@ def _contact(q: Quantities, v: Values) -> None:
 
 
 def _base_tilt(q: Quantities, v: Values) -> None:
-    q.base_turn = q.base_turn + _vector(v["x"], v["y"])
+    q.base_turn = q.base_turn + vector(v["x"], v["y"])
 
 
 def _base_compliance(q: Quantities, v: Values) -> None:
@@ -79,7 +73,7 @@ def _base_compliance(q: Quantities, v: Values) -> None:
 
 def _precurvature(q: Quantities, v: Values) -> None:
     """The body's own curvature turns with the body."""
-    q.rest_curvature = q.rest_curvature + _vector(*rolled(q.design.roll, v["x"], v["y"]))
+    q.rest_curvature = q.rest_curvature + vector(*rolled(q.design.roll, v["x"], v["y"]))
     q.rest_growth = q.rest_growth + v["growth"]
     q.rest_moment = q.rest_moment + v["moment"]
 
