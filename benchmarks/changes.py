@@ -21,7 +21,7 @@ from benchmarks.blind.sweeps import BASE
 from benchmarks.blind.truth import SMALL, THRUST, TOLERANCES, Recipe, draw_robot
 from benchmarks.blind.worlds.campaign import WorldRobot, read, respond, tails
 from benchmarks.blind.worlds.carried import rms, rows
-from benchmarks.blind.worlds.equilibrium import NoRodStands
+from benchmarks.blind.worlds.equilibrium import NoWorldEquilibrium
 from benchmarks.blind.worlds.forms import EFFECTS
 from benchmarks.figures import write
 from diagnosis.compare_campaigns import compare_campaigns
@@ -60,7 +60,7 @@ def another_day(robot: WorldRobot, rng: np.random.Generator) -> WorldRobot:
 
 def campaigns(seed: int, changed: bool) -> tuple[str, float, Case, Case]:
     """The changed effect or nothing, by how many floors it moves the tip, the reference and the later campaign. Raises
-    NoRodStands after some attempts."""
+    NoWorldEquilibrium after some attempts."""
     recipe, walked = Recipe(f"drawn:{seed}", 1, seed, ("cluttered_none",)), walk_of(BASE)
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng([seed, 1, attempt])
@@ -74,12 +74,12 @@ def campaigns(seed: int, changed: bool) -> tuple[str, float, Case, Case]:
         try:
             response = respond(before, walked, (), difference)
             readings = read(before, walked, response, rng), read(after, walked, respond(after, walked), rng)
-        except NoRodStands:
+        except NoWorldEquilibrium:
             continue
         floors = rms(rows(before, walked, response, effect)) / scatter(walked, readings[0]) if effect else 0.0
         reference, later = (Case(described(), table_of(BASE, r)) for r in readings)
         return effect, round(floors, 2), reference, later
-    raise NoRodStands
+    raise NoWorldEquilibrium
 
 
 def compared(seed: int, changed: bool, cores: int) -> Pair:
@@ -111,7 +111,7 @@ def main() -> int:
     for k in range(a.pairs):
         try:
             pairs.append(compared(a.seed + k, bool(k % 2), a.cores))
-        except NoRodStands:
+        except NoWorldEquilibrium:
             print(f"drawn:{a.seed + k}: the robot has no equilibrium, left out")
         else:
             print(pairs[-1], flush=True)

@@ -26,7 +26,7 @@ from .truth import KINDS, THRUST, Recipe, Stratum, Truth, another_cause, draw, d
 from .workers import spread
 from .worlds.campaign import Jamming, Response, SweptReadings, WalkedSweep, WorldRobot, courses, read, respond
 from .worlds.carried import TRIED, Carried, carried, nearest
-from .worlds.equilibrium import NoRodStands
+from .worlds.equilibrium import NoWorldEquilibrium
 from .worlds.forms import EFFECTS
 from .worlds.table import world
 from .worlds.walk import Leg
@@ -93,7 +93,7 @@ def make_case(order: CaseOrder) -> Truth:
             order = replace(order, causes=causes)
         try:
             truth, tables = _measured(order, attempt)
-        except (NoRodStands, Unequal):
+        except (NoWorldEquilibrium, Unequal):
             continue
         case = order.folder.case(truth.case)
         robot = robot_yaml(markers=order.design.markers)
@@ -123,7 +123,7 @@ class Drawn:
 
 
 def drawn(recipe: Recipe, place: int, stratum: Stratum, causes: Sequence[str], attempt: int) -> Drawn:
-    """A robot and what its effects do; a pair's partners carry alike. Raises NoRodStands and Unequal."""
+    """A robot and what its effects do; a pair's partners carry alike. Raises NoWorldEquilibrium and Unequal."""
     robot, effects = draw_robot(recipe, place, stratum, causes, attempt)
     walked = walk_of(BASE)
     pair = KINDS[stratum] == "pair"

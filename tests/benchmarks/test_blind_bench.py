@@ -97,7 +97,7 @@ def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
 
     def snaps(order: making.CaseOrder, attempt: int) -> object:
         if order.causes == (first,):
-            raise making.NoRodStands("snapped")
+            raise making.NoWorldEquilibrium("snapped")
         return measured(order, attempt)
 
     monkeypatch.setattr(making, "_measured", snaps)

@@ -112,7 +112,7 @@ class Response:
 def respond(
     robot: WorldRobot, sweep: WalkedSweep, without: Sequence[str] = (), extra: Mapping[str, float] | None = None
 ) -> Response:
-    """Solve the sweep with all its changes. Raises `NoRodStands`.
+    """Solve the sweep with all its changes. Raises `NoWorldEquilibrium`.
 
     `without`: present effects whose share is wanted (what the tip loses without them); `extra`: sizes (plausible scales) of
     effects that are added on top, one at a time.

@@ -33,7 +33,7 @@ BAND = 11
 UP = np.array([0.0, 0.0, 1.0])
 
 
-class NoRodStands(RuntimeError):
+class NoWorldEquilibrium(RuntimeError):
     """A rod of the batch found no equilibrium."""
 
 
@@ -88,14 +88,14 @@ def straight(h: Array) -> Shape:
 
 
 def settle(shape: Shape, h: Array, material: Material, loads: Loads) -> Shape:
-    """The equilibrium next to `shape`. Raises `NoRodStands`."""
+    """The equilibrium next to `shape`. Raises `NoWorldEquilibrium`."""
     shape = shape.copy()
     for _ in range(MOST_STEPS):
         residual, band = _system(shape, h, material, loads)
         try:
             step = -solve_banded((BAND, BAND), band, residual.reshape(-1), overwrite_ab=True, check_finite=False)
         except np.linalg.LinAlgError as e:
-            raise NoRodStands("a rod of the batch is on the point of buckling") from e
+            raise NoWorldEquilibrium("a rod of the batch is on the point of buckling") from e
         step = step.reshape(residual.shape)
         if not np.all(np.isfinite(step)):
             break
@@ -107,7 +107,7 @@ def settle(shape: Shape, h: Array, material: Material, loads: Loads) -> Shape:
         # each correction, in units of `LARGEST`, is a hundred times smaller than the one before
         if largest.max() < 1e-6:
             return shape
-    raise NoRodStands(f"no equilibrium in {MOST_STEPS} steps")
+    raise NoWorldEquilibrium(f"no equilibrium in {MOST_STEPS} steps")
 
 
 def _system(shape: Shape, h: Array, material: Material, loads: Loads) -> tuple[Array, Array]:

@@ -46,7 +46,7 @@ class Gas:
     pressures: Array
 
 
-class Laminate:
+class SectionStates:
     """Stress of all lanes' sections with their memory."""
 
     def __init__(self, body: WorldBody) -> None:

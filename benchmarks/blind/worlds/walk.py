@@ -14,7 +14,7 @@ from .equilibrium import Loads, Shape, settle, straight
 from .forms import Physics
 from .frames import apply, screw
 from .gas import chambers
-from .material import Laminate
+from .material import SectionStates
 from .robot import MARKERS, Lanes
 from .seen import SeenPath, seeing
 
@@ -34,11 +34,11 @@ class Leg:
 
 
 def walk(lanes: Lanes, physics: Physics, legs: Sequence[Leg], segments: int = SEGMENTS) -> SeenPath:
-    """The readings of all lanes. Raises `NoRodStands`."""
+    """The readings of all lanes. Raises `NoWorldEquilibrium`."""
     body = build(lanes, physics.body, segments)
     gas_of = chambers(body, physics.chambers)
     seen = seeing(lanes, physics.seen)
-    sections = Laminate(body)
+    sections = SectionStates(body)
     fine = sections.remembers or seen.needs_time
     line = body.line[..., None] * body.gravity[:, None]
     force = body.node_mass[..., None] * body.gravity[:, None]
