@@ -448,7 +448,7 @@ def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(gravity:
 def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, trunk: Trunk) -> None:
     trunk.robot.write_text(ROBOT.replace("[0, 120, 240]", f"[{azimuth}, {120 + azimuth}, {240 + azimuth}]"))
     proposed, _ = trunk.guessed()
-    assert ("\n- 'frame.x, frame.y: with the base's x along the file's x" in proposed) == bool(azimuth)
+    assert ("frame.x, frame.y: with the base''s x along the file''s x" in proposed) == bool(azimuth)
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 
