@@ -165,6 +165,8 @@ def _comparable(robot: WorldRobot, effects: dict[str, float], walked: WalkedSwee
     one, two = (e for e in effects if e != THRUST)
     weight = carried(robot, walked, respond(robot, walked, (one, two)))
     ratio = weight.calibrated[one] / max(weight.calibrated[two], 1e-6)
+    if ratio == 0:
+        raise Unequal  # one that moves nothing
     sizes, made = dict(robot.sizes), dict(effects)
     # half of the way by the one that is too small, half by the other
     for effect, factor in ((one, ratio**-0.5), (two, ratio**0.5)):
