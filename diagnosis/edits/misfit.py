@@ -53,7 +53,7 @@ MOST = 60
 """States that are compared."""
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
-ONE_AREA = 0.5
+ONE_AREA = 0.8
 """Share of what one area factor leaves below which those by spine length are kept where neither is near."""
 
 

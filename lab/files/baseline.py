@@ -38,7 +38,7 @@ READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 def from_table(path: Path, case: Case) -> Baseline:
-    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError."""
+    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError and BadTable."""
     predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
     missing = [name for name in "xyz" if name not in predicted]
     if missing:
