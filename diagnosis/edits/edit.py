@@ -19,6 +19,8 @@ from ..findings import Finding
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 """What every hypothesis calibrates within `EDIT_USUAL`: logarithms of factors, rad, robot lengths."""
 AREA, MODULUS, AZIMUTH, GRAVITY, ORIGIN = 0, 1, 2, slice(3, 5), slice(5, 8)
+WIDEST = float(np.log(20))
+"""Of the logarithms of area factor and modulus where one of them is what is wrong."""
 FORCE = ("force_x", "force_y", "force_z")
 
 

@@ -25,7 +25,7 @@ from recordings.trials import TIP, Table
 from .. import judgement
 from ..arrays import Array
 from ..findings import Finding, finding
-from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, Edit, Variants
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Variants
 from .misfit import Fit, Sample
 
 QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
@@ -57,7 +57,7 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 # ------------------------------------------------------------------ robot.yaml
 def _of_robot(robot: Robot) -> Iterator[Edit]:
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
-    yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: np.log(20), MODULUS: np.log(20)})
+    yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     yield Edit("order", 0.05, _azimuth, starts=QUARTERS, widens={AZIMUTH: np.pi})
     yield Edit("order", 0.03, _counted, _mirrored, starts=QUARTERS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
@@ -92,7 +92,7 @@ def _beyond(theta: Array, number: int) -> bool:
 
 
 def _modulus(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    kilo, limit = robot.youngs_modulus / 1e3, _at_bound(theta[MODULUS], np.log(20))
+    kilo, limit = robot.youngs_modulus / 1e3, _at_bound(theta[MODULUS], WIDEST)
     found = kilo * float(np.exp(theta[MODULUS]))
     return [_refitted("youngs_modulus", kilo, found, "kPa", p, rather, limit)] if _beyond(theta, MODULUS) else []
 

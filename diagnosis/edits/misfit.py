@@ -31,7 +31,7 @@ from recordings.trials import Table
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings, spread_over
-from .edit import AREA, AZIMUTH, CALIBRATION, ROD, Edit, Variants
+from .edit import AREA, AZIMUTH, CALIBRATION, MODULUS, ROD, WIDEST, Edit, Variants
 
 STEP = 1e-4
 """Of differences by parameters, relative."""
@@ -114,7 +114,9 @@ class Sample:
             return sample
         area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
         other = replace(sample, robot=robot.with_area_factor(area))
-        starts = [((), np.eye(len(CALIBRATION))[AREA] * a) for a in AREAS]
+        softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
+        axes = np.eye(len(CALIBRATION))
+        starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
         left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
         return sample if left < max(ONE_AREA * left_by_one, judgement.EDIT_LOSS_SCALE * robot.length) else other
 
