@@ -236,7 +236,11 @@ def _turned_says(turn: Rotation, axes: Array) -> tuple[float, str, str]:
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
     named = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in nearest]
     aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
-    map_line = f"frame in map.yaml (x: {named[0]}, y: {named[1]}, z: {named[2]})" if aligned else "the cameras' axes"
+    map_line = (
+        f"frame in map.yaml (in its present axes, x: {named[0]}, y: {named[1]}, z: {named[2]})"
+        if aligned
+        else "the cameras' axes"
+    )
     about = listed(back / max(angle, 1e-12))
     return float(np.degrees(angle)), about, map_line
 

@@ -127,7 +127,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
         ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "no pressure stands within 1 Pa for 0.5 s"),
-        ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "change the sign of z and of y"),
+        ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "in its present axes, x: -x, y: y, z: -z"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:

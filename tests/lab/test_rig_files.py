@@ -142,7 +142,7 @@ def merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     "how",
     [
         {"regulators": FakeRegulators("alicat", 206.8e3, unit="psi"), "speed": 20.0},
-        {"regulators": "smc_itv", "spine": "tmcl", "channels": 9},
+        {"regulators": "smc_itv", "spine": "tmcl"},
         {"spine": ""},
     ],
 )
