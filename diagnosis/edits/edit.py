@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -116,9 +116,8 @@ class Variants:
     def written(self) -> tuple[Robot, Table]:
         """Robot and table of the first variant; what is as described stays as it is."""
         given, robot, columns = Variants.of(self.robot, self.table), self.robot, dict[str, Array]()
-        changed = {f.name: getattr(self, f.name)[0] for f in fields(self)
-                   if f.name in ROD + SEEN
-                   and not np.array_equal(getattr(self, f.name)[0], getattr(given, f.name)[0], equal_nan=True)}  # fmt: skip
+        changed = {name: values[0] for name, values in self.arrays(ROD + SEEN).items()
+                   if not np.array_equal(values[0], getattr(given, name)[0], equal_nan=True)}  # fmt: skip
         if "azimuth" in changed:
             robot = robot.with_azimuths(tuple(self.azimuth[0, 0].tolist()))
         if "modulus" in changed:

@@ -24,6 +24,7 @@ from recordings.trials import TIP, Table
 
 from .. import judgement
 from ..arrays import Array
+from ..data.units import PRESSURE_UNITS
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Variants
 from .misfit import Fit, Sample
@@ -32,7 +33,7 @@ QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
 """Azimuths by which chambers may be counted from another one, rad."""
 UNITS = {6.895: "psi", 1 / 6.895: "psi", 1e3: "kPa", 6895.0: "psi", 1e5: "bar", 100.0: "mbar"}
 """Times that a column's pressures must be larger -> the unit that it looks like, or that of all others."""
-PRESSURES = {6895.0: "psi", 1e3: "kPa", 1e5: "bar", 100.0: "mbar", 1e6: "MPa"}
+PRESSURES = {round(1 / unit.per_si, 6): unit.name for unit in PRESSURE_UNITS}
 PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
 """The same of all columns."""
 SMALL, LARGE = 20e3, 500e3

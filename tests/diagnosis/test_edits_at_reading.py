@@ -1,4 +1,4 @@
-"""Tables in other units or frames, and mistakes in robot.yaml, are told from odd robots when a table is read."""
+"""When a table is read, wrong units, wrong frames and mistakes in robot.yaml are named; unusual robots are left alone."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
