@@ -109,12 +109,15 @@ def busy(loops: int) -> Iterator[None]:
 
 
 def started(rig: Path, folder: Path, what: Sequence[str]) -> subprocess.Popen[bytes]:
-    """`lab run` of a protocol and its settings, in a process of its own; what it says stands in run.log."""
+    """`lab run` of a protocol and its settings; what it says stands in run.log.
+
+    In a session of its own, as that of a terminal: Linux shares processors between sessions, and the fakes work in this one.
+    """
     protocol, *settings = what
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
     command += [word for s in settings for word in ("--set", s)]
     with (folder / LOG).open("wb") as log:
-        return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+        return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True)
 
 
 def one(
