@@ -126,7 +126,6 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
-    notes += _mixed_units(file, wanted, ("x", "y", "z"), chambers)
     pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
     file.resting = at_rest(pressures)
     if "tip" in wanted.points:
@@ -204,16 +203,6 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
         return
     if said:
         file.contradicted.setdefault(text, {})[own] = place
-
-
-def _mixed_units(file: File, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
-    """About columns of one kind that the map reads in several units, where the file does not say so."""
-    for names in groups:
-        given = {n: wanted.columns[n] for n in names if n in wanted.columns}
-        stated = {n: unit_in(file.series, name_of(file.series, c.column, n), units_for(n, file.drive)) for n, c in given.items()}
-        units = [c.unit or stated[n] for n, c in given.items()]
-        if len(set(units)) > 1 and not all(stated.values()):
-            yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
 
 
 def translated(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:

@@ -29,7 +29,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, jumps, lever_off, moves_within, other_order, strays, turn_off
+from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import Quantities, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -246,8 +246,6 @@ def conclude(
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states.oriented(), counted, notes)
-    if wanted.straight != "as recorded" and (off := lever_off(table, float(straight[2]))) is not None:
-        notes.append(_lever_note(wanted.sensor[2], *off))
     notes += _contradictions(table, float(straight[2]))
     notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
     _demand_mounted(table)
@@ -366,14 +364,6 @@ def _jump_notes(
         yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
 
 
-def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
-    return (
-        f"place and turn of the tip fit one arc to {1e3 * best:.1f} mm for a sensor {1e3 * (sensor + off):.1f} mm beyond "
-        f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
-        "and orientation"
-    )
-
-
 def _rest(q: Quantities) -> Array:
     """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
     places = np.concatenate([q.tip[:, None], q.markers], axis=1)[at_rest(q.pressures)]
@@ -389,6 +379,11 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
+def _on_axis(arcs: Sequence[float]) -> Array:
+    """(k, 3) m: markers at arc lengths of the straight body."""
+    return np.array([(0.0, 0.0, s) for s in arcs]).reshape(-1, 3)
+
+
 def _straightened(q: Quantities, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> Quantities:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     lever = np.array(sensor)
@@ -397,9 +392,8 @@ def _straightened(q: Quantities, straight: Array, sensor: Sequence[float], arcs:
     if turn is not None:
         moved = moved - (turn.apply(lever) - lever)
     known = min(len(arcs), q.markers.shape[1])
-    on_axis = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3)
     shift = np.zeros_like(q.markers[0])
-    shift[:known] = np.nan_to_num(on_axis - q.markers[0, :known])
+    shift[:known] = np.nan_to_num(_on_axis(arcs[:known]) - q.markers[0, :known])
     return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
 
 
@@ -415,22 +409,22 @@ def _mounted(states: _States, robot: Robot, straight: Literal["first state", "at
     resting = np.flatnonzero(level == level.min())
     if straight == "first state":
         resting = resting[:1]
-        stands = Stands.straight(_straight_point(robot), robot.markers)
+        tip, turn, places = _straight_point(robot)[None], Rotation.identity(1), _on_axis(robot.markers)[None]
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting
-        stands = Stands.of(robot, table.take(resting))
+        tip, turn, places = at_rest_by_model(robot, table.take(resting))
     known = states.turned[resting]
     if known.any():
-        mount = (stands.turn[known].inv() * states.turn[resting[known]]).mean().inv()
+        mount = (turn[known].inv() * states.turn[resting[known]]).mean().inv()
         states = replace(states, turn=states.turn * mount)
     else:
         states = replace(states, turned=np.zeros(len(table), bool))
     states = states.moved(np.array(sensor), np.zeros(3))
-    shift = np.mean(stands.tip - states.table.tip[resting], axis=0)
+    shift = np.mean(tip - states.table.tip[resting], axis=0)
     markers, beside = table.markers, np.zeros(table.markers.shape[1:])
-    both = min(len(beside), stands.markers.shape[1])
-    missed = stands.markers[:, :both] - markers[resting, :both]
+    both = min(len(beside), places.shape[1])
+    missed = places[:, :both] - markers[resting, :both]
     seen = np.asarray(np.isfinite(missed).all(axis=2))
     for k in np.flatnonzero(seen.any(axis=0)).tolist():
         beside[k] = missed[seen[:, k], k].mean(axis=0)
