@@ -149,9 +149,8 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
         raise ConfigError(f"{series.path}: columns.t: all rows have one time; name another column, or give source.rate")
-    for text, columns in file.contradicted.items():
-        several = "s" * (len(columns) > 1)
-        notes.append(f"column{several} {listed(columns)} ({', '.join(columns.values())}): {text}")
+    for text, keys in file.contradicted.items():
+        notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
     return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions))
 
 
