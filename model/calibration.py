@@ -142,7 +142,7 @@ def fit_area_factor_by_length(
 
 
 def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
-    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 9.
+    """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8.
 
     E = k L^3 / (3 I), k the slope of force over deflection (N/m). Raises `NotIdentified` where it cannot be determined.
 
