@@ -65,14 +65,14 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, d.texts("critical"), small(d),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline, d.texts("critical"), small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
 
 def names(d: Diagnosis) -> Mapping[str, str]:
-    """Effect -> plain name; empty in answers of earlier versions."""
-    found: Mapping[str, str] = d.detail.get("names", {})
+    """Effect -> plain name."""
+    found: Mapping[str, str] = d.detail["names"]
     return found
 
 
@@ -292,7 +292,7 @@ def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
     s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     euler = d.locate.numerical_error_mm
-    if d.locate.of == "tip" and euler is not None and np.isfinite(euler):  # null in a file where it is not known
+    if d.locate.of == "tip" and np.isfinite(euler):
         s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
@@ -375,7 +375,7 @@ def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
     s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
-    for each in d.detail.get("by_actuator", ()):
+    for each in d.detail["by_actuator"]:
         mean = float(np.mean(each["factor"]))
         rows = [[str(k), f"{100 * (f / mean - 1):+.0f} %"] for k, f in enumerate(each["factor"], 1)]
         s.table((d.words.actuator, f"{d.words.pushes}, against the mean"), rows)
@@ -385,7 +385,7 @@ def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
     unit = x["unit"]
     ends = [_bound(x[end], unit, d.words) for end in ("low90", "high90", "low", "high")]
-    median = _number(x["median"], unit, d.words) if x.get("determined", True) else "not determined by these data"
+    median = _number(x["median"], unit, d.words) if x["determined"] else "not determined by these data"
     return [with_id(x["name"], names(d)), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 

@@ -54,6 +54,8 @@ times real speed, the default of 5 s passes while the virtual robot waits 0.25 s
 PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
 of a busy computer."""
+PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
+"""The same, and how still the tip must be."""
 
 
 def serve(a: argparse.Namespace) -> Result:
