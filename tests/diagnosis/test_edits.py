@@ -369,11 +369,11 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
 
 
 def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
-    """Tips that move as no rod does are not those of a body a thousand times as stiff."""
-    table = read(FINGER)
-    along = np.abs(table.tip[:, [1]] - table.tip[0, 1]) + np.abs(table.tip[:, [0]] - table.tip[0, 0])
-    odd = placed(table, lambda tip: tip[[0] * len(tip)] + along * [0.3, 0.3, 1.5] * np.sin(np.arange(len(tip)))[:, None])
-    judged = judge(FINGER, campaign(odd))
+    """A rod that cannot stand is off by more than one that does not move at all; neither moves as these tips do."""
+    told, table = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), read(HANGING)
+    aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 3, 3))
+    odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (3, 1)))
+    judged = judge(told, campaign(attitudes(odd, lambda q: np.nan * q)))
     assert judged is not None and judged.chosen is None, judged.findings
 
 
