@@ -40,12 +40,11 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""What it leaves open is loaded in `LOADS`, all of it at once; a rod that needs finer steps counts as one that does not stand."""
-LOADS = np.arange(1, 6) / 5
+"""What it leaves open is loaded in `LOADS`, all of it at once; a rod that needs finer steps, or is close to buckling, counts as
+one that does not stand."""
+LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of all loads, from each to the next."""
 OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
-LEAST_MARGIN = 0.1
-"""To buckling, of a rod that starts from the share before."""
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
@@ -295,13 +294,13 @@ class Sample:
 
 
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
-    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, in
+    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
     steps (n, elements) half as long."""
 
     def under(share: float, rows: Ints, start: Solution | None) -> Solution:
-        loads = {name: share * rods.field(name)[rows] for name in OF_LOAD}
-        method = replace(DIRECT, steps=2 * steps[rows], least_margin=LEAST_MARGIN, remember=True)
-        return solve(rods[rows].changed(**loads), method, arc_lengths=None if arcs is None else arcs[rows], start=start)
+        carried = {name: share * rods.field(name)[rows] for name in OF_LOAD}
+        method = replace(DIRECT, steps=2 * steps[rows], remember=True)
+        return solve(rods[rows].changed(**carried), method, arc_lengths=None if arcs is None else arcs[rows], start=start)
 
     found, here = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs), None
     left = np.flatnonzero(~found.converged)
