@@ -296,16 +296,13 @@ class Sample:
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
     """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
     steps (n, elements) half as long."""
-
-    def under(share: float, rows: Ints, start: Solution | None) -> Solution:
-        carried = {name: share * rods.field(name)[rows] for name in OF_LOAD}
-        method = replace(DIRECT, steps=2 * steps[rows], remember=True)
-        return solve(rods[rows].changed(**carried), method, arc_lengths=None if arcs is None else arcs[rows], start=start)
-
-    found, here = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs), None
+    found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+    here: Solution | None = None
     left = np.flatnonzero(~found.converged)
     for share in LOADS if left.size else ():
-        here = under(share, left, here)
+        carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
+        method, along = replace(DIRECT, steps=2 * steps[left], remember=True), None if arcs is None else arcs[left]
+        here = solve(rods[left].changed(**carried), method, arc_lengths=along, start=here)
         left, here = left[here.converged], here.take(here.converged)
     if here is not None:
         found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
