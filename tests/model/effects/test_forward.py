@@ -43,12 +43,12 @@ def test_derivatives_agree_with_differences_of_predictions(paper_robot: Robot) -
     _, jacobian = forward.linearise(theta)
     for k, info in enumerate(forward.parameters):
         step = np.zeros(theta.size)
-        step[k] = 3e-4 * info.sd
+        step[k] = 3e-5 * info.sd  # wider, friction begins to slide on the way
         if theta[k] - step[k] < info.low or theta[k] + step[k] > info.high:
             continue
         expected = (forward.predict(theta + step) - forward.predict(theta - step)) / (2 * step[k])
         # m; the copies of a trial's parameter move together, so what one trial leaves in the silicone for the next counts as its
-        assert jacobian[:, k] * info.sd == pytest.approx(expected * info.sd, abs=3e-6, rel=3e-4), info.name
+        assert jacobian[:, k] * info.sd == pytest.approx(expected * info.sd, abs=3e-7, rel=3e-4), info.name
     some = [*forward.index("spine_length")[::-1], *forward.index("spine_slip"), *forward.index("frame_shift")]
     assert forward.linearise(theta, some)[1] == pytest.approx(jacobian[:, some], rel=1e-9, abs=1e-12)
 
