@@ -117,8 +117,14 @@ class Sample:
         softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
         axes = np.eye(len(CALIBRATION))
         starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
-        left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
-        return sample if left < max(ONE_AREA * left_by_one, judgement.EDIT_LOSS_SCALE * robot.length) else other
+
+        def left(s: Sample, starts: list[tuple[tuple[Edit, ...], Array]]) -> float:
+            return min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True))
+
+        near = judgement.EDIT_LOSS_SCALE * robot.length
+        if left(sample, starts[:1]) < near:
+            return sample
+        return sample if left(sample, starts) < max(ONE_AREA * left(other, starts), near) else other
 
     @property
     def ambient(self) -> float:
