@@ -59,7 +59,8 @@ def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
 
 
 def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None = None) -> Rods:
-    """The rods of all states without any effect, after checking that the states fit the robot; raises `BadCondition`.
+    """The rods of all states without any effect but what `thrust` states, after checking that the states fit the robot; raises
+    `BadCondition`.
 
     `variants`: fields of `model.effects.quantities`, (v, n or 1, ..), in place of the robot's own; the rods of one variant follow
     those of another. Elements are those of `model.effects.layout`, their sections, loads and actuation those of
@@ -77,6 +78,7 @@ def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None =
     body = body_of(robot)
     layout = layout_of(body, robot.spine is not None)
     q = baseline(robot, body, layout, states, robot.area_factor_at(states.spine_length), np.array([1.0, 0.0]))
+    q.thrust_on_walls = np.full((1, 1), float(robot.thrust == "walls"))
     for name, values in (variants or {}).items():
         setattr(q, name, values)
     count = max(map(len, (variants or {}).values()), default=1)

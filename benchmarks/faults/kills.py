@@ -116,6 +116,7 @@ def started(rig: Path, folder: Path, what: Sequence[str]) -> subprocess.Popen[by
     protocol, *settings = what
     command = [sys.executable, "-m", "lab.cli", "run", protocol, "--rig", str(rig), "--out", str(folder)]
     command += [word for s in settings for word in ("--set", s)]
+    folder.mkdir(exist_ok=True)
     with (folder / LOG).open("wb") as log:
         return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, start_new_session=True)
 

@@ -29,10 +29,10 @@ from .instruments import make
 PING, PING_PERIOD = "ping", 0.1
 SILENT_AFTER = 0.6
 """Host seconds without a word from the guard after which the instrument is stopped."""
-CALL_WITHIN, OPEN_WITHIN = 5.0, 20.0
+CALL_WITHIN, OPEN_WITHIN, AGAIN_WITHIN = 5.0, 20.0, 6.0
 """Host seconds; longer than the longest of the driver's own time-outs. Connecting to a sound arm takes two or three, and a busy
-computer may take ten to start a process; the library that reads an arm's state waits without end."""
-OPEN_ATTEMPTS = 2
+computer may take ten to start a process; the library that reads an arm's state waits without end. The last of them are for
+another attempt."""
 LONGEST_BATCH = 50
 """Samples of a stream in one message."""
 STOP_WITHIN = 1.5
@@ -75,15 +75,17 @@ class Hosted:
         """
         if self._connected:
             self._close()
-        for attempt in range(OPEN_ATTEMPTS):
+        deadline = timing.now() + OPEN_WITHIN
+        self._start()
+        try:
+            identity = self._ask(command, OPEN_WITHIN - AGAIN_WITHIN)
+        except NoReply as error:
+            self._give_up(error.message)
             self._start()
             try:
-                identity = self._ask(command, OPEN_WITHIN)
-                break
-            except NoReply as error:
-                self._give_up(error.message)
-                if attempt + 1 == OPEN_ATTEMPTS:
-                    raise
+                identity = self._ask(command, max(0.0, deadline - timing.now()))
+            except NoReply as again:
+                raise self._give_up(again.message) from error
         self._connected = True
         return identity
 
@@ -116,7 +118,7 @@ class Hosted:
                     line.send(command)
                 if not timing.readable([line], within):
                     raise self._give_up(
-                        f"{command} did not return within {within:g} s; its process was killed and the controller's watchdog "
+                        f"{command} did not return within {within:.0f} s; its process was killed and the controller's watchdog "
                         "stops the arm: check that it stands still, then open it again"
                     )
                 ok, answer = line.recv()

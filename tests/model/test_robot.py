@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import lab
+from model.calibration import fit_area_factor
+from model.condition import conditions
 from model.errors import BadRobot
 from model.robot import Robot, load_robot, robot_from_dict
 
@@ -53,6 +56,17 @@ def test_tendons_have_no_thrust(paper_robot: Robot) -> None:
         robot_from_dict(data | {"chambers": None, "tendons": tendons})
     walls = robot_from_dict(data)
     assert walls.causes["chamber_thrust"]["share"].value == 1.0 and not walls.effects and not paper_robot.causes
+
+
+def test_thrust_that_robot_yaml_states_acts_in_every_prediction(paper_robot: Robot) -> None:
+    walls, bent = paper_robot.model_copy(update={"thrust": "walls"}), [60e3] * 3 + [0.0] * 6
+    tip = lab.predict(walls, bent)
+    assert tip == pytest.approx(lab.predictor(walls)(bent).tip, abs=1e-9)
+    assert np.linalg.norm(tip - lab.predict(paper_robot, bent)) > 1e-3
+    pressures = [np.multiply(bent, share) for share in (0.3, 0.6, 1.0)]
+    tips = lab.predictor(walls.with_area_factor(1.2))(pressures).tip
+    fitted = fit_area_factor(walls, conditions(walls, [0.0] * 3, pressures), tips)
+    assert fitted.factor.value == pytest.approx(1.2, rel=1e-4)
 
 
 def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> None:
