@@ -109,10 +109,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: (not on_real_rig(item), group(item.nodeid) != REAL))
 
 
-def on_real_rig(item: pytest.Item) -> bool:
-    """Whether a test asks for the rig on real lines, itself or by a fixture that asks for it in tests marked `real`."""
+def on_real_rig(item: pytest.Item | None) -> bool:
+    """Whether a test asks for the rig on real lines, itself or, marked `real`, by `house`."""
     names = set(getattr(item, "fixturenames", ()))
-    return "real_rig" in names or ("house" in names and item.get_closest_marker("real") is not None)
+    return "real_rig" in names or (item is not None and "house" in names and item.get_closest_marker("real") is not None)
 
 
 @pytest.fixture
@@ -210,6 +210,6 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         signal.signal(number, handler)
     with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
         result = yield
-    if nextitem is None or not on_real_rig(nextitem):
+    if not on_real_rig(nextitem):
         REAL_RIG.close()
     return result

@@ -117,14 +117,11 @@ class Sample:
         softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
         axes = np.eye(len(CALIBRATION))
         starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
-
-        def left(s: Sample, starts: list[tuple[tuple[Edit, ...], Array]]) -> float:
-            return min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True))
-
-        near = judgement.EDIT_LOSS_SCALE * robot.length
-        if left(sample, starts[:1]) < near:
-            return sample
-        return sample if left(sample, starts) < max(ONE_AREA * left(other, starts), near) else other
+        for some in (starts[:1], starts):
+            left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
+            if left < judgement.EDIT_LOSS_SCALE * robot.length:
+                return sample
+        return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
 
     @property
     def ambient(self) -> float:

@@ -176,11 +176,6 @@ class Judged:
     fits: list[Fit]
     weight: Array
 
-    @property
-    def robot(self) -> Robot:
-        """As described, with one area factor."""
-        return self.sample.robot
-
     def probability(self, kind: str) -> float:
         """Of a mistake of a kind."""
         return float(sum(w for w, kinds in zip(self.weight, self._kinds, strict=True) if kind in kinds))
@@ -188,7 +183,7 @@ class Judged:
     @cached_property
     def _kinds(self) -> list[set[str]]:
         """Of the mistakes of each fit."""
-        return [{edit.kind for edit, _ in mistakes(self.robot, fit)} for fit in self.fits]
+        return [{edit.kind for edit, _ in mistakes(self.sample.robot, fit)} for fit in self.fits]
 
     @property
     def chosen(self) -> Fit | None:
@@ -200,12 +195,12 @@ class Judged:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The mistakes of the most probable fit; empty where none is certain."""
-        fit = self.chosen
-        return () if fit is None else tuple(f for edit, own in mistakes(self.robot, fit) for f in self.said(edit, own, fit))
+        robot, fit = self.sample.robot, self.chosen
+        return () if fit is None else tuple(f for edit, own in mistakes(robot, fit) for f in self.said(edit, own, fit))
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.says(self.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+        return edit.says(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
 
     def rather(self, kind: str) -> str:
         """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
@@ -213,8 +208,8 @@ class Judged:
         for k in np.argsort(-self.weight):
             fit, p = self.fits[k], float(self.weight[k])
             if p >= judgement.EDIT_STATED and kind not in self._kinds[k]:
-                for edit, own in mistakes(self.robot, fit):
-                    others.setdefault(edit.kind, (p, str(edit.says(self.robot, fit.theta, own, p, "")[0])))
+                for edit, own in mistakes(self.sample.robot, fit):
+                    others.setdefault(edit.kind, (p, str(edit.says(self.sample.robot, fit.theta, own, p, "")[0])))
         return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 

@@ -50,7 +50,7 @@ def by_state(case: Case | None = None) -> list[dict[str, object]]:
         {
             "spine_length": s,
             **{f"p{c}": p if c in (9, 1, 2) else 0.0 for c in range(1, 10)},
-            **dict(zip("xyz", (0.0, 0.0, 0.39) if case is None else there(case, s, p)[0], strict=True)),
+            **dict(zip("xyz", (0.0, 0.0, 0.39) if case is None else there(case, s, p), strict=True)),
         }
         for s in LENGTHS
         for p in PRESSURES
@@ -58,9 +58,9 @@ def by_state(case: Case | None = None) -> list[dict[str, object]]:
 
 
 def there(case: Case, spine_length: float, pressure: float) -> np.ndarray:
-    """(n, 3) tips read at a state."""
+    """The first tip read at a state."""
     near = (abs(case.table["spine_length"] - spine_length) < 0.05) & (abs(case.table["p1"] - pressure) < 50e3)
-    return case.table.tip[near]
+    return case.table.tip[near][0]
 
 
 def test_rows_are_matched_by_trial_and_step(case: Case, tmp_path: Path) -> None:
@@ -74,8 +74,7 @@ def test_or_by_the_nearest_state_which_is_kept(case: Case, tmp_path: Path) -> No
     made = from_table(written(tmp_path / "p.csv", by_state(case)), case)
     measured = np.array([r.pressures[0] for r in case.table])
     assert made.pressure[:, 0] == pytest.approx(measured, abs=5e3) and set(made.pressure[:, 0]) == set(PRESSURES)
-    expected = [there(case, r.spine_length, r.pressures[0])[0] for r in case.table]
-    assert made.tip == pytest.approx(np.array(expected))
+    assert made.tip == pytest.approx(np.array([there(case, r.spine_length, r.pressures[0]) for r in case.table]))
 
 
 def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_path: Path) -> None:
