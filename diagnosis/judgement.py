@@ -154,9 +154,7 @@ BOUND_SD = 2.0
 PREDICTIVE_DISCREPANCY = 0.1
 """Discrepancy, noise floors, that is allowed when readings are predicted from the others."""
 TENSE_SD = 4.0
-"""Standard deviations from its prior at which a parameter is named as tense."""
-INFORMED_SHARE = 0.05
-"""Share of the prior's variance that data must remove for a direction to count in the prior tension."""
+"""Standard deviations from its mean at which a tolerance is named as tense."""
 OUTSIDE_PROBABILITY = 0.5
 """Probability of a cause outside the catalogue above which the verdict is "unknown"."""
 RELATIVE_ODDS = 0.5

@@ -24,56 +24,41 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.generic]
 
 
-def fit_stiffness(
-    deflection: ArrayLike, force: ArrayLike, force_sd: ArrayLike | None = None, trial: ArrayLike | None = None
-) -> Estimate:
-    """The slope (N/m) of force (n,) N over deflection (n,) m, weighted by 1 / force_sd^2 (N) where given.
+def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
+    """The slope (N/m) of force (n,) N over deflection (n,) m.
 
     The intercept is free, so neither a sensor zero nor a late touch point biases the slope; the paper divides single readings.
     With `trial` (n,) each trial has its own intercept, and the slope is common. Raises `NotIdentified` with too few
     readings or no spread in deflection, `BadCondition` on shapes.
     """
     n = np.size(deflection)
-    columns = readings(n, deflection=deflection, force=force, force_sd=np.ones(n) if force_sd is None else force_sd)
-    y, f, sd = columns["deflection"], columns["force"], columns["force_sd"]
-    if (sd <= 0).any():
-        raise BadCondition(f"force_sd: {sd.min():g} N, must be positive")
+    columns = readings(n, deflection=deflection, force=force)
     labels = np.zeros(n) if trial is None else np.asarray(trial)
     if labels.shape != (n,):
         raise BadCondition(f"trial: shape {labels.shape}, must be ({n},)")
     names = np.unique(labels)
-    weight = 1 / sd**2
-    mean_y, mean_f = (_trial_means(values, weight, labels, names) for values in (y, f))
-    dy, df = (y - mean_y) / sd, (f - mean_f) / sd
+    dy, df = (columns[name] - _trial_means(columns[name], labels, names) for name in ("deflection", "force"))
     spread = float(dy @ dy)
     if not spread > 0:
         raise NotIdentified("deflection: all readings of a trial are at the same place, no slope can be fitted")
     slope = float(dy @ df) / spread
-    weighted = estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
-    rms = float(np.sqrt(np.mean((sd * (df - slope * dy)) ** 2)))
-    return Estimate(slope, weighted.standard_error, weighted.dof, n, rms)
+    found = estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
+    rms = float(np.sqrt(np.mean((df - slope * dy) ** 2)))
+    return Estimate(slope, found.standard_error, found.dof, n, rms)
 
 
-def youngs_modulus(stiffness: Estimate, length: float, second_moment: float, load_at: float | None = None) -> Estimate:
-    """E (Pa) from the slope F / y (N/m), eq. 8 solved for E; eq. 9 when the load is at the end.
-
-    `length` of the cantilever and `load_at` (the end when None) in m, `second_moment` in m^4.
-    """
-    x = length if load_at is None else load_at
-    if not (length > 0 and 0 < x <= length and second_moment > 0):
-        raise BadCondition(
-            f"cantilever of length {length:g} m loaded at {x:g} m with second moment {second_moment:g} m^4: "
-            "all must be positive and the load within the length"
-        )
-    return stiffness.scaled(bar_deflection(length, x, second_moment))
+def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> Estimate:
+    """E (Pa) of a cantilever of a length (m) and a second moment (m^4), from the slope F / y (N/m) at its end; eq. 9."""
+    if not (length > 0 and second_moment > 0):
+        raise BadCondition(f"cantilever of length {length:g} m with second moment {second_moment:g} m^4: must be positive")
+    return stiffness.scaled(bar_deflection(length, length, second_moment))
 
 
-def _trial_means(values: Array, weight: Array, labels: Labels, names: Labels) -> Array:
-    """The weighted mean of each reading's own trial, (n,)."""
+def _trial_means(values: Array, labels: Labels, names: Labels) -> Array:
+    """The mean of each reading's own trial, (n,)."""
     means = np.empty_like(values)
     for name in names:
-        own = labels == name
-        means[own] = np.average(values[own], weights=weight[own])
+        means[labels == name] = values[labels == name].mean()
     return means
 
 
@@ -156,9 +141,7 @@ def fit_area_factor_by_length(
     }
 
 
-def fit_body_modulus(
-    robot: Robot, deflection: ArrayLike, force: ArrayLike, force_sd: ArrayLike | None = None, trial: ArrayLike | None = None
-) -> Estimate:
+def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:
     """E of the silicone body (Pa) from its stiffness rows: force (N) at the tip, deflection (m) there; eq. 8.
 
     E = k L^3 / (3 I), k the slope of force over deflection (N/m). Raises `NotIdentified` where it cannot be determined.
@@ -169,7 +152,7 @@ def fit_body_modulus(
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    slope = fit_stiffness(deflection, force, force_sd, trial)
+    slope = fit_stiffness(deflection, force, trial)
     return youngs_modulus(slope, robot.length, body_second_moment(robot))
 
 
@@ -178,7 +161,6 @@ def fit_spine_modulus(
     spine_length: ArrayLike,
     deflection: ArrayLike,
     force: ArrayLike,
-    force_sd: ArrayLike | None = None,
     trial: ArrayLike | None = None,
 ) -> dict[float, Estimate]:
     """Apparent E (Pa) of the bare spine of `radius` (m) for each spine length (m), eq. 9: Table II."""
@@ -188,8 +170,7 @@ def fit_spine_modulus(
     moduli = {}
     for length in np.unique(lengths):
         of_length = lengths == length
-        sd = None if force_sd is None else np.asarray(force_sd)[of_length]
         trials = None if trial is None else np.asarray(trial)[of_length]
-        slope = fit_stiffness(columns["deflection"][of_length], columns["force"][of_length], sd, trials)
+        slope = fit_stiffness(columns["deflection"][of_length], columns["force"][of_length], trials)
         moduli[float(length)] = youngs_modulus(slope, float(length), annulus_second_moment(radius))
     return moduli

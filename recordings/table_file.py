@@ -237,12 +237,6 @@ def _limits(name: str) -> tuple[float, float, str]:
 def _doubts(table: Table) -> list[str]:
     """What may be right but looks like another unit or a mistake."""
     doubts = []
-    highest = float(np.abs(table.pressures).max())
-    if 20 < highest < 1000 and not table.pushed.all():
-        doubts.append(f"no pressure is above {highest:g} Pa: if these are kPa, multiply p1.. by 1000")
-    farthest = float(np.abs(table.tip[table.with_tip]).max(initial=0.0))
-    if 0 < farthest < 0.005:
-        doubts.append(f"no tip is further than {farthest * 1e3:g} mm from the base: are x, y, z in m?")
     vacuum = float(table.get("vacuum", 0.0).max())
     if 5 < vacuum < 150 and (table.spine_length > 0).any():
         doubts.append(f"no vacuum is above {vacuum:g} Pa below ambient: if these are kPa, multiply vacuum by 1000")

@@ -124,8 +124,8 @@ class Design:
     """All experiments of the menu at once."""
 
     def show(self, table: Table) -> Table:
-        """The rows and columns that are shown."""
-        return Table.of(self._row(r) for r in table if self.both_branches or _paper_state(r))
+        """The rows and columns that are shown: of one branch the paper's states."""
+        return Table.of(self._row(r) for r in table if self.both_branches or (r.branch == "load" and max(r.pressures) > 20e3))
 
     def _row(self, r: TrialRow) -> TrialRow:
         return replace(r, orientation=r.orientation if self.orientation else None, markers=r.markers if self.markers else ())
@@ -149,7 +149,3 @@ def design(name: str) -> Design:
     if name not in DESIGNS:
         raise ConfigError(f"--design {name}: must be one of {', '.join(DESIGNS)}")
     return DESIGNS[name]
-
-
-def _paper_state(r: TrialRow) -> bool:
-    return r.branch == "load" and max(r.pressures) > 20e3

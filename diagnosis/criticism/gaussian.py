@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Mask
 from ..inference.linear import Linear, SizePrior
-from ..judgement import INFORMED_SHARE
 
 
 class Gaussian:
@@ -15,8 +14,6 @@ class Gaussian:
     def __init__(self, linear: Linear, prior: SizePrior, size: float, form_error: float) -> None:
         self.linear = linear
         blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole]
-        self.form_columns = linear.form_error.shape[1] if form_error else 0
-        """Number of columns of model-form error."""
         if form_error:
             blocks.append(form_error * linear.form_error)
         if large := linear.discrepancy_size(size, form_error):
@@ -39,24 +36,6 @@ class Gaussian:
         """Squared residual after the fit per remaining degree of freedom."""
         spent = self._x.shape[1] - float(np.trace(self._inverse))
         return float(self.residual @ self.residual) / max(len(self.residual) - spent, 1.0)
-
-    def distance(self, own: Ints) -> tuple[float, int]:
-        """Squared Mahalanobis distance of some coefficients' posterior mean from what their prior leads to expect of it,
-        chi-square with as many degrees of freedom as are returned besides.
-
-        `own`: columns of X. A priori the mean X^T (I + X X^T)^-1 r has the covariance I - (I + X^T X)^-1.
-        """
-        mean = self._x[:, own].T @ self.residual
-        value, vector = np.linalg.eigh(np.eye(own.size) - self._inverse[np.ix_(own, own)])
-        informed = value > INFORMED_SHARE
-        along = vector[:, informed].T @ mean
-        return float((along**2 / value[informed]).sum()), int(informed.sum())
-
-    def single(self) -> Array:
-        """The same distance (not squared) of each coefficient by itself."""
-        spread = 1 - np.diag(self._inverse)
-        mean = np.abs(self._x.T @ self.residual)
-        return np.asarray(np.where(spread > INFORMED_SHARE, mean / np.sqrt(np.maximum(spread, INFORMED_SHARE)), 0.0))
 
     def covariance(self, of_effect: Mask) -> Array:
         """(k, k) posterior covariance of all parameters, `of_effect` (k,) those of effects, in units of priors."""

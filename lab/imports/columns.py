@@ -81,15 +81,7 @@ def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
 
 def number(word: str, mark: str = ".", grouped: bool = False) -> float | None:
     """The number that a cell with this decimal mark holds; None where it is none."""
-    text = (
-        word.replace("\u2212", "-")
-        .replace("\u2013", "-")
-        .replace("\u00a0", " ")
-        .replace("\u202f", " ")
-        .strip()
-        .strip("'=\"")
-        .strip()
-    )
+    text = (word if word.isascii() else word.translate(WRITTEN)).strip().strip("'=\"").strip()
     found = GROUPED.match(text) if grouped or " " in text or "'" in text or "’" in text else None
     if found and found[1] != mark:
         text = text.replace(found[1], "")

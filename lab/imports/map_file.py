@@ -23,7 +23,6 @@ from ..files.units import KINDS, UnitError, plain_unit, to_si
 Array = NDArray[np.float64]
 
 AXES = {f"{sign}{axis}": (i, -1.0 if sign == "-" else 1.0) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
-ORDERS = ("wxyz", "xyzw", "rotation vector", "euler xyz", "euler XYZ", "euler zyx", "euler ZYX")
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]

@@ -7,7 +7,6 @@ import math
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
@@ -60,7 +59,6 @@ def read_matlab(path: Path, source: Source) -> Series:
             # before anything is unpacked: a few kB can hold GB
             if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
                 order: Order = "little" if data[126:128] == b"IM" else "big"
-                demand_bounded(path, _unpacked_size(data, order))
                 demand_bounded(path, _claimed(memoryview(data)[128:], order))
             else:
                 demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
@@ -100,38 +98,21 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
     return {n: v for n, v in found.items() if not n.startswith("__")}, ()
 
 
-def _unpacked_size(data: bytes, order: Order) -> int:
-    """Bytes of a file of version 5 once its variables are unpacked, counted to a little beyond what is read."""
-    size, at = len(data), 128
-    while at + 8 <= len(data) and size <= LARGEST:
-        kind = int.from_bytes(data[at : at + 4], order)
-        length = int.from_bytes(data[at + 4 : at + 8], order)
-        if kind == MI_COMPRESSED:
-            unpack, rest = zlib.decompressobj(), data[at + 8 : at + 8 + length]
-            while rest and size <= LARGEST:
-                try:
-                    size += len(unpack.decompress(rest, 1 << 20))
-                except zlib.error:
-                    break
-                rest = unpack.unconsumed_tail
-        at += 8 + length
-    return size
-
-
 def _claimed(data: memoryview, order: Order, depth: int = 0) -> int:
-    """Bytes of memory of the arrays of a file of version 5, counted to a little beyond what is read.
+    """Bytes of memory of the arrays of a file of version 5, or of what it unpacks to, counted to a little beyond what is read.
 
     Raises ValueError where an element, or one within it, is of a kind that there is not, or where an array claims more cells
-    than its element has bytes.
+    than its element has bytes, and zlib.error where what is packed is damaged.
     """
     size = 0
     for kind, body in _elements(data, order):
         if kind not in KINDS or depth > 50:
             raise ValueError(f"an element of kind {kind}, nested {depth} deep")
         if kind == MI_COMPRESSED:
-            with suppress(zlib.error):
-                unpacked = zlib.decompressobj().decompress(body, LARGEST)
-                size += _claimed(memoryview(unpacked), order, depth + 1)
+            unpacked = zlib.decompressobj().decompress(body, LARGEST + 1)
+            size += (
+                len(unpacked) if len(unpacked) > LARGEST else max(len(unpacked), _claimed(memoryview(unpacked), order, depth + 1))
+            )
         elif kind == MI_MATRIX:
             size += CELL + 8 * _cells(body, order) + _claimed(body, order, depth + 1)
         if size > LARGEST:

@@ -1,12 +1,5 @@
 """Whether the tip turns as it moves, whether files have their markers in one order, and whether a marker was taken for another.
 
-Lever: a body that bends evenly ties the place of its end to the turn of it.
-
-An arc of length L that turns by theta towards d ends at L a, a = (1 - cos theta) / theta d + sin theta / theta e_z. A tracked
-point off by h along the axis from where the map has it adds h (R - 1) e_z to what is taken for that end. The lengths of all
-states are free and h is one for all; both are linear: least squares say how well readings fit without h and with it. (A point
-off sideways cannot be seen: (R - 1) d = -theta a, as if the body were shorter.)
-
 Jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of pressure
 have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
 """
@@ -35,44 +28,6 @@ Array = NDArray[np.float64]
 LEAST_TURN = np.radians(10.0)
 FEWEST = 6
 """States that turn by as much."""
-WRONG, RIGHT = 0.05, 0.25
-"""Least share of the robot's length missed without h, and most share of that missed with h, for a remark."""
-
-
-def lever_off(states: Table, length: float) -> tuple[float, float, float] | None:
-    """h (m), and the rms (m) that are missed without and with it, where readings that start from the straight robot contradict
-    the map; None otherwise."""
-    kept = _turning(states)
-    bent = _turns(kept).as_rotvec()
-    told = np.linalg.norm(bent[:, :2], axis=1) > LEAST_TURN
-    kept, (x, y) = kept.take(told), bent[told, :2].T
-    n, theta = len(kept), np.hypot(x, y)
-    if n < FEWEST:
-        return None
-    arcs, across = np.zeros((n, 3, n)), (1 - np.cos(theta)) / theta**2
-    arcs[np.arange(n), :, np.arange(n)] = np.column_stack([across * y, -across * x, np.sin(theta) / theta])
-    seen = kept.tip.ravel()
-    levers = (_turns(kept).as_matrix() - np.eye(3))[:, :, 2:].reshape(3 * n, 1)
-    without, both = arcs.reshape(3 * n, n), np.hstack([arcs.reshape(3 * n, n), levers])
-    found = np.linalg.lstsq(both, seen, rcond=None)[0]
-    missed = [
-        float(np.sqrt(np.sum((seen - a @ c) ** 2) / n))
-        for a, c in ((without, np.linalg.lstsq(without, seen, rcond=None)[0]), (both, found))
-    ]
-    if missed[0] < WRONG * length or missed[1] > RIGHT * missed[0]:
-        return None
-    return float(found[-1]), missed[0], missed[1]
-
-
-def _turning(states: Table) -> Table:
-    """States with a tip and its orientation."""
-    return states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
-
-
-def _turns(states: Table) -> Rotation:
-    return Rotation.from_quat(states.orientation.reshape(-1, 4), scalar_first=True)
-
-
 FITS, SIZES = 0.9, (0.15, 5.0)
 """Agreement of place and turn (1 is the most) of bodies, and sizes of their displacements, of an arc's."""
 
@@ -80,14 +35,12 @@ FITS, SIZES = 0.9, (0.15, 5.0)
 def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
     and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
-    kept = _turning(states)
+    kept = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
     resting = at_rest(kept.pressures)
     if not resting.any():
         return None
-    bent, across = (
-        _from_rest(_turns(kept), resting),
-        _across(kept.tip, resting),
-    )
+    turn = Rotation.from_quat(kept.orientation.reshape(-1, 4), scalar_first=True)
+    bent, across = _from_rest(turn, resting), _across(kept.tip, resting)
     moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
     told = turned > LEAST_TURN
     if told.sum() < FEWEST or not (moved[told] > 0).any():
@@ -159,40 +112,20 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
 
 
 # ------------------------------------------------------------------ at rest
-@dataclass(frozen=True)
-class Stands:
-    """Where n states of the robot at rest are in its base frame."""
-
-    tip: Array
-    """(n, 3) m"""
-    turn: Rotation
-    """Of n states."""
-    markers: Array
-    """(n, k, 3) m"""
-
-    @classmethod
-    def straight(cls, end: Array, arcs: Sequence[float]) -> Stands:
-        """One state of the straight robot with its tracked point at `end` (3,) m and markers at arc lengths (k,) m."""
-        on_axis = np.array([(0.0, 0.0, s) for s in arcs]).reshape(1, -1, 3)
-        return cls(end[None], Rotation.identity(1), on_axis)
-
-    @classmethod
-    def of(cls, robot: Robot, states: Table) -> Stands:
-        """States as the model of robot.yaml has them: with their spine, mass, roll and force, without pressure.
-
-        Raises ConfigError where the model finds no equilibrium.
-        """
-        try:
-            model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented=True), np.array(robot.markers))
-            read = model.read(np.zeros(len(model.parameters)))
-        except ModelError as e:
-            raise ConfigError(f"straight: at rest: {e}") from e
-        if not np.isfinite(read.tip).all():
-            raise ConfigError(
-                "straight: at rest: the model of robot.yaml finds no equilibrium for the states at rest; correct its modulus "
-                "and weight, or write `straight: first state` for a robot that is straight at rest"
-            )
-        return cls(read.tip[0], Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0])
+def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, Rotation, Array]:
+    """Tip (n, 3) m, its turn and markers (n, k, 3) m of states in the base frame, as the model of robot.yaml has them: with their
+    spine, mass, roll and force, without pressure. Raises ConfigError where it finds no equilibrium."""
+    try:
+        model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented=True), np.array(robot.markers))
+        read = model.read(np.zeros(len(model.parameters)))
+    except ModelError as e:
+        raise ConfigError(f"straight: at rest: {e}") from e
+    if not np.isfinite(read.tip).all():
+        raise ConfigError(
+            "straight: at rest: the model of robot.yaml finds no equilibrium for the states at rest; correct its modulus "
+            "and weight, or write `straight: first state` for a robot that is straight at rest"
+        )
+    return read.tip[0], Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0]
 
 
 # ------------------------------------------------------------------ jumps

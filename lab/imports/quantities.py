@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from model.actuators import Words
 from recordings.ambient import AMBIENT
 from recordings.states.rules import BRANCHES
-from recordings.trials import TEXTS
+from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
@@ -31,56 +32,51 @@ OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
+SENSOR_OR_SD = re.compile("sensor_|sd_")
+"""Begin of the columns of sensors of the lab's own and of standard deviations."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 
 
 @dataclass(frozen=True)
-class Quantities:
+class FileRows:
     """All rows (n) of one file."""
 
     path: Path
-    t: Array
-    """s"""
-    pressures: Array
-    """(n, chambers) Pa gauge."""
-    tip: Array
-    """(n, 3) m"""
-    turn: Rotation | None
-    """From the straight robot's frame, or from the recorded one's where nothing says which reading is straight."""
-    turned: NDArray[np.bool_]
-    """(n,) rows with an orientation."""
-    markers: Array
-    """(n, k, 3) m"""
-    others: Mapping[str, Array]
-    """Further numbers by column of trials.csv."""
-    words: Mapping[str, NDArray[np.str_]]
+    table: Table
+    """What the map names. Orientations are from the straight robot's frame, or from the recorded one's where nothing says which
+    reading is straight."""
     constants: Mapping[str, Any]
     """By column, for all rows."""
     run: NDArray[np.int64]
     """(n,) of runs that follow each other in one file, from 0."""
     row: NDArray[np.int64]
     """(n,) in the file, from 0."""
+    counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
+    """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
     notes: tuple[str, ...] = ()
     """What is missing."""
     questions: tuple[str, ...] = ()
     """What a person has to check."""
-    counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
-    """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
+
+    @property
+    def t(self) -> Array:
+        """(n,) s"""
+        return self.table.values["t"]
 
     @property
     def seen(self) -> NDArray[np.bool_]:
         """(n,) rows with a tip and all pressures."""
-        return np.asarray(np.isfinite(np.column_stack([self.tip, self.pressures])).all(axis=1))
+        return np.asarray(np.isfinite(np.column_stack([self.table.tip, self.table.pressures])).all(axis=1))
 
-    def of(self, rows: NDArray[np.int64]) -> Quantities:
+    def with_columns(self, columns: Mapping[str, Array]) -> FileRows:
+        """The same with these columns (n,) in place of their own."""
+        return replace(self, table=self.table.replaced(columns))
+
+    def of(self, rows: NDArray[np.int64]) -> FileRows:
         """The same of these rows, in their order."""
-        return replace(
-            self, t=self.t[rows], pressures=self.pressures[rows], tip=self.tip[rows],
-            turn=None if self.turn is None else self.turn[rows], turned=self.turned[rows], markers=self.markers[rows],
-            others={n: v[rows] for n, v in self.others.items()}, words={n: v[rows] for n, v in self.words.items()},
-            run=self.run[rows], row=self.row[rows], counts={n: w[rows] for n, w in self.counts.items()},
-        )  # fmt: skip
+        counts = {name: cells[rows] for name, cells in self.counts.items()}
+        return replace(self, table=self.table.take(rows), run=self.run[rows], row=self.row[rows], counts=counts)
 
 
 @dataclass
@@ -117,7 +113,7 @@ class File:
         return np.where(gone[:, None], np.nan, xyz)
 
 
-def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
+def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     """Read a file by its map, of a robot driven as `drive` says; raises ConfigError naming the column that is missing."""
     file, constants = File(series, drive), quantities(wanted.constants, drive)
     notes = file.notes
@@ -126,23 +122,21 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
     frame = wanted.frame.matrix
     n = len(series)
     chambers = _chambers(values, constants)
-    notes += _mixed_units(file, wanted, ("x", "y", "z"), chambers)
-    pressures = np.column_stack([values.pop(p) if p in values else np.full(n, constants[p]) for p in chambers])
+    driven = {p: values[p] if p in values else np.full(n, constants[p]) for p in chambers}
+    pressures = np.column_stack([*driven.values()])
     file.resting = at_rest(pressures)
     if "tip" in wanted.points:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
-        tip = file.places(np.column_stack([values.pop(a) for a in "xyz"]), "the tip") @ frame.T
-    turn, turned = _turn(file, wanted, frame)
+        tip = file.places(np.column_stack([values[a] for a in "xyz"]), "the tip") @ frame.T
+    columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or SENSOR_OR_SD.match(name)}
+    columns |= driven | dict(zip(TIP, tip.T, strict=True)) | _turn(file, wanted, frame)
     notes += _order_note(series, wanted, frame, tip, file.resting)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]
-    markers = [_marker(file, wanted, values, m) @ frame.T for m in names]
-    t = values.pop("t") if "t" in values else _time(series, wanted)
-    made = Quantities(
-        series.path, t, pressures, tip, turn, turned,
-        np.stack(markers, axis=1) if markers else np.zeros((n, 0, 3)), values, words, constants,
-        np.zeros(n, np.int64), np.arange(n), counts=_counts(series, wanted),
-    )  # fmt: skip
+    for axes, name in zip(marker_columns(len(names)), names, strict=True):
+        columns |= zip(axes, (_marker(file, wanted, values, name) @ frame.T).T, strict=True)
+    t = columns["t"] = values["t"] if "t" in values else _time(series, wanted)
+    made = FileRows(series.path, Table(columns | words), constants, np.zeros(n, np.int64), np.arange(n), _counts(series, wanted))
     for what, values_of in (("pressure", pressures), ("tip", tip)):
         gone = ~np.isfinite(values_of).all(axis=1)
         if gone.any():
@@ -151,13 +145,12 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> Quantities:
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
     tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
     line = timeline(t, tick, series.place, averaged)
-    made = replace(made.of(line.rows), t=line.t, run=line.run)
+    made = replace(made.of(line.rows).with_columns({"t": line.t}), run=line.run)
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
         raise ConfigError(f"{series.path}: columns.t: all rows have one time; name another column, or give source.rate")
-    for text, columns in file.contradicted.items():
-        several = "s" * (len(columns) > 1)
-        notes.append(f"column{several} {listed(columns)} ({', '.join(columns.values())}): {text}")
+    for text, keys in file.contradicted.items():
+        notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
     return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions))
 
 
@@ -204,16 +197,6 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
         return
     if said:
         file.contradicted.setdefault(text, {})[own] = place
-
-
-def _mixed_units(file: File, wanted: Map, *groups: Sequence[str]) -> Iterator[str]:
-    """About columns of one kind that the map reads in several units, where the file does not say so."""
-    for names in groups:
-        given = {n: wanted.columns[n] for n in names if n in wanted.columns}
-        stated = {n: unit_in(file.series, name_of(file.series, c.column, n), units_for(n, file.drive)) for n, c in given.items()}
-        units = [c.unit or stated[n] for n, c in given.items()]
-        if len(set(units)) > 1 and not all(stated.values()):
-            yield f"columns {', '.join(given)} are read in {', '.join(u or 'SI' for u in units)}, and the file does not say so"
 
 
 def translated(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
@@ -275,26 +258,32 @@ def _place(file: File, name: str, points: Points) -> Array:
     return middle(points.of) - (middle(points.against) if points.against else 0.0)
 
 
-def _marker(file: File, wanted: Map, values: dict[str, Array], name: str) -> Array:
+def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> Array:
     if name in wanted.points:
         place = _place(file, name, wanted.points[name])
         return place if wanted.points[name].against else place - _base(file, wanted)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
         raise ConfigError(f"columns: {missing[0]} is missing beside the others of marker {name}")
-    return file.places(np.column_stack([values.pop(f"{name}{a}") for a in "xyz"]), f"marker {name}")
+    return file.places(np.column_stack([values[f"{name}{a}"] for a in "xyz"]), f"marker {name}")
 
 
-def _turn(file: File, wanted: Map, frame: Array) -> tuple[Rotation | None, NDArray[np.bool_]]:
-    """Rotations in the robot's axes."""
+def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
+    """Columns of orientations in the robot's axes."""
     if wanted.orientation is not None:
         made, there = stated(file.series, wanted.orientation)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
         made, there = _fitted(file, points)
     else:
-        return None, np.zeros(len(file.series), bool)
+        return {}
     onto = Rotation.from_matrix(frame)
-    return onto * made * onto.inv(), there
+    return orientation_columns(onto * made * onto.inv(), there)
+
+
+def orientation_columns(turn: Rotation, there: NDArray[np.bool_]) -> dict[str, Array]:
+    """Columns of the orientations (n,) of a table, NaN of states that have none."""
+    values = np.where(there[:, None], turn.as_quat(canonical=True, scalar_first=True), np.nan)
+    return dict(zip(ORIENTATION, values.T, strict=True))
 
 
 def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> dict[str, float]:

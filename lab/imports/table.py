@@ -21,7 +21,7 @@ from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import HEAD, ORIENTATION, TAIL, TIP, Table, marker_columns, pressure_columns
+from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from .clock import BETWEEN_RUNS, EPOCH
@@ -29,8 +29,8 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, Stands, jumps, lever_off, moves_within, other_order, strays, turn_off
-from .quantities import Quantities, quantities_of
+from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
+from .quantities import SENSOR_OR_SD, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
@@ -50,7 +50,7 @@ class Imported:
     """A table, and what it was made from."""
 
     table: Table
-    files: tuple[tuple[Series, Quantities, tuple[Cut, ...]], ...]
+    files: tuple[tuple[Series, FileRows, tuple[Cut, ...]], ...]
     notes: tuple[str, ...]
     """What was left out, or taken for granted."""
     unread: tuple[str, ...]
@@ -59,43 +59,26 @@ class Imported:
     """What a person has to check."""
 
 
-@dataclass(frozen=True)
-class _States:
-    """n states of files, not numbered yet."""
-
-    table: Table
-    """`trial`: states that were read one after the other; `step`: 0."""
-    turn: Rotation
-    """(n,) of the tip, from where the map has it straight."""
-    turned: NDArray[np.bool_]
-    """(n,) states with an orientation."""
-    file: NDArray[np.int64]
-    """(n,) from 0."""
-    row: NDArray[np.int64]
-    """(n,) the first, from 0, of the file's quantities."""
-
-    @classmethod
-    def stacked(cls, parts: Sequence[_States]) -> _States:
-        """Those of several files."""
-        return cls(
-            Table.stacked([p.table for p in parts]), Rotation.concatenate([p.turn for p in parts]),
-            *(np.concatenate([getattr(p, name) for p in parts]) for name in ("turned", "file", "row")),
-        )  # fmt: skip
-
-    def moved(self, lever: Array, shift: Array) -> _States:
-        """The same with tips moved by a lever (3,) m that turns with them, back, and by a shift (3,) m."""
-        levers = np.where(self.turned[:, None], self.turn.apply(lever), lever)
-        return replace(self, table=_with(self.table, TIP, self.table.tip + (shift - levers)))
-
-    def oriented(self) -> Table:
-        """The table with orientations as its columns have them."""
-        turns = self.turn.as_quat(canonical=True, scalar_first=True)
-        return _with(self.table, ORIENTATION, np.where(self.turned[:, None], turns, np.nan))
-
-
 def _with(table: Table, names: Sequence[str], values: Array) -> Table:
     """The same states with columns (n, k) in place of their own."""
     return table.replaced(dict(zip(names, values.T, strict=True)))
+
+
+def _turns(table: Table) -> tuple[Rotation, NDArray[np.bool_]]:
+    """Orientations of the tip, none where there is none, and (n,) where there is one."""
+    turned = np.asarray(np.isfinite(table.orientation).all(axis=1))
+    kept = np.where(turned[:, None], table.orientation, [1.0, 0.0, 0.0, 0.0])
+    return Rotation.from_quat(kept, scalar_first=True), turned
+
+
+def _levered(table: Table, lever: Array) -> Table:
+    """The same with the tip moved back by a lever (3,) m that turns with it."""
+    return _with(table, TIP, table.tip - _turns(table)[0].apply(lever))
+
+
+def _placed(table: Table, tip: Array, markers: Array) -> Table:
+    """The same with other places, (n, 3) and (n, k, 3) m."""
+    return _with(table, sum(marker_columns(markers.shape[1]), TIP), np.hstack([tip, markers.reshape(len(table), -1)]))
 
 
 def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
@@ -142,7 +125,7 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 
 def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
-) -> tuple[list[tuple[Series, Quantities, Map]], list[str], list[str]]:
+) -> tuple[list[tuple[Series, FileRows, Map]], list[str], list[str]]:
     """Every file, in the order of their times where these tell it, notes, and what cannot be read."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
     failed: list[ConfigError] = []
@@ -160,7 +143,7 @@ def _read(
         raise failed[0]
     for series, own in in_time(read_files):
         q = quantities_of(series, own, drive)
-        late = lag(q.t, q.pressures, q.tip) if series.questions else None
+        late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
         asked = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
         made.append((series, replace(q, questions=tuple(asked)), own))
     said: dict[str, list[str]] = {}
@@ -201,7 +184,7 @@ def imported(
 
 
 def conclude(
-    every: Sequence[tuple[Series, Quantities, Map]],
+    every: Sequence[tuple[Series, FileRows, Map]],
     wanted: Map,
     robot: Robot,
     notes: list[str],
@@ -209,50 +192,51 @@ def conclude(
 ) -> Imported:
     """The states of files, each with its map, as one table in the robot's frame; `notes` are added to. Raises ConfigError."""
     straight, arcs = _straight_point(robot), robot.markers
-    read_files, parts = [], []
+    read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
     group, start, origin = 0, 0.0, 0.0
     for number, (series, q, own_map) in enumerate(every):
         path = series.path
         absolute = bool(q.t[0] >= EPOCH[0])
         origin = float(q.t[0]) if not number and absolute else origin
-        q = replace(q, t=q.t - (origin if absolute else 0.0))
+        q = q.with_columns({"t": q.t - (origin if absolute else 0.0)})
         if wanted.straight == "first row":
             q = _straightened(q, straight, wanted.sensor, arcs)
         if number and ("t" not in own_map.columns and not absolute or q.t[0] < start):
-            q = replace(q, t=q.t - q.t[0] + start + BETWEEN_RUNS)
+            q = q.with_columns({"t": q.t - q.t[0] + start + BETWEEN_RUNS})
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
         notes += doubts
-        pushed = [q.others[name] for name in FORCES if name in q.others]
-        own = cuts(wanted.states, q.t, q.pressures, trial, np.column_stack(pushed) if pushed else None)
-        each = wanted.trials.begin == "state" and "trial" not in q.others
+        pushed = [q.table.values[name] for name in FORCES if name in q.table.values]
+        own = cuts(wanted.states, q.t, q.table.pressures, trial, np.column_stack(pushed) if pushed else None)
+        each = wanted.trials.begin == "state" and "trial" not in q.table.values
         numbers = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
         q, torn = _without_strays(q, own, float(straight[2]), series, notes)
         made = [(group + k, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
-        kept = [(k, c) for k, c in made if q.seen[c.rows].any()]
+        seen = q.seen
+        kept = [(k, c) for k, c in made if seen[c.rows].any()]
         if len(kept) < len(made) < len(q.t):  # else the rows were named
             notes.append(f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out")
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
-        parts.append(_states(number, q, kept))
+        parts.append(_states(q, kept))
+        rows += [(number, c.rows.start) for _, c in kept]
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own)))
-    states = _States.stacked(parts)
+    states = Table.stacked(parts)
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
-        states = states.moved(np.array(wanted.sensor), np.zeros(3))
+        states = _levered(states, np.array(wanted.sensor))
     if wanted.forces == "tip":
         states = _force_turned(states, wanted.frame.matrix)
     counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
-    table = _numbered(states.oriented(), counted, notes)
-    if wanted.straight != "as recorded" and (off := lever_off(table, float(straight[2]))) is not None:
-        notes.append(_lever_note(wanted.sensor[2], *off))
+    table = _numbered(states, counted, notes)
     notes += _contradictions(table, float(straight[2]))
-    notes += _jump_notes(list(jumps(table, float(straight[2]))), states, every, robot.actuators.words)
+    notes += _jump_notes(list(jumps(table, float(straight[2]))), rows, every, robot.actuators.words)
     _demand_mounted(table)
     if wanted.stiffness is not None:
-        table = _with_pushes(table, states.file, [q.constants.get("force") for _, q, _ in every], wanted)
+        file, forces = np.array([file for file, _ in rows]), [q.constants.get("force") for _, q, _ in every]
+        table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
     except RecordingError as e:
@@ -306,10 +290,10 @@ def _demand_mounted(states: Table) -> None:
             )
 
 
-def _why(wanted: Map, q: Quantities) -> str:
+def _why(wanted: Map, q: FileRows) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
-    jump = float(np.nanmedian(np.abs(np.diff(q.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
+    jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
         f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
@@ -317,10 +301,10 @@ def _why(wanted: Map, q: Quantities) -> str:
 
 
 def _without_strays(
-    q: Quantities, states: Sequence[Cut], length: float, series: Series, notes: list[str]
-) -> tuple[Quantities, list[Cut]]:
+    q: FileRows, states: Sequence[Cut], length: float, series: Series, notes: list[str]
+) -> tuple[FileRows, list[Cut]]:
     """The same without places that jump within a state and back, and the states whose places are two."""
-    tip, markers, torn, stray, first = q.tip.copy(), q.markers.copy(), [], 0, None
+    tip, markers, torn, stray, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         own = cut.rows
         row = moves_within(tip[own], markers[own], length)
@@ -338,17 +322,18 @@ def _without_strays(
             f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it taken for another? "
             f"{stray} rows and {len(torn)} states are left out"
         )
-    return replace(q, tip=tip, markers=markers), torn
+    return replace(q, table=_placed(q.table, tip, markers)), torn
 
 
 def _jump_notes(
-    found: Sequence[Jump], states: _States, files: Sequence[tuple[Series, Quantities, Map]], words: Words
+    found: Sequence[Jump], rows: Sequence[tuple[int, int]], files: Sequence[tuple[Series, FileRows, Map]], words: Words
 ) -> Iterator[str]:
-    """What to ask about places that moved farther than the body can."""
+    """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
     exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
     told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
     for jump in told[:MOST_JUMPS]:
-        series, q, _ = files[int(states.file[jump.state])]
+        file, row = rows[jump.state]
+        series, q, _ = files[file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
             f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
@@ -357,7 +342,7 @@ def _jump_notes(
             if jump.exchanged is None
             else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
         )
-        place = series.place(int(q.row[states.row[jump.state]]))
+        place = series.place(int(q.row[row]))
         yield (
             f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
             "files: {PATTERN: {columns: ..}}, or leave them out"
@@ -366,17 +351,9 @@ def _jump_notes(
         yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
 
 
-def _lever_note(sensor: float, off: float, without: float, best: float) -> str:
-    return (
-        f"place and turn of the tip fit one arc to {1e3 * best:.1f} mm for a sensor {1e3 * (sensor + off):.1f} mm beyond "
-        f"the end of the body, but to {1e3 * without:.1f} mm where the map has it ({1e3 * sensor:.1f} mm): check sensor, frame "
-        "and orientation"
-    )
-
-
-def _rest(q: Quantities) -> Array:
+def _rest(q: FileRows) -> Array:
     """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
-    places = np.concatenate([q.tip[:, None], q.markers], axis=1)[at_rest(q.pressures)]
+    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)[at_rest(q.table.pressures)]
     seen = np.isfinite(places).all(axis=2)
     total = np.where(seen[:, :, None], places, 0.0).sum(axis=0)
     return np.asarray(np.where(seen.any(axis=0)[:, None], total / np.maximum(seen.sum(axis=0), 1)[:, None], np.nan))
@@ -389,89 +366,91 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _straightened(q: Quantities, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> Quantities:
+def _on_axis(arcs: Sequence[float]) -> Array:
+    """(k, 3) m: markers at arc lengths of the straight body."""
+    return np.array([(0.0, 0.0, s) for s in arcs]).reshape(-1, 3)
+
+
+def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> FileRows:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
-    lever = np.array(sensor)
-    turn = None if q.turn is None else q.turn * q.turn[0].inv()
-    moved = q.tip - q.tip[0]
-    if turn is not None:
-        moved = moved - (turn.apply(lever) - lever)
-    known = min(len(arcs), q.markers.shape[1])
-    on_axis = np.array([(0.0, 0.0, s) for s in arcs[:known]]).reshape(-1, 3)
-    shift = np.zeros_like(q.markers[0])
-    shift[:known] = np.nan_to_num(on_axis - q.markers[0, :known])
-    return replace(q, tip=moved + straight, turn=turn, markers=q.markers + shift)
+    tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
+    oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
+    known = min(len(arcs), markers.shape[1])
+    shift = np.zeros_like(markers[0])
+    shift[:known] = np.nan_to_num(_on_axis(arcs[:known]) - markers[0, :known])
+    placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
+    return replace(q, table=_levered(placed, np.array(sensor)))
 
 
-def _mounted(states: _States, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> _States:
+def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
     """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
 
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
     where there are any, is where the model stands under its weight.
     """
-    table = states.table
     # in steps of 2 kPa, of which the first of equals is taken
     level = np.round(np.abs(table.pressures).max(axis=1) / 2e3)
     resting = np.flatnonzero(level == level.min())
     if straight == "first state":
         resting = resting[:1]
-        stands = Stands.straight(_straight_point(robot), robot.markers)
+        tip, turn, places = _straight_point(robot)[None], Rotation.identity(1), _on_axis(robot.markers)[None]
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting
-        stands = Stands.of(robot, table.take(resting))
-    known = states.turned[resting]
-    if known.any():
-        mount = (stands.turn[known].inv() * states.turn[resting[known]]).mean().inv()
-        states = replace(states, turn=states.turn * mount)
-    else:
-        states = replace(states, turned=np.zeros(len(table), bool))
-    states = states.moved(np.array(sensor), np.zeros(3))
-    shift = np.mean(stands.tip - states.table.tip[resting], axis=0)
+        tip, turn, places = at_rest_by_model(robot, table.take(resting))
+    turns, turned = _turns(table)
+    known = turned[resting]
+    mount = (turn[known].inv() * turns[resting[known]]).mean().inv() if known.any() else Rotation.identity()
+    table = _levered(table.replaced(orientation_columns(turns * mount, turned & known.any())), np.array(sensor))
+    shift = np.mean(tip - table.tip[resting], axis=0)
     markers, beside = table.markers, np.zeros(table.markers.shape[1:])
-    both = min(len(beside), stands.markers.shape[1])
-    missed = stands.markers[:, :both] - markers[resting, :both]
+    both = min(len(beside), places.shape[1])
+    missed = places[:, :both] - markers[resting, :both]
     seen = np.asarray(np.isfinite(missed).all(axis=2))
     for k in np.flatnonzero(seen.any(axis=0)).tolist():
         beside[k] = missed[seen[:, k], k].mean(axis=0)
-    names = sum(marker_columns(len(beside)), ())
-    moved = states.moved(np.zeros(3), shift)
-    return replace(moved, table=_with(moved.table, names, (markers + beside).reshape(len(table), -1)))
+    return _placed(table, table.tip + shift, markers + beside)
 
 
-def _force_turned(states: _States, frame: Array) -> _States:
+def _force_turned(states: Table, frame: Array) -> Table:
     """States with their force brought from the tip's axes into those of the base."""
-    if not states.turned.all():
-        t = float(states.table.get("t")[~states.turned][0])
+    turn, turned = _turns(states)
+    if not turned.all():
+        t = float(states.get("t")[~turned][0])
         raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation to turn its force with")
-    return replace(states, table=_with(states.table, FORCES, states.turn.apply(states.table.tip_force @ frame.T)))
+    return _with(states, FORCES, turn.apply(states.tip_force @ frame.T))
 
 
 # ------------------------------------------------------------------ states
-def _states(file: int, q: Quantities, kept: Sequence[tuple[int, Cut]]) -> _States:
-    """The mean of each cut of a file; each comes with its group, and has a row with a tip and pressures."""
-    n, cut_rows = len(kept), [cut.rows for _, cut in kept]
+def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
+    """The mean of each cut of a file, not numbered yet; each comes with its group, its `trial`, and has a row with a tip and
+    pressures."""
+    n, cut_rows, q_seen = len(kept), [cut.rows for _, cut in kept], q.seen
+    turn, turned = _turns(q.table)
     columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
 
     def fill(name: str, values: NDArray[Any] | Sequence[Any]) -> None:
         """Add a column; where it has no number, that of all rows stays."""
         columns[name] = np.where(np.isnan(values), columns.get(name, np.nan), values)
 
-    for name, values in q.others.items():
-        fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
-    for name, words in q.words.items():
-        last = [next((word for word in words[rows].tolist()[::-1] if word), "") for rows in cut_rows]
-        columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
-    seen = [np.flatnonzero(q.seen[rows]) + rows.start for rows in cut_rows]
+    pressures, tip, markers = q.table.pressures, q.table.tip, q.table.markers
+    averaged = {"t", *pressure_columns(pressures.shape[1]), *TIP, *ORIENTATION, *sum(marker_columns(markers.shape[1]), ())}
+    for name, values in q.table.values.items():
+        if name in TEXTS:
+            last = [next((word for word in values[rows].tolist()[::-1] if word), "") for rows in cut_rows]
+            columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
+        elif name not in averaged:
+            fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
+    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]
     several, at_rest = np.array([len(rows) > 1 for rows in seen]), np.array([cut.at_rest for _, cut in kept])
     of_state: dict[str, NDArray[Any]] = {"t": np.array([q.t[rows].mean() for rows in seen])}
-    for names, values in ((pressure_columns(q.pressures.shape[1]), q.pressures), (TIP, q.tip)):
+    for names, values in ((pressure_columns(pressures.shape[1]), pressures), (TIP, tip)):
         of_state |= zip(names, np.array([values[rows].mean(axis=0) for rows in seen]).T, strict=True)
         deviations = [values[rows].std(axis=0, ddof=1) if len(rows) > 1 else np.full(len(names), np.nan) for rows in seen]
         for name, deviation in zip(names, np.array(deviations).T, strict=True):
             fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
-    of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(q.pressures.shape[1])}
-    for names, places in zip(marker_columns(q.markers.shape[1]), np.swapaxes(q.markers, 0, 1), strict=True):
+    of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
+    for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
         there = np.isfinite(places).all(axis=1)
         means = [places[rows][there[rows]].mean(axis=0) if there[rows].any() else np.full(3, np.nan) for rows in cut_rows]
         of_state |= zip(names, np.array(means).T, strict=True)
@@ -483,18 +462,15 @@ def _states(file: int, q: Quantities, kept: Sequence[tuple[int, Cut]]) -> _State
         )
     columns = {"spine_length": np.zeros(n), "protocol": np.full(n, "bending"), "branch": np.full(n, "")} | {
         name: column for name, column in columns.items()
-        if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or name.startswith(("sd_", "sensor_")))
+        if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or SENSOR_OR_SD.match(name))
     }  # fmt: skip
     columns |= {"trial": np.array([group for group, _ in kept]), "step": np.zeros(n, np.int64)} | of_state
     columns["repeat"] = np.nan_to_num(columns.get("repeat", np.zeros(n))).astype(np.int64)
     if "clipped" in columns:
         columns["clipped"] = np.where(np.nan_to_num(columns["clipped"]) != 0, 1.0, np.nan)
-    turned = [rows[q.turned[rows]] for rows in seen]
-    turns = [q.turn[rows].mean() if q.turn is not None and len(rows) else Rotation.identity() for rows in turned]
-    return _States(
-        Table(columns), Rotation.concatenate(turns), np.array([len(rows) > 0 for rows in turned]),
-        np.full(n, file), np.array([rows.start for rows in cut_rows]),
-    )  # fmt: skip
+    oriented = [rows[turned[rows]] for rows in seen]
+    turns = Rotation.concatenate([turn[rows].mean() if len(rows) else Rotation.identity() for rows in oriented])
+    return Table(columns | orientation_columns(turns, np.array([len(rows) > 0 for rows in oriented])))
 
 
 def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:

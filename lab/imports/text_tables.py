@@ -215,7 +215,7 @@ def _labview(records: list[Record]) -> tuple[list[Record], int | None]:
 def _cells(text: str, separator: str) -> list[str]:
     """One line split."""
     if separator == " ":
-        text, separator = re.sub(r"\s+", " ", text.strip()), " "
+        text = " ".join(text.split())
     if '"' not in text:
         return text.split(separator)
     try:
@@ -546,10 +546,10 @@ def _units_in(text: str) -> dict[str, str]:
 # ------------------------------------------------------------------ columns
 def _columns(kept: pd.DataFrame, parsed: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
     """What each column of cells, parsed where they are plain numbers, holds; separators at the end of lines make none."""
-    told = separator != "," or any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
-    commas = told and any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    commas = any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    splits = separator == "," and not commas
     judged = {
-        name: judge(kept[k], source.missing, source.decimal, parsed=parsed[k], comma_splits=not told, commas=commas)
+        name: judge(kept[k], source.missing, source.decimal, parsed=parsed[k], comma_splits=splits, commas=commas)
         for k, name in enumerate(head.names)
     }
     while len(judged) > 1 and (name := next(reversed(judged))) not in head.stated and not present(judged[name].values).any():

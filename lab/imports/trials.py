@@ -20,7 +20,7 @@ from model.actuators import Words
 
 from .clock import gaps
 from .map_file import Map, Plateaus, States
-from .quantities import Quantities
+from .quantities import FileRows
 from .series import Series
 
 Array = NDArray[np.float64]
@@ -152,18 +152,18 @@ class Stages:
     """(m,) without pressure."""
 
     @classmethod
-    def of(cls, q: Quantities, states: States, below: float) -> Stages:
+    def of(cls, q: FileRows, states: States, below: float) -> Stages:
         """Of rows before they are cut into trials; at rest no pressure is above `below` (Pa), as in the row before where one is
         missing."""
-        start, held = np.arange(len(q.t)), q.pressures
+        start, held = np.arange(len(q.t)), q.table.pressures
         begin, stop = start, start + 1
         if states.plateaus is not None:
             whole = states.plateaus.model_copy(update={"settling": 0.0})
-            rows, settled = ([cut.rows for cut in plateaus(p, q.t, q.pressures, q.run)] for p in (whole, states.plateaus))
+            rows, settled = ([cut.rows for cut in plateaus(p, q.t, held, q.run)] for p in (whole, states.plateaus))
             begin, start, stop = (
                 np.array([(r.start, s.start, r.stop) for r, s in zip(rows, settled, strict=True)], np.int64).reshape(-1, 3).T
             )
-            held = np.array([np.nanmean(q.pressures[r], axis=0) for r in rows]).reshape(len(rows), q.pressures.shape[1])
+            held = np.array([np.nanmean(held[r], axis=0) for r in rows]).reshape(len(rows), held.shape[1])
         known = np.isfinite(held).all(axis=1)
         resting = carried(np.where(known, np.abs(held).max(axis=1, initial=0.0) < below, np.nan)) > 0
         return cls(begin, start, stop, held, resting)
@@ -209,7 +209,7 @@ class Stages:
         return float(np.median(lengths)) if lengths else 1.0
 
 
-def trials_of_rows(series: Series, q: Quantities, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
+def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
     """(n,) trial of each row, from 0, in this file, and notes about columns that contradict the rests."""
     below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
     stages = Stages.of(q, wanted.states, below)
@@ -243,9 +243,9 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
     return [min((int(np.clip(middle, c.first, c.row)) for c in own), key=lambda r: abs(r - middle), default=middle)]
 
 
-def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
+def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
     for c in strange[:MOST_NOTES]:
-        held = q.pressures[c.row]
+        held = q.table.pressures[c.row]
         chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
         place = f"{series.path.name}, {series.place(int(q.row[c.row]))}"
         yield (
@@ -258,7 +258,7 @@ def _notes(series: Series, q: Quantities, strange: Sequence[Change], by_rest: bo
         yield f"{series.path.name}: {len(strange) - MOST_NOTES} further changes of columns contradict the rests"
 
 
-def changes(q: Quantities, stages: Stages) -> list[Change]:
+def changes(q: FileRows, stages: Stages) -> list[Change]:
     """Of all columns that count trials or repeats or name what is inflated.
 
     A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if

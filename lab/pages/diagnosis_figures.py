@@ -93,8 +93,7 @@ class StateGroup:
 
 def groups(d: Diagnosis) -> list[StateGroup]:
     """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
-    s, chambers = _states(d), d.detail["states"].get("chambers")
-    keys = ["all states"] * len(s["tip"]) if chambers is None else [d.words.group(c) for c in chambers]
+    s, keys = _states(d), [d.words.group(c) for c in d.detail["states"]["chambers"]]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
     ranked = sorted(worst, key=lambda key: -worst[key])

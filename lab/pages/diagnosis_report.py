@@ -40,12 +40,9 @@ from .figures import numbers as sensor_numbers
 from .figures import sensors as draw_sensors
 from .report import CommandCell, PageSection, Report
 
-FURTHEST, OUTLIER, SURPRISE = "furthest_from_prior", "outlier_trial", "outlier_surprise"
+OUTLIER, SURPRISE = "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {
     "lack_of_fit": "chi-square per degree of freedom",
-    "prior_tension": "prior tension, standard deviations",
-    FURTHEST: "parameter furthest from its prior",
-    "spine_outlier": "spine outlier, standard deviations",
     "excess_scatter": "excess scatter of repeats, factor",
     OUTLIER: "trial that the others predict worst",
     SURPRISE: "its chi-square per value",
@@ -68,14 +65,14 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     """A page with the answer on top and where it comes from at its foot."""
     source = ", ".join(map(str, inputs))
     return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline or d.statement, d.texts("critical"), small(d),
+        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline, d.texts("critical"), small(d),
         gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
     )  # fmt: skip
 
 
 def names(d: Diagnosis) -> Mapping[str, str]:
-    """Effect -> plain name; empty in answers of earlier versions."""
-    found: Mapping[str, str] = d.detail.get("names", {})
+    """Effect -> plain name."""
+    found: Mapping[str, str] = d.detail["names"]
     return found
 
 
@@ -117,7 +114,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             alike(report.section("Which effects these data can distinguish", folded=True), d)
         if d.detail["confounding"]:
             _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
-        _misfit(report.section("Stages and misfit diagnostics", folded=True), d, spine)
+        _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
         if quantities(table):
             _sensors(report.section("What the lab's own sensors measured", folded=True), table, d.words, folder)
 
@@ -295,7 +292,7 @@ def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
     s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     euler = d.locate.numerical_error_mm
-    if d.locate.of == "tip" and euler is not None and np.isfinite(euler):  # null in a file where it is not known
+    if d.locate.of == "tip" and np.isfinite(euler):
         s.text(f"The paper's Euler integration alone would add {euler:.2f} mm rms; it is not part of this gap.")
 
 
@@ -356,7 +353,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         s.text(why)
 
 
-def _misfit(s: PageSection, d: Diagnosis, spine: bool) -> None:
+def _misfit(s: PageSection, d: Diagnosis) -> None:
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     if d.attribute.stage_errors:
@@ -364,23 +361,10 @@ def _misfit(s: PageSection, d: Diagnosis, spine: bool) -> None:
             ("stage with an error of free form", "varies with", "log evidence gained"),
             [[e.stage, d.words.fill(in_words(e.dependence)), f"{e.gain:.1f}"] for e in d.attribute.stage_errors],
         )
-    diagnostics = dict(d.detail["misfit"])
-    if diagnostics.get(FURTHEST):
-        diagnostics[FURTHEST] = with_id(diagnostics[FURTHEST], names(d))
-    left_out = {"spine_outlier"} if not spine else set()
-    left_out |= {SURPRISE} if diagnostics.get(OUTLIER) is None else set()
-    rows = [[MISFIT_LABELS.get(k, _words(k)), _diagnostic(v)] for k, v in diagnostics.items() if k not in left_out]
+    found = d.detail["misfit"]
+    shown = [key for key in MISFIT_LABELS if key in found and (key != SURPRISE or found.get(OUTLIER) is not None)]
+    rows = [[MISFIT_LABELS[key], "none" if found[key] is None else f"{found[key]:.3g}"] for key in shown]
     s.table(("misfit diagnostic", "value"), rows)
-
-
-def _diagnostic(value: float | str | None) -> str:
-    if isinstance(value, str):
-        return value or "none"
-    return "none" if value is None else f"{value:.3g}"
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ")
 
 
 def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
@@ -391,7 +375,7 @@ def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
     s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
-    for each in d.detail.get("by_actuator", ()):
+    for each in d.detail["by_actuator"]:
         mean = float(np.mean(each["factor"]))
         rows = [[str(k), f"{100 * (f / mean - 1):+.0f} %"] for k, f in enumerate(each["factor"], 1)]
         s.table((d.words.actuator, f"{d.words.pushes}, against the mean"), rows)
@@ -401,7 +385,7 @@ def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
     """A row of the table of sizes, in a person's units; the logarithm of a factor as the factor."""
     unit = x["unit"]
     ends = [_bound(x[end], unit, d.words) for end in ("low90", "high90", "low", "high")]
-    median = _number(x["median"], unit, d.words) if x.get("determined", True) else "not determined by these data"
+    median = _number(x["median"], unit, d.words) if x["determined"] else "not determined by these data"
     return [with_id(x["name"], names(d)), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 

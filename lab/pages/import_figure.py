@@ -67,14 +67,15 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
 
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
     for number, (_, q, cuts) in enumerate(imported.files):
+        pressures, places = q.table.pressures, q.table.tip
         # more are not seen
         every = max(1, len(q.t) // 4000)
-        for k in range(q.pressures.shape[1]):
+        for k in range(pressures.shape[1]):
             pressure.plot(
-                q.t[::every], q.pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
+                q.t[::every], pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
                 label=f"p{k + 1}" if not number else None,
             )  # fmt: skip
-        moved = (q.tip - np.nanmedian(q.tip, axis=0)) * 1e3
+        moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
         for cut in cuts:

@@ -17,11 +17,10 @@ import argparse
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import quote
 
 import numpy as np
@@ -31,7 +30,7 @@ from numpy.typing import NDArray
 from diagnosis.answer.result import Diagnosis, Ranked
 from diagnosis.errors import DiagnosisError
 from model.robot import Robot
-from recordings.campaign.export import StreamFormat, export_case, export_streams, write_mat
+from recordings.campaign.export import export_case, export_streams
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import RECORD
@@ -159,12 +158,10 @@ WHAT = {
 }
 UNIT_CODES = {"1": "C62", "m": "MTR", "Pa": "PAL", "s": "SEC", "kg": "KGM", "N": "NEW", "deg": "DD"}
 """UN/CEFACT, as schema.org asks for."""
-NO_LICENSE = "not stated: choose a licence before you publish"
+NO_LICENSE = "not stated: write one into this file before you publish"
 
 
-def write_crate(
-    folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str, license: str | None
-) -> Path:
+def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> Path:
     """Copy files into a folder and describe them; `recordings` by file name. Returns the metadata file."""
     folder.mkdir(parents=True, exist_ok=True)
     graph: list[dict[str, Any]] = []
@@ -182,7 +179,7 @@ def write_crate(
     robot = _robot(folder / "robot.yaml")
     actions = _actions({str(f["@id"]) for f in graph}, recordings)
     root = {
-        "@id": "./", "@type": "Dataset", "name": name, "license": license or NO_LICENSE,
+        "@id": "./", "@type": "Dataset", "name": name, "license": NO_LICENSE,
         "description": f"{len(table)} states in {len(set(table.trial.tolist()))} trials of a soft continuum robot"
         + (f", {len(recordings)} recordings" if recordings else ""),
         "datePublished": datetime.now(UTC).date().isoformat(), "hasPart": _ids(graph), "about": _ids(robot[:1]),
@@ -259,52 +256,34 @@ IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", 
 """Files of a case folder that go into a crate beside the robot and the table."""
 
 
-@dataclass(frozen=True)
-class Forms:
-    """What is asked for."""
-
-    case: bool = False
-    crate: bool = False
-    arviz: bool = False
-    streams: StreamFormat = "csv"
-    license: str | None = None
-    name: str | None = None
-    replace: bool = False
+Form = Literal["streams", "case", "crate", "arviz"]
 
 
-def export(inputs: Sequence[Path], folder: Path, forms: Forms) -> Result:
+def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False) -> Result:
     """Files of each stream, one case folder, an RO-Crate, or diagnoses for ArviZ; raises ConfigError."""
-    with whole(folder, replace=forms.replace, inputs=inputs) as place:
-        written, table = _export(without_torn(inputs), place, forms, forms.name or folder.resolve().name)
-    advice = ["no licence is stated; add --license URL before you publish"] if forms.crate and forms.license is None else []
+    with whole(folder, replace=replace, inputs=inputs) as place:
+        written, table = _export(without_torn(inputs), place, form, folder.resolve().name)
+    advice = [f"{folder / METADATA}: license: {NO_LICENSE}"] if form == "crate" else []
     return _written([folder / path.relative_to(place) for path in written], table, advice)
 
 
-def _export(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tuple[list[Path], Table | None]:
+def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
     """What was written, and the table of trials where it is one."""
     cases = [p for p in inputs if p.is_dir()]
     names = dict(zip(inputs, names_apart(inputs), strict=True))
-    if forms.crate:
-        return _crate(inputs, folder, forms, name)
-    if forms.arviz:
+    if form == "crate":
+        return _crate(inputs, folder, name)
+    if form == "arviz":
         return _arviz(names, folder), None
-    if forms.case:
-        if cases:
-            raise ConfigError(f"{cases[0]}: is a case already; --case is for recordings")
-        table = _joined_case([Recording.open(f) for f in inputs], folder)
+    if cases:
+        why = "is a case already; --case is for recordings" if form == "case" else "has no streams; use --crate or --arviz"
+        raise ConfigError(f"{cases[0]}: {why}")
+    recordings = {path: Recording.open(path) for path in inputs}
+    if form == "case":
+        table = _joined_case([*recordings.values()], folder)
         return [folder / "robot.yaml", folder / "trials.csv"], table
-    written: list[Path] = []
-    for place in cases:
-        if forms.streams != "mat":
-            raise ConfigError(f"{place}: is a case folder, which has no streams; use --mat, --crate or --arviz")
-        table = read_csv(place / "trials.csv")
-        written.append(write_mat({"trials": {name: table[name] for name in table.columns}}, folder / f"{names[place]}.mat"))
-    recordings = [path for path in inputs if not path.is_dir()]
-    for path in recordings:
-        apart = len(recordings) > 1 and forms.streams != "mat"
-        target = folder / names[path] if apart else folder
-        written += export_streams(Recording.open(path), target, forms.streams, names[path])
-    return written, None
+    places = {path: folder / names[path] if len(recordings) > 1 else folder for path in recordings}
+    return [file for path, recording in recordings.items() for file in export_streams(recording, places[path])], None
 
 
 def _arviz(names: Mapping[Path, str], folder: Path) -> list[Path]:
@@ -337,7 +316,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     return table
 
 
-def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tuple[list[Path], Table]:
+def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
     """One folder with everything that a reader of a paper needs, described."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
@@ -358,8 +337,7 @@ def _crate(inputs: Sequence[Path], folder: Path, forms: Forms, name: str) -> tup
     if twice is not None:
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
     infos = {file: summary(path) for file, path in recordings.items()}
-    name = cases[0].resolve().name if cases and not forms.name else name
-    metadata = write_crate(folder, every, table, infos, name, forms.license)
+    metadata = write_crate(folder, every, table, infos, cases[0].resolve().name if cases else name)
     return [metadata, *(folder / p.name for p in every)], table
 
 
@@ -375,8 +353,8 @@ def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence
 
 
 def _export_verb(a: argparse.Namespace) -> Result:
-    streams: StreamFormat = "mat" if a.mat else "csv"
-    return export(a.inputs, a.out, Forms(a.case, a.crate, a.arviz, streams, a.license, a.name, a.replace))
+    form: Form = "case" if a.case else "crate" if a.crate else "arviz" if a.arviz else "streams"
+    return export(a.inputs, a.out, form, a.replace)
 
 
 VERBS = (
@@ -386,19 +364,16 @@ VERBS = (
         options=(
             JSON,
             ANY_SIZE,
-            inputs("recordings (.mcap); with --mat, --crate and --arviz also a case folder"),
+            inputs("recordings (.mcap); with --crate and --arviz also a case folder"),
             option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
             REPLACE,
             OneOf(
                 (
                     option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),
-                    option("--mat", action="store_true", help="one MATLAB file for each recording or case instead of CSV"),
                     option("--crate", action="store_true", help="one described folder, as a paper's supplement"),
                     option("--arviz", action="store_true", help="each case's diagnosis.json as NetCDF for ArviZ"),
                 )
             ),
-            option("--license", metavar="URL", help="of the crate"),
-            option("--name", help="of the crate (default: the folder's name)"),
         ),
         examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),
         page="docs/explanations/recordings.md",

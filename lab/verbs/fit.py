@@ -232,7 +232,7 @@ def _fit_verb(a: argparse.Namespace) -> Result:
             if given:
                 raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
         return fit(a.inputs, a.robot, a.out, a.replace)
-    asked = WithEffects(a.with_effects or (), a.effects, a.samples, a.seed, a.residual)
+    asked = WithEffects(tuple(a.with_effects or ()), a.effects, a.samples, a.seed, a.residual)
     return fit_with(a.inputs, a.robot, asked, a.out, a.replace)
 
 
@@ -250,6 +250,7 @@ VERBS = (
             option(
                 "--with",
                 dest="with_effects",
+                action="extend",
                 type=_names,
                 metavar="EFFECT[,EFFECT..]",
                 help="fit these effects too, and write them into robot.yaml",

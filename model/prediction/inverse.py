@@ -74,10 +74,9 @@ class Reached:
 def limits_of(
     robot: Robot,
     groups: Sequence[Sequence[int]] | None = None,
-    max_pressure: float | None = None,
     spine: tuple[float, float] | None = None,
 ) -> ReachLimits:
-    """The robot's limits, or narrower ones; raises `BadCondition` for groups that its chambers do not make up.
+    """The robot's limits; raises `BadCondition` for groups that its chambers do not make up.
 
     `groups`: chambers that share a regulator, each by itself unless given; chambers in none stay vented. `spine`: lengths
     (m), all from 0 to the longest in robot.yaml's table of moduli unless given.
@@ -87,24 +86,19 @@ def limits_of(
     flat = [c for g in chamber_groups for c in g]
     if not flat or len(set(flat)) < len(flat) or not all(1 <= c <= count for c in flat):
         raise BadCondition(f"groups: {chamber_groups}, must hold each chamber at most once, counted from 1 to {count}")
-    highest = robot.max_pressure if max_pressure is None else max_pressure
-    if highest is None:
+    if robot.max_pressure is None:
         words = robot.actuators.words
         raise BadCondition(
             f"max_pressure: robot.yaml does not say how much its {words.kind} may hold; add it, in Pa (10 {words.unit} are "
             f"{10 * words.pascal:g} Pa)"
         )
-    if robot.max_pressure is not None and highest > robot.max_pressure:
-        raise BadCondition(f"max_pressure: {highest:g} Pa, must not exceed robot.yaml's {robot.max_pressure:g} Pa")
-    if not highest > 0:
-        raise BadCondition(f"max_pressure: {highest:g} Pa, must be above 0")
     longest = max(robot.spine.modulus) if robot.spine is not None else 0.0
     low, high = spine if spine is not None else (0.0, longest)
     if not 0 <= low <= high <= (robot.length if robot.spine is not None else 0.0):
         raise BadCondition(
             f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
         )
-    return ReachLimits(highest, chamber_groups, (low, high))
+    return ReachLimits(robot.max_pressure, chamber_groups, (low, high))
 
 
 def inverse(

@@ -1,14 +1,13 @@
-"""Out of a recording: one CSV file a stream, one MATLAB file, or a case folder for the diagnosis."""
+"""Out of a recording: one CSV file a stream, or a case folder for the diagnosis."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
 from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +22,11 @@ from ..table_file import write_csv
 from ..trials import COLUMNS, Table
 from .replay import table_of
 
-StreamFormat = Literal["csv", "mat"]
 Columns = dict[str, NDArray[Any]]
 
 
-def export_streams(
-    recording: Recording, folder: str | os.PathLike[str], form: StreamFormat = "csv", name: str = ""
-) -> list[Path]:
-    """Write each stream that has samples to `<stream>.csv`, or all to one `<name>.mat`; returns the files.
+def export_streams(recording: Recording, folder: str | os.PathLike[str]) -> list[Path]:
+    """Write each stream that has samples to `<stream>.csv`; returns the files.
 
     The states that were read are in `trials`, what people asked of the run (notes among it) in `requests`, where there are
     any. `columns` has unit and meaning of every column, and the wall time of t = 0.
@@ -52,26 +48,15 @@ def export_streams(
     about += [("trials", name, unit, _meaning(name)) for name, unit in table.units.items()]
     names = ("file", "column", "unit", "meaning")
     described = {name: np.array([row[k] for row in about], np.str_) for k, name in enumerate(names)}
-    asked = recording.requests
-    requests = {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
-    if form == "mat":
-        if len(table):
-            tables["trials"] = {name: table[name] for name in table.columns}
-        if asked:
-            tables["requests"] = _texts_as_objects(requests)
-        tables["columns"] = _texts_as_objects(described)
-        return [write_mat(tables, folder / f"{name or recording.path.stem}.mat")]
+    if asked := recording.requests:
+        tables["requests"] = {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
+    tables["columns"] = described
     written = [folder / f"{stem}.csv" for stem in tables]
     for columns, path in zip(tables.values(), written, strict=True):
         _write(columns, path)
-    if asked:
-        written.append(folder / "requests.csv")
-        _write(requests, written[-1])
     if len(table):
-        written.append(folder / "trials.csv")
-        write_csv(table, written[-1])
-    written.append(folder / "columns.csv")
-    _write(described, written[-1])
+        write_csv(table, folder / "trials.csv")
+        written.insert(-1, folder / "trials.csv")
     return written
 
 
@@ -126,33 +111,8 @@ def _meaning(column: str) -> str:
     return f"standard deviation of {of}" if of != column else found
 
 
-def _texts_as_objects(columns: Columns) -> Columns:
-    """The same with texts as MATLAB's cells."""
-    return {name: v.astype(object) if v.dtype.kind == "U" else v for name, v in columns.items()}
-
-
 def _stem(topic: str) -> str:
     return topic.strip("/").replace("/", "_")
-
-
-def write_mat(structures: Mapping[str, Mapping[str, object]], path: Path) -> Path:
-    """A MATLAB file (version 5) of structures of columns; returns it.
-
-    >>> write_mat({"trials": {"x": [0.0, 0.1]}}, Path("case.mat"))
-    PosixPath('case.mat')
-    """
-    from scipy.io import savemat
-
-    plain = {_variable(name): {_variable(k): v for k, v in own.items()} for name, own in structures.items()}
-    with replacing(path) as (file, _):
-        savemat(file, plain, do_compression=True, long_field_names=True, oned_as="column")
-    return path
-
-
-def _variable(name: str) -> str:
-    """A name that MATLAB takes."""
-    own = re.sub(r"\W", "_", name)[:63]
-    return own if own[:1].isalpha() else f"v{own}"[:63]
 
 
 def _write(columns: Columns, path: Path) -> None:

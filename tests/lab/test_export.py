@@ -1,4 +1,4 @@
-"""`lab export --mat`, `--crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
+"""`lab export --crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
 
 import hashlib
 import json
@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from commands import Cli
 from diagnosed_case import Answered
-from scipy.io import loadmat
 
 from lab.verbs.export import write_crate
 from recordings.campaign.info import info
@@ -33,9 +32,10 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, cli: Cl
     from rocrate.rocrate import ROCrate  # slow to import
 
     out = tmp_path / "supplement"
-    assert "no licence is stated" in cli("export", case, RECORDING, "--crate", "--out", out, "--name", "Gap of a robot").err
+    told = cli("export", case, RECORDING, "--crate", "--out", out).flat_err
+    assert "license: not stated: write one into this file" in told
     crate = ROCrate(out)
-    assert crate.name == "Gap of a robot"
+    assert crate.name == "case"
     files = {e.id: e for e in crate.data_entities}
     assert set(files) == {"robot.yaml", "trials.csv", "diagnosis.json", RECORDING.name}
     assert set(files) | {"ro-crate-metadata.json"} == {p.name for p in out.iterdir()}
@@ -57,18 +57,11 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
     (tmp_path / "robot.yaml").write_text("name: finger\n")
     found = info(RECORDING)
     ran = {name: replace(found, metadata={"labels": {"operator": "Lin Ø."}}) for name in ("a.mcap", "b.mcap")}
-    write_crate(tmp_path / "crate", [tmp_path / "robot.yaml"], Table(), {**ran, "c.mcap": found}, "runs", None)
+    write_crate(tmp_path / "crate", [tmp_path / "robot.yaml"], Table(), {**ran, "c.mcap": found}, "runs")
     crate = ROCrate(tmp_path / "crate")
     agents = [crate.get(f"#recorded-{letter}.mcap").get("agent") for letter in "abc"]
     assert [agent and (agent.type, agent["name"]) for agent in agents] == [("Person", "Lin Ø.")] * 2 + [None]
     assert len([e for e in crate.get_entities() if e.type == "Person"]) == 1
-
-
-def test_a_case_as_a_matlab_file(case: Path, tmp_path: Path, cli: Cli) -> None:
-    cli("export", case, "--mat", "--out", tmp_path)
-    trials = loadmat(tmp_path / "case.mat", squeeze_me=True, struct_as_record=False)["trials"]
-    table = read_csv(case / "trials.csv")
-    assert trials._fieldnames == list(table.columns) and (trials.z == table["z"]).all()
 
 
 @pytest.mark.parametrize(("options", "words"), [(["--case"], "is a case already"), ([], "has no streams")])
@@ -145,11 +138,9 @@ PRECIOUS = "somebody's only copy"
     "words",
     [
         ("export", "RECORDING"),
-        ("export", "RECORDING", "--mat"),
         ("export", "RECORDING", "--case"),
         ("export", "RECORDING", "--crate"),
         ("export", "CASE", "RECORDING", "--crate"),
-        ("export", "CASE", "--mat"),
         ("compare", "CASE"),
         ("fit", "CASE"),
         ("effects",),
@@ -197,25 +188,22 @@ def recordings(place: Path, *folders: str) -> list[Path]:
 def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> None:
     files = [*recordings(tmp_path, "a/x", "b/x"), *recordings(tmp_path, "c")]
     shutil.copy(RECORDING, tmp_path / "alone.mcap")
-    for options, names in (((), "{}"), (("--mat",), "{}.mat")):
-        out = tmp_path / f"out{len(options)}"
-        cli("export", *files, tmp_path / "alone.mcap", "--out", out, *options)
-        above = tmp_path.name
-        apart = ["a-x-run", "b-x-run", f"{above}-c-run", "alone"]
-        assert sorted(path.name for path in out.iterdir()) == sorted(names.format(name) for name in apart)
+    cli("export", *files, tmp_path / "alone.mcap", "--out", tmp_path / "out")
+    apart = ["a-x-run", "b-x-run", f"{tmp_path.name}-c-run", "alone"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(apart)
     said = cli("export", files[0], tmp_path / "a" / ".." / "a" / "x" / "run.mcap", "--out", tmp_path / "twice", code=2)
     assert "is given twice" in said.flat_err and not (tmp_path / "twice").exists()
 
 
-def test_cases_of_one_name_are_exported_apart(case: Path, tmp_path: Path, cli: Cli) -> None:
-    both = [Path(shutil.copytree(case, tmp_path / place / "case")) for place in "ab"]
-    cli("export", *both, "--mat", "--out", tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a-case.mat", "b-case.mat"]
+def test_cases_of_one_name_are_exported_apart(diagnosed: Path, tmp_path: Path, cli: Cli) -> None:
+    both = [Path(shutil.copytree(diagnosed, tmp_path / place / "case")) for place in "ab"]
+    cli("export", *both, "--arviz", "--out", tmp_path / "out")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a-case.nc", "b-case.nc"]
 
 
 @pytest.mark.parametrize(
     "words",
-    [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"), ("export", "CASE", "--mat"),
+    [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"),
      ("compare", "CASE"), ("fit", "CASE"), ("effects",), ("diagnose", "CASE")],
     ids=" ".join,
 )  # fmt: skip
@@ -241,14 +229,15 @@ def test_a_folder_is_replaced_as_a_whole_or_left_as_it_was(
     (tmp_path / "out" / "old.csv").write_text(PRECIOUS)
 
     def fails(*_: object) -> None:
-        raise OSError(28, "No space left on device", "case.mat")
+        raise OSError(28, "No space left on device", "trials.csv")
 
     with monkeypatch.context() as broken:
-        broken.setattr("lab.verbs.export.write_mat", fails)
-        cli("export", case, "--mat", "--out", tmp_path / "out", "--replace", code=1)
+        broken.setattr("lab.verbs.export.write_crate", fails)
+        cli("export", case, "--crate", "--out", tmp_path / "out", "--replace", code=1)
     assert [path.name for path in tmp_path.rglob("*")] == ["out", "old.csv"]
-    cli("export", case, "--mat", "--out", tmp_path / "out", "--replace")
-    assert [path.name for path in tmp_path.rglob("*")] == ["out", "case.mat"]
+    cli("export", case, "--crate", "--out", tmp_path / "out", "--replace")
+    held = {"ro-crate-metadata.json", "robot.yaml", "trials.csv", "diagnosis.json"}
+    assert {path.name for path in tmp_path.rglob("*")} == {"out", *held}
     assert (tmp_path / "out").stat().st_mode & 0o777 == 0o750
 
 
@@ -261,7 +250,7 @@ def test_no_folder_is_replaced_that_holds_recordings_or_what_is_read(
     (tmp_path / "work" / "notes.txt").write_text(PRECIOUS)
     monkeypatch.chdir(tmp_path / "work")
     for given, out in ((file, file.parent), (case, file.parent), (own, own), (own, tmp_path), (case, Path("."))):
-        said = cli("export", given, "--mat", "--out", out, "--replace", code=2).flat_err
+        said = cli("export", given, "--crate", "--out", out, "--replace", code=2).flat_err
         assert f"{out}: is not replaced, as that would delete" in said
     assert file.is_file() and (own / "trials.csv").is_file() and (tmp_path / "work" / "notes.txt").is_file()
-    assert "is a file" in cli("export", case, "--mat", "--out", file, "--replace", code=2).flat_err
+    assert "is a file" in cli("export", case, "--crate", "--out", file, "--replace", code=2).flat_err

@@ -350,15 +350,3 @@ def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cl
     values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
     values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
     assert "the tip and marker 1 are exchanged" in told(tmp_path, CONTENT, values, cli)
-
-
-def test_units_that_differ_among_columns_alike_are_asked_about_where_the_file_says_none(tmp_path: Path, cli: Cli) -> None:
-    content = table(TWO_RESTS, lambda *_: (), (), groups=EACH_AND_PAIRS).replace(" [mm]", "").replace(" [mbar]", "")
-    columns = {n: {"column": c.split(" [")[0]} for n, c in zip(("p1", "p2", "p3", "x", "y", "z"), HEADINGS[1:], strict=True)}
-    columns |= {
-        n: {**columns[n], "unit": u}
-        for n, u in zip(("p1", "p2", "p3", "x", "y", "z"), ["mbar"] * 3 + ["mm", "mm", "cm"], strict=True)
-    }
-    columns["z"]["scale"] = 0.1
-    found = told(tmp_path, content, {"columns": columns}, cli)
-    assert "columns x, y, z are read in mm, mm, cm, and the file does not say so" in found and "p1, p2" not in found

@@ -60,6 +60,10 @@ def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, cli: C
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
 
 
+def test_effects_that_are_named_one_by_one_are_all_fitted(case: Path, cli: Cli) -> None:
+    assert cli("fit", case, "--with", "base_tilt", "--with", EFFECT, "--json").json["effects"] == [EFFECT, "base_tilt"]
+
+
 def test_a_fit_says_where_the_diagnosis_of_its_case_disagrees(case: Path, tmp_path: Path, cli: Cli) -> None:
     copied = Path(shutil.copytree(case, tmp_path / "case"))
     few = {effect: CATALOGUE[effect] for effect in (EFFECT, "base_tilt")}

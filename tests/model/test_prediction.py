@@ -152,7 +152,6 @@ def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot
     [
         ({"groups": [(1, 2), (2, 3)]}, "groups"),
         ({"groups": [(10,)]}, "counted from 1 to 9"),
-        ({"max_pressure": 1e6}, "must not exceed robot.yaml's 250000 Pa"),
         ({"spine": (0.1, 0.5)}, "must lie between 0 and 0.4 m"),
     ],
 )

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.io import loadmat
 from synthetic_run import Run, recorded
 
 from recordings.campaign.export import export_case, export_streams
@@ -43,16 +42,6 @@ def test_every_number_of_every_stream_is_there_to_the_last_bit(recording: Record
         assert list(found) == columns
         expected = np.column_stack([samples[n].reshape(len(samples), -1) for n in samples.dtype.names or ()])
         assert np.array_equal(np.column_stack(list(found.values())), expected)
-
-
-def test_matlab_holds_the_same_columns_by_stream(recording: Recording, tmp_path: Path) -> None:
-    (file,) = export_streams(recording, tmp_path, "mat")
-    found = loadmat(file, squeeze_me=True, struct_as_record=False)
-    for name, columns in COLUMNS.items():
-        samples = recording.stream(f"/{name}")
-        assert [c.replace(".", "_") for c in columns] == found[name]._fieldnames
-        first = samples.dtype.names[0]  # type: ignore[index]
-        assert np.array_equal(getattr(found[name], first), samples[first])
 
 
 def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: Recording, tmp_path: Path) -> None:

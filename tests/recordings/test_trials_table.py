@@ -105,13 +105,6 @@ def test_foreign_columns_are_left_out_and_named(tmp_path: Path) -> None:
     assert [r.to_json() for r in read_csv(path)] == [ROW.to_json()]
 
 
-def test_pressures_in_kilopascal_raise_a_doubt_but_a_vented_robot_does_not(tmp_path: Path) -> None:
-    path, _ = written(tmp_path, replace(ROW, pressures=(250.0,) * 9))
-    assert "kPa" in read_csv(path).warnings[0]
-    path, _ = written(tmp_path, replace(ROW, pressures=(3.0,) * 9))
-    assert read_csv(path).warnings == ()
-
-
 @pytest.mark.parametrize("text", ["", "trial,step\n1,2\n", "a\nb\n"])
 def test_a_file_that_is_no_table_is_told(tmp_path: Path, text: str) -> None:
     (tmp_path / "t.csv").write_text(text)

@@ -76,7 +76,7 @@ class Done(LaneRecord):
     """Change of N."""
 
 
-SECTION_CHANGE, TIP_CHANGE, STATION, DONE = SectionChange.size, TipChange.size, Station.size, Done.size
+STATION, DONE = Station.size, Done.size
 
 
 class GroupColumns(NamedTuple):
