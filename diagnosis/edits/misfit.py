@@ -121,8 +121,11 @@ class Sample:
         softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
         axes = np.eye(len(CALIBRATION))
         starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
-        left, left_by_one = (min(s.rms(f.missed) for f in s.fitted(starts, 3, alone=True)) for s in (sample, other))
-        return sample if left < max(ONE_AREA * left_by_one, judgement.EDIT_LOSS_SCALE * robot.length) else other
+        for some in (starts[:1], starts):
+            left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
+            if left < judgement.EDIT_LOSS_SCALE * robot.length:
+                return sample
+        return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
 
     @cached_property
     def first(self) -> list[Fit]:

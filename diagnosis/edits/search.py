@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -190,43 +190,40 @@ class Judged:
     fits: list[Fit]
     weight: Array
 
-    @property
-    def robot(self) -> Robot:
-        """As described, with one area factor."""
-        return self.sample.robot
-
     def probability(self, kind: str) -> float:
         """Of a mistake of a kind."""
-        return float(sum(w for w, f in zip(self.weight, self.fits, strict=True) if kind in self._kinds(f)))
+        return float(sum(w for w, kinds in zip(self.weight, self._kinds, strict=True) if kind in kinds))
 
-    def _kinds(self, fit: Fit) -> set[str]:
-        return {edit.kind for edit, _ in mistakes(self.robot, fit)}
+    @cached_property
+    def _kinds(self) -> list[set[str]]:
+        """Of the mistakes of each fit."""
+        return [{edit.kind for edit, _ in mistakes(self.sample.robot, fit)} for fit in self.fits]
 
     @property
     def chosen(self) -> Fit | None:
         """The most probable fit; None where it holds no mistake, or it is not certain that there is one."""
-        best = self.fits[int(np.argmax(self.weight))]
-        of_mistakes = float(sum(w for w, f in zip(self.weight, self.fits, strict=True) if self._kinds(f)))
-        return best if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds(best) else None
+        best = int(np.argmax(self.weight))
+        of_mistakes = float(sum(w for w, kinds in zip(self.weight, self._kinds, strict=True) if kinds))
+        return self.fits[best] if of_mistakes >= judgement.CAUSE_PROBABILITY and self._kinds[best] else None
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The mistakes of the most probable fit; empty where none is certain."""
-        fit = self.chosen
-        return () if fit is None else tuple(f for edit, own in mistakes(self.robot, fit) for f in self.said(edit, own, fit))
+        robot, fit = self.sample.robot, self.chosen
+        return () if fit is None else tuple(f for edit, own in mistakes(robot, fit) for f in self.said(edit, own, fit))
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.says(self.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+        return edit.says(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
 
     def rather(self, kind: str) -> str:
         """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
         others: dict[str, tuple[float, str]] = {}
         for k in np.argsort(-self.weight):
             fit, p = self.fits[k], float(self.weight[k])
-            if p >= judgement.EDIT_STATED and kind not in self._kinds(fit):
-                for edit, own in mistakes(self.robot, fit):
-                    others.setdefault(edit.kind, (p, str(edit.says(self.robot, fit.theta, own, p, "")[0])))
+            if p >= judgement.EDIT_STATED and kind not in self._kinds[k]:
+                for edit, own in mistakes(self.sample.robot, fit):
+                    others.setdefault(edit.kind, (p, str(edit.says(self.sample.robot, fit.theta, own, p, "")[0])))
         return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 

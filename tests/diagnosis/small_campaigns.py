@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.result import Diagnosis
-from diagnosis.diagnose import Options, diagnose
+from diagnosis.data.case import CaseLike
+from diagnosis.diagnose import Examined, Options, diagnose, examine
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
@@ -48,6 +49,17 @@ def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **ef
 def answer(catalogue: Catalogue) -> Diagnosis:
     """All that a diagnosis computes, of chambers 8 deg from where they should be; once for each catalogue."""
     return _answer(catalogue is CATALOGUE)
+
+
+EXAMINED: dict[str, Examined] = {}
+
+
+def examined_once(case: CaseLike, options: Options) -> Examined:
+    """`examine` for tests that begin with the same campaign and the same options: once for each table."""
+    rows = repr(case.table.rows)
+    if rows not in EXAMINED:
+        EXAMINED[rows] = examine(case, options)
+    return EXAMINED[rows]
 
 
 @cache

@@ -9,14 +9,14 @@ import pytest
 
 from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
-from diagnosis.diagnose import Examined, Options, examine
+from diagnosis.diagnose import Options
 from diagnosis.investigate import Foretold, NotDone, Round, bits_gained, investigate, settled
 from diagnosis.judgement import CERTAIN, DOUBTED_PROBABILITY
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.scales import scales
 from recordings.trials import TrialRow
-from tests.diagnosis.small_campaigns import FEW, SOME, measured
+from tests.diagnosis.small_campaigns import FEW, SOME, examined_once, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case
 
 CAUSE_PROBABILITY = "chamber_ballooning"
@@ -72,18 +72,10 @@ class Made:
         return out
 
 
-EXAMINED: dict[str, Examined] = {}
-
-
 @pytest.fixture(autouse=True)
 def _once(monkeypatch: pytest.MonkeyPatch) -> None:
     """All begin with the same campaign, which is diagnosed once."""
-
-    def known(case: Measured, options: Options) -> Examined:
-        rows = repr(case.table.rows)
-        return EXAMINED[rows] if rows in EXAMINED else EXAMINED.setdefault(rows, examine(case, options))
-
-    monkeypatch.setattr("diagnosis.investigate.examine", known)
+    monkeypatch.setattr("diagnosis.investigate.examine", examined_once)
 
 
 def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None:
@@ -118,8 +110,15 @@ def test_what_is_refused_or_too_long_is_not_done_and_told_why() -> None:
     assert all("0 are left" in why or "1 are left" in why for why in soon.rounds[-1].refused.values())
 
 
-def test_one_that_cannot_be_done_after_all_makes_room_for_the_next() -> None:
+@pytest.fixture
+def start(monkeypatch: pytest.MonkeyPatch) -> Measured:
+    """The campaign, whose answer also stands for that after an experiment, at which the test does not look."""
     start = loading(1)
+    monkeypatch.setattr("diagnosis.investigate.examine", lambda case, options: examined_once(start, options))
+    return start
+
+
+def test_one_that_cannot_be_done_after_all_makes_room_for_the_next(start: Measured) -> None:
     laboratory = Made(start)
     perform, tried = laboratory.perform, list[str]()
 
@@ -135,8 +134,7 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next() -> None:
     assert found.rounds[0].refused == {tried[0]: "the door is locked"} and found.ended == "1 experiments were done"
 
 
-def test_what_no_rival_foretold_is_told() -> None:
-    start = loading(1)
+def test_what_no_rival_foretold_is_told(start: Measured) -> None:
     found = investigate(start, Made(start, shifted=0.02), OPTIONS, 120.0, 1)
     assert found.rounds[0].unforeseen and all(j.failed for j in found.rounds[0].judged)
 

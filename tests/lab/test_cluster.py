@@ -179,12 +179,6 @@ def dies_once(mark: str) -> str:
 
 
 @pytest.mark.long
-def test_every_item_comes_back(scheduler: str) -> None:
-    with cluster(scheduler) as workers:
-        assert list(workers.in_order(square, range(20))) == [x * x for x in range(20)]
-
-
-@pytest.mark.long
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
     told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})

@@ -254,9 +254,3 @@ def test_no_folder_is_replaced_that_holds_recordings_or_what_is_read(
         assert f"{out}: is not replaced, as that would delete" in said
     assert file.is_file() and (own / "trials.csv").is_file() and (tmp_path / "work" / "notes.txt").is_file()
     assert "is a file" in cli("export", case, "--crate", "--out", file, "--replace", code=2).flat_err
-
-
-def test_a_crate_can_be_made_again(case: Path, tmp_path: Path, cli: Cli) -> None:
-    for more in ((), ("--replace",)):
-        cli("export", case, RECORDING, "--crate", "--out", tmp_path / "crate", *more)
-    assert RECORDING.name in {path.name for path in (tmp_path / "crate").iterdir()}

@@ -29,6 +29,7 @@ from model.actuators import Chambers
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot
 from recordings.trials import Cell, Table, TrialRow
+from tests.diagnosis.small_campaigns import SOME
 
 pytestmark = pytest.mark.usefixtures("drawn")
 
@@ -61,7 +62,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     rows = [TrialRow.from_cells({**c, **dict(zip("xyz", map(float, at), strict=True))}) for c, at in zip(cells, tip, strict=True)]
     case = folder(place / "case", rows, ROBOT)
     answer, page = place / "diagnosis.json", place / "page.html"
-    assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lab.files.own_effects.CATALOGUE", SOME)
+        assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
     return case, answer, page
 
 

@@ -20,7 +20,7 @@ from tests.diagnosis.small_campaigns import SOME
 
 LENGTHS = ((0.0, 0.1, 0.2), (0.0, 0.2), (0.0, 0.15, 0.3))
 PRESSURES = (0.0, 80e3, 160e3, 240e3)
-FEW, MANY = range(2), range(2, 50)
+FEW, MANY = range(1), range(2, 50)
 
 Numbers = dict[str, str]
 

@@ -1,6 +1,5 @@
 """A robot with three chambers and no spine: the robot decides, from the plan to the diagnosis."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -96,10 +95,3 @@ def test_it_is_compared_and_fitted(files: list[Path], cli: Cli) -> None:
     factor = cli("fit", *files, "--json").json["area_factor"]
     (found,) = factor.values() if "value" not in factor else (factor,)
     assert found["value"] == pytest.approx(1.5, rel=0.05)
-
-
-@pytest.mark.long
-def test_it_is_diagnosed(files: list[Path], tmp_path: Path, cli: Cli) -> None:
-    cli("diagnose", *files, "--json", tmp_path / "d.json")
-    answer = json.loads((tmp_path / "d.json").read_text())
-    assert all("vacuum" not in e["id"] for e in answer["next_experiment"])
