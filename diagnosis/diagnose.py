@@ -29,7 +29,7 @@ from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot, Value
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import doubted, doubts
+from .answer.verdict import behaves_like, doubted, doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.case import CaseLike, lacking, states
@@ -119,6 +119,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     tested = evaluate_holdout(found, other) if other is not None else None
     where = locate(found, stages)
     held_out = predicting()
+    exactly = found.decision.verdict != "unknown"
+    found = replace(found, decision=behaves_like(found.decision, found.best.named, found.posterior, held_out.shrink))
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
     fitted, values = None, None
@@ -135,6 +137,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     why: tuple[Finding, ...] = ()
     if named:
         why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good))
+        why += () if exactly else (finding("law_of_another_form", effect=" and ".join(named.values())),)
         found = replace(found, decision=doubted(found.decision, why, len(alone)))
     unsure = bool(far or first.numbers or tense)
     which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)

@@ -58,8 +58,8 @@ class Size:
 
     @property
     def impossible(self) -> bool:
-        """The data ask for a value well beyond the bounds."""
-        return self.mean < self.low - BOUND_SD * self.sd or self.mean > self.high + BOUND_SD * self.sd
+        """The data ask for a size well beyond the bounds; those of a shape are no physics, but the textbooks'."""
+        return self.role == "size" and not self.low - BOUND_SD * self.sd <= self.mean <= self.high + BOUND_SD * self.sd
 
 
 def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:

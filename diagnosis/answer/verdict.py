@@ -20,7 +20,7 @@ import numpy as np
 from .. import judgement
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
-from ..inference.evidence import NONE
+from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from .result import Carries, Conclusion, FittedRobot, Shrink, Verdict
 from .shrink import share_closed
@@ -80,6 +80,16 @@ def without_nothing(d: Decision, known: Sequence[Size], lowest: Mapping[str, flo
     return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
 
 
+def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, unseen: Shrink | None) -> Decision:
+    """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
+    close `FOLLOWED_SHARE` of the gap on unseen states: a law of another form is more probable than a cause outside."""
+    closed, within = unseen.share_closed if unseen is not None else None, 1 - posterior.probability(UNKNOWN)
+    if d.verdict != "unknown" or not d.enough or not best or closed is None or closed < judgement.FOLLOWED_SHARE or not within:
+        return d
+    most = judgement.DOUBTED_PROBABILITY
+    return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)
+
+
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
     """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
     if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
@@ -102,7 +112,7 @@ def doubts(
     laws are more or less wrong needs no doubt: probabilities are means over how wrong they are.)"""
     low = {c.effect: c.low95_mm for c in budget}
     for effect, name in effects.items():
-        if any(s.impossible for s in sizes if s.effect == effect and s.role == "size"):
+        if any(s.impossible for s in sizes if s.effect == effect):
             yield finding("cause_impossible", effect=name)
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
             yield finding("cause_undetermined", effect=name)
