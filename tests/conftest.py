@@ -9,7 +9,6 @@ import contextlib
 import functools
 import gc
 import os
-import re
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,10 +73,7 @@ def group(nodeid: str) -> str:
 def real_ones(place: str) -> set[str]:
     """Functions of a file that are marked `real` or ask for a real rig; by its text, since who hands out tests imports none."""
     file = Path(__file__).parent.parent / place
-    text = file.read_text(encoding="utf-8") if file.suffix == ".py" else ""
-    if not re.search(r"mark\.real|real_(rig|lab|house)", text):
-        return set()
-    tree = ast.parse(text)
+    tree = ast.parse(file.read_text(encoding="utf-8")) if file.suffix == ".py" else ast.Module([], [])
     functions = [node for node in tree.body if isinstance(node, ast.FunctionDef)]
     found = {node.name for node in functions if any("mark.real" in ast.unparse(d) for d in node.decorator_list)}
     asked = {"real_rig", "real_lab", "real_house"}
@@ -102,17 +98,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is real begins first, since it takes longest, and of that what shares a rig."""
+    """What is real begins first, since it takes longest."""
     for item in items:
         if "real_rig" in getattr(item, "fixturenames", ()):
             item.add_marker("real")
-    items.sort(key=lambda item: (not on_real_rig(item), group(item.nodeid) != REAL))
-
-
-def on_real_rig(item: pytest.Item | None) -> bool:
-    """Whether a test asks for the rig on real lines, itself or, marked `real`, by `house`."""
-    names = set(getattr(item, "fixturenames", ()))
-    return "real_rig" in names or (item is not None and "house" in names and item.get_closest_marker("real") is not None)
+    items.sort(key=lambda item: group(item.nodeid) != REAL)
 
 
 @pytest.fixture
@@ -179,17 +169,13 @@ def shared_clock() -> SimulatedClock:
     return world()
 
 
-REAL_RIG = contextlib.ExitStack()
-"""Ended with the last test on it: it moves whether or not somebody looks, an eighth of a processor."""
-
-
 @pytest.fixture(scope="session")
 def real_rig() -> Iterator[FakeRig]:
     """The same on real lines, at twenty times real speed, for tests marked `real`: processes, signals, kills."""
     from sim_fakes.rig import FakeRig
 
-    yield REAL_RIG.enter_context(FakeRig(speed=20.0, seed=1))
-    REAL_RIG.close()
+    with FakeRig(speed=20.0, seed=1) as running:
+        yield running
 
 
 @functools.cache
@@ -203,13 +189,10 @@ LIVE_THERE = {"whole_rig", "shared_clock", "house"}
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     names = set(getattr(item, "fixturenames", ()))
     assert not {"whole_rig", "real_rig"} <= names, f"{item.nodeid} asks for a rig of each kind"
     for number, handler in HANDLERS.items():
         signal.signal(number, handler)
     with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
-        result = yield
-    if not on_real_rig(nextitem):
-        REAL_RIG.close()
-    return result
+        return (yield)
