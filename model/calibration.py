@@ -42,9 +42,7 @@ def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | No
     if not spread > 0:
         raise NotIdentified("deflection: all readings of a trial are at the same place, no slope can be fitted")
     slope = float(dy @ df) / spread
-    found = estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
-    rms = float(np.sqrt(np.mean((df - slope * dy) ** 2)))
-    return Estimate(slope, found.standard_error, found.dof, n, rms)
+    return estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
 
 
 def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> Estimate:

@@ -76,16 +76,15 @@ class Hosted:
         if self._connected:
             self._close()
         deadline = timing.now() + OPEN_WITHIN
-        self._start()
-        try:
-            identity = self._ask(command, OPEN_WITHIN - AGAIN_WITHIN)
-        except NoReply as error:
-            self._give_up(error.message)
+        for kept_for_another in (AGAIN_WITHIN, 0.0):
             self._start()
             try:
-                identity = self._ask(command, max(0.0, deadline - timing.now()))
-            except NoReply as again:
-                raise self._give_up(again.message) from error
+                identity = self._ask(command, max(0.0, deadline - kept_for_another - timing.now()))
+                break
+            except NoReply as error:
+                self._give_up(error.message)
+                if not kept_for_another:
+                    raise
         self._connected = True
         return identity
 
