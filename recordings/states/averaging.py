@@ -86,9 +86,7 @@ def line_quaternion(at: float, t: Numbers, quaternions: NDArray[np.float64]) -> 
 
     Good to the square of the angle turned within the samples, which is small while ramping.
     """
-    first = quaternions[0]
-    side = quaternions @ first < 0
-    aligned = np.where(side[:, None], -quaternions, quaternions)
+    aligned = np.where((quaternions @ quaternions[0] < 0)[:, None], -quaternions, quaternions)  # q and -q turn alike
     return _positive(_unit([line(at, t, aligned[:, i]).value for i in range(4)]))
 
 

@@ -161,8 +161,7 @@ class State:
             ("bodies to judge need", self.bodies is not None, ("/tip",)),
         ):
             if demanded and not set(needed) <= set(self.topics):
-                of = f"state {self.trial}/{self.step}"
-                raise BadMessage(f"{of}: {what} {' and '.join(needed)} among the topics")
+                raise BadMessage(f"state {self.trial}/{self.step}: {what} {' and '.join(needed)} among the topics")
         if self.least_force is not None and self.probe is None:
             raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 
