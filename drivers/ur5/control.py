@@ -133,8 +133,7 @@ class ControlThread:
     def watch(self, frequency: float) -> bool:
         """Turn the controller's watchdog on: it stops the program when kicks come less often than `frequency` (Hz)."""
         accepted = self.call(lambda control: control.setWatchdog(frequency))
-        # five kicks within the time after which the watchdog bites
-        self._kick_interval = 1.0 / frequency / 5
+        self._kick_interval = 1.0 / frequency / 5  # five kicks within the time after which the watchdog bites
         return bool(accepted)
 
     def operation(self) -> Operation:
