@@ -91,8 +91,8 @@ class Ft300sDevice(Device):
 
     def counts(self) -> NDArray[np.int16]:
         """A reading as the sensor sends it: noise, then int16 that saturate."""
-        noisy = self.wrench() + self.noise * self.rng.standard_normal(6)
-        return np.clip(np.rint(noisy * COUNTS), -32768, 32767).astype(np.int16)
+        counts = (self.wrench() + self.noise * self.rng.standard_normal(6)) * COUNTS
+        return np.clip(np.rint(counts), -32768, 32767).astype(np.int16)
 
     def register(self, address: int, letters: str) -> int | None:
         """One holding register; None where there is none."""
@@ -225,6 +225,7 @@ class Ft300sFake(PtyFake):
             self._refuse(function, Illegal.FUNCTION)
 
     def _read(self, data: bytes) -> None:
+        """Answer a read of holding registers."""
         if len(data) != 4:
             return
         first, count = struct.unpack(">HH", data)
@@ -232,14 +233,15 @@ class Ft300sFake(PtyFake):
             self._refuse(3, Illegal.VALUE)
             return
         letters = str(self.faults.extra.get("foreign", self.device.letters))
-        found = [self.device.register(first + i, letters) for i in range(count)]
-        values = [v for v in found if v is not None]
+        registers = [self.device.register(first + i, letters) for i in range(count)]
+        values = [value for value in registers if value is not None]
         if len(values) < count:
             self._refuse(3, Illegal.ADDRESS)
             return
         self._answer(bytes((3, 2 * count)) + struct.pack(f">{count}H", *values))
 
     def _write(self, data: bytes) -> None:
+        """Answer a write of registers: the one that starts and ends the stream."""
         if len(data) < 5 or len(data) != 5 + data[4]:
             return
         first, count, size = struct.unpack(">HHB", data[:5])

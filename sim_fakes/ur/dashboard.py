@@ -75,6 +75,7 @@ def answer(controller: FakeController, request: str) -> str:
 
 
 def _act(controller: FakeController, request: str, key: str) -> str:
+    """Do what a request (`key`: in lower case) asks for; the dashboard's answer."""
     match key:
         case "stop":
             if controller.runtime == Runtime.STOPPED:

@@ -76,6 +76,7 @@ class UrServer:
         await asyncio.get_running_loop().create_server(make, self.host, port)
 
     async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
+        """Run the controller's cycles; after each send the TCP pose to `pose_to`, and the RTDE packages."""
         controller, period = self.controller, self.controller.period
         due = began = timing.now()
         while True:
@@ -84,8 +85,8 @@ class UrServer:
             # keeps only the newest of several packages that arrive together.
             due = max(due + period, now - LONGEST_BACKLOG)
             await asyncio.sleep(due - now if due > now else period / 2)
-            before, began = began, timing.now()
-            controller.advance(began - before)
+            previous, began = began, timing.now()
+            controller.advance(began - previous)
             if pose_to is not None:
                 rig_time = (due - self.clock_start) * controller.speed
                 with contextlib.suppress(OSError):

@@ -42,7 +42,11 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
 def _balance(
     chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads, low: Array, diag: Array, up: Array, g: Array
 ) -> None:
-    """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
+    """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix.
+
+    Of each segment, in the world: `nw`, `mw` its force and moment; `knn` = dn/dd, `kmm` = dm/d(turn of one end against the
+    other), `p` = dn/d(turn of either end), `w` the same of m; `tr` and `tp` are the derivatives of d/2 x n like `knn` and `p`.
+    """
     n = chain.h.shape[0]
     low[:] = 0.0
     diag[:] = 0.0
