@@ -241,6 +241,7 @@ class DrumMotor(Drum):
         self.put(TRAJECTORY, round(self._trajectory))
 
     def _step(self, dt: float) -> None:
+        """Move the trajectory towards the goal, the shaft after it, and set the current that this takes."""
         if not self.get(TORQUE):
             self._trajectory = float(self.counts)
             self.put(CURRENT, 0)

@@ -91,6 +91,7 @@ class PfeifferFake(PtyFake):
         return lambda: None
 
     def feed(self) -> bool:
+        """Take one telegram; answer it where address and checksum are right."""
         line, end, rest = self.buffer.partition(b"\r")
         if not end:
             return False

@@ -251,6 +251,7 @@ class StepperDrum(Drum):
         super().process(dt)
 
     def _step(self, dt: float) -> None:
+        """Make the steps of dt seconds, turn the shaft by them, and stop at a switch or beyond the largest deviation."""
         steps_before = self.steps
         if self.searching:
             if self._home_reached():

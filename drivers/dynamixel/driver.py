@@ -360,8 +360,8 @@ class DynamixelSpine(DrumLengthUnit):
                 f"{self._config.watchdog:g} s; disconnect that host, then call stop() to reset it"
             )
         counts = self._placed(counts)
-        velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
-        return _ServoState(self._clock.now(), counts, velocity_counts, current * self._ampere)
+        counts_per_second = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
+        return _ServoState(self._clock.now(), counts, counts_per_second, current * self._ampere)
 
     def _has_restarted(self) -> bool:
         """Whether the servo has lost its volatile registers; read twice before it is believed."""

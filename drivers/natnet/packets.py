@@ -182,7 +182,7 @@ def definitions(c: Cursor, version: Version) -> Definitions:
 
 def _pass_definition(c: Cursor, kind: int, version: Version) -> None:
     """Pass over a definition that does not state its size; of a rigid body, name and number have been read."""
-    if kind == 0:
+    if kind == 0:  # name, names of markers
         c.text()
         c.texts()
     elif kind == 1:

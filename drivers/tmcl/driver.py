@@ -203,8 +203,7 @@ class TmclSpine(DrumLengthUnit):
         switch = (
             ("left", AxisParameter.LEFT_SWITCH_OFF) if self._config.direction > 0 else ("right", AxisParameter.RIGHT_SWITCH_OFF)
         )
-        least = round(self._microsteps(self._config.max_speed) / STOPS_WITHIN)
-        at_least_one, fast_enough = partial(max, 1), partial(max, least)
+        at_least_one, fast_enough = partial(max, 1), partial(max, round(self._microsteps(self._config.max_speed) / STOPS_WITHIN))
         slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
         program = of_module("program stored in the module", ModuleParameter.PROGRAM, 0, "it would move the motor")
         every = [

@@ -155,6 +155,7 @@ class ControlThread:
 
     # -- the owner's thread
     def _run(self) -> None:
+        """Connect, then do one call after another and kick the watchdog in between, until told to end."""
         try:
             control = self._connected()
         except RuntimeError as error:

@@ -106,8 +106,7 @@ def info(path: str | os.PathLike[str]) -> Info:
         recording = Recording.salvaged(path)
         recording.load()
     counts, outcome = counted(recording.metadata), recording.metadata.get("outcome", {})
-    shown_elsewhere = ("clocks", "counts", "outcome")
-    metadata = {name: texts for name, texts in recording.metadata.items() if name not in shown_elsewhere}
+    metadata = {name: texts for name, texts in recording.metadata.items() if name not in ("clocks", "counts", "outcome")}
     notes: list[str] = []
     damage = [*(recording.damage or ()), *recording.undescribed()]
     times = {topic: recording.log_times(topic) for topic in recording.topics}

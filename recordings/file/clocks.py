@@ -53,7 +53,7 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
     device, host = device[use], host[use]
     back = np.flatnonzero(np.diff(device) < 0)
-    if len(back):
+    if len(back):  # restarts: only what came after the last counts
         device, host = device[back[-1] + 1 :], host[back[-1] + 1 :]
     if len(device) < 20 or not device[-1] > device[0]:
         return None

@@ -219,8 +219,7 @@ class McapFile:
         index.append(log_time)
         index.append(self._size)
         # 5: a message record (Opcode.MESSAGE, whose look-up would cost time); 9: bytes of kind and length
-        head = _MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time)
-        self._records.append(head)
+        self._records.append(_MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time))
         self._records.append(payload)
         self._size += _MESSAGE.size + len(payload)
 
@@ -286,8 +285,7 @@ class McapFile:
             shift = self._output.position - entry.chunk_start_offset
             self._write(block)
             offsets = {channel: offset + shift for channel, offset in entry.message_index_offsets.items()}
-            start = entry.chunk_start_offset + shift
-            self._enter(replace(entry, chunk_start_offset=start, message_index_offsets=offsets), block)
+            self._enter(replace(entry, chunk_start_offset=entry.chunk_start_offset + shift, message_index_offsets=offsets), block)
         self._records, self._size, self._index = old._records, old._size, old._index
         return {channel: lost for channel, n in old._counts.items() if (lost := n - self._counts.get(channel, 0))}
 

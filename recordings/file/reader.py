@@ -279,6 +279,7 @@ class Recording:
         self._loaded |= wanted
 
     def _decode(self, topic: str) -> NDArray[np.void]:
+        """All samples of a stream, ascending in time; raises as `stream` does."""
         channel = self._channel(topic)
         if not is_stream(topic):
             raise MissingStream(f"{topic} is not a stream of numbers; these are {', '.join(STREAMS)}")

@@ -114,7 +114,7 @@ def records(
             if growing and _unfinished(data, offset):
                 break
             hole, record = _hole(data, offset, base, error, contents)
-        if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):  # it ended before
+        if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):  # it has ended
             yield from inside(data, run, contents)
             run = None
         if hole is not None:
@@ -138,8 +138,7 @@ def records(
     if run is not None:
         yield from inside(data, run, contents)
     if contents.finished and not growing and contents.end < len(data):
-        behind = Damaged(f"{len(data) - contents.end} bytes follow the end mark")
-        yield Hole(contents.end, len(data), behind)
+        yield Hole(contents.end, len(data), Damaged(f"{len(data) - contents.end} bytes follow the end mark"))
 
 
 def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:

@@ -105,6 +105,7 @@ class _Check:
         self.problems.append(FileProblem(at, text))
 
     def walk(self) -> None:
+        """Go through the file once and note each problem, up to a thousand."""
         for item in records(self.data, self.contents, unpack=True):
             if len(self.problems) >= 1000:
                 return
@@ -136,6 +137,7 @@ class _Check:
 
     # -- records
     def _record(self, record: McapRecord) -> None:
+        """Check one record's checksum, and note where it stands; records of the summary wait for the footer."""
         if record.opcode != Opcode.MESSAGE_INDEX:
             self._close_chunk()
         if record.opcode == Opcode.FOOTER:
@@ -200,6 +202,7 @@ class _Check:
 
     # -- the end
     def _footer(self, record: McapRecord) -> None:
+        """Check the end of the file, and the summary in front of it against what the walk has met."""
         end, size = record.end, record.end - record.body
         if self.data[end : end + len(MAGIC)] != MAGIC:
             self.problem(end, "the end mark is missing")

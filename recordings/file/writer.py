@@ -322,6 +322,7 @@ class Recorder:
 
     # -- the writer thread
     def _run(self) -> None:
+        """Write what comes until the end; a failure is kept for `check`."""
         try:
             due = time.monotonic() + FLUSH_PERIOD
             while self._drain():

@@ -69,8 +69,7 @@ def mean_quaternion(quaternions: Sequence[Sequence[float]]) -> Quaternion:
     """
     if not quaternions:
         raise ValueError("no quaternion to average")
-    n = len(quaternions)
-    matrix = [[math.fsum(q[i] * q[j] for q in quaternions) / n for j in range(4)] for i in range(4)]
+    matrix = [[math.fsum(q[i] * q[j] for q in quaternions) / len(quaternions) for j in range(4)] for i in range(4)]
     mean = _unit(list(quaternions[0]))
     for _ in range(200):
         after = _unit([math.fsum(matrix[i][j] * mean[j] for j in range(4)) for i in range(4)])

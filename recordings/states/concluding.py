@@ -84,8 +84,7 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
         raise NotSettled(f"{len(state.targets)} pressures are requested, but /pressure has {chambers}")
     further = [topic for topic in state.topics if topic not in ("/pressure", "/tip") and not of_sensor(topic)]
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
-    tip = streams.window("/tip", start, until)
-    return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
+    return settled_window(pressure, streams.window("/tip", start, until), others, state.targets, rule, start, watermark)
 
 
 def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark: float) -> None:

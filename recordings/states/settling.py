@@ -75,7 +75,7 @@ def settled_window(
             good &= _longest_pause_ok(times, begins, ends, _pause(rule, topic))
         first, last = _bounds(pressure["t"], begins, ends)
         count_off = np.concatenate(([0], np.cumsum(off_target)))
-        good &= count_off[last] == count_off[first]
+        good &= count_off[last] == count_off[first]  # no sample in the window is off its target
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
     if good.any():
         first_good = int(np.argmax(good))

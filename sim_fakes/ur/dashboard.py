@@ -35,6 +35,7 @@ class DashboardConnection(Connection):
             self.transport.write(line.encode() + b"\n")
 
     def take(self) -> bool:
+        """Answer one line; False when none is complete or the connection ends."""
         line, newline, rest = self.buffer.partition(b"\n")
         if len(line) > 1024:
             self.hub.violation("dashboard: line too long")

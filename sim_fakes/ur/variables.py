@@ -9,16 +9,9 @@ DOUBLE, VECTOR6D, VECTOR3D = "DOUBLE", "VECTOR6D", "VECTOR3D"
 INT32, UINT32, UINT64, VECTOR6INT32, UINT8, BOOL = "INT32", "UINT32", "UINT64", "VECTOR6INT32", "UINT8", "BOOL"
 
 FORMAT = {
-    DOUBLE: "d",
-    VECTOR6D: "6d",
-    VECTOR3D: "3d",
-    INT32: "i",
-    UINT32: "I",
-    UINT64: "Q",
-    VECTOR6INT32: "6i",
-    UINT8: "B",
-    BOOL: "?",
-}
+    DOUBLE: "d", VECTOR6D: "6d", VECTOR3D: "3d", INT32: "i", UINT32: "I", UINT64: "Q", VECTOR6INT32: "6i", UINT8: "B", BOOL: "?",
+}  # fmt: skip
+"""Type -> code of `struct`."""
 COUNT = {VECTOR6D: 6, VECTOR3D: 3, VECTOR6INT32: 6}
 """Values in one variable; 1 where absent."""
 

@@ -79,18 +79,18 @@ class VirtualBody:
         truth, laws = self._truth, self._laws
         h = self.rod.chain.h
         gravity = np.array(truth.gravity if self._hanging else truth.stand_gravity)
-        line = truth.density * truth.area * h
+        segment_mass = truth.density * truth.area * h
         mass = np.zeros(len(h) + 1)
-        mass[1:] += line / 2
-        mass[:-1] += line / 2
+        mass[1:] += segment_mass / 2
+        mass[:-1] += segment_mass / 2
         mass[-1] += tip_mass
         force = mass[:, None] * gravity
         spring, base = np.array([0.0, 0.0, 0.0, truth.length]), np.array([1.0, 0.0, 0.0, 0.0])
         if self._hanging:
             if laws.tether_load:
-                a = self._directions.tether
-                force[-1, :2] += laws.tether_load * np.array([math.cos(a), math.sin(a)])
+                azimuth = self._directions.tether
+                force[-1, :2] += laws.tether_load * np.array([math.cos(azimuth), math.sin(azimuth)])
                 spring[0] = abs(laws.tether_load) / 0.3  # m of tip motion that takes the tether's force to zero
-            a, half = self._directions.tilt, laws.base_tilt / 2
-            base = np.array([math.cos(half), -math.sin(a) * math.sin(half), math.cos(a) * math.sin(half), 0.0])
+            azimuth, half = self._directions.tilt, laws.base_tilt / 2
+            base = np.array([math.cos(half), -math.sin(azimuth) * math.sin(half), math.cos(azimuth) * math.sin(half), 0.0])
         return ChainLoads(force, follower_force, follower_moment, spring, contacts, base)

@@ -72,7 +72,7 @@ def approach(dt: float, settling_time: float) -> float:
 
 @kernel
 def _friction(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
-    """Add the sliders' stress and consistent tangent, and keep their positions with `commit`; without friction they follow."""
+    """Add the sliders' stress and consistent tangent t (see `respond`), and move them with `commit`; free ones follow."""
     for j in range(len(SLIP_CURVATURES)):
         moment = s.slip_moment[k, j]
         limit = SLIP_CURVATURES[j]
