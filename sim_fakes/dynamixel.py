@@ -364,7 +364,7 @@ class DynamixelFake(DrumFake):
         return value if isinstance(value, int) else 0
 
     def _answer(self, instruction: int, params: bytes, own: bool) -> None:
-        """`own`: by its own id; nothing is said to its secondary one."""
+        """Do an instruction and answer it, if it came to the servo's `own` id; nothing is said to its secondary one."""
         level = self.motor.table[LEVEL] if own else -1
         if instruction == Instruction.PING and not params:
             if own:

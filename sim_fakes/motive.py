@@ -295,7 +295,7 @@ class MotiveFake(timing.Thread):
         message, size = struct.unpack("<HH", data[:4])
         payload = data[4 : 4 + size]
         if len(data) not in (4 + size, size) and not (size == 0 and data[4:] == b"\0"):
-            return
+            return  # its length is not what its header says
         if message == Message.KEEPALIVE:
             self.keep_alives += 1
             if client in self.clients:

@@ -20,7 +20,7 @@ class NotOne(ValueError):
 
 
 def body_numbers(names: Sequence[str], definitions: Definitions) -> dict[str, int]:
-    """Numbers of the bodies with these names. Bodies of other names may be as they like."""
+    """Numbers of the bodies with these names; raises NotOne. Bodies of other names may be as they like."""
     ids: dict[str, int] = {}
     for name in names:
         numbers = [number for body, number in definitions.bodies if body == name]

@@ -320,7 +320,7 @@ class SmcItv:
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
-        """Raise NoReply when the answer could not be distinguished from others; a set-point is sent all the same."""
+        """Send a request; NoReply while answers cannot be matched (see `_Behind`), a new set-point is sent even so."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
             now = timing.now()

@@ -63,9 +63,9 @@ class UrServer:
             await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
         for port in UPLOAD_PORTS:
             await self._listen(port, lambda: UploadConnection(hub))
-        own = Hub(self.controller)
+        door_hub = Hub(self.controller)
         if door is not None:
-            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(own, hub), door)
+            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(door_hub, hub), door)
         ready()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
             plant.setblocking(False)

@@ -107,17 +107,17 @@ class Pneumatics:
         lengths h and the robot rolled by so much (rad)."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
-        path = self._truth.chamber_path_radius
-        mx = path * float(np.sum(forces * np.sin(azimuths)))
-        my = -path * float(np.sum(forces * np.cos(azimuths)))
+        radius = self._truth.chamber_path_radius
+        mx = radius * float(np.sum(forces * np.sin(azimuths)))
+        my = -radius * float(np.sum(forces * np.cos(azimuths)))
         if self._laws.chamber_twist == 0.0:
             moments[-1, :2] = mx, my
         else:
             s = np.cumsum(h) - h / 2
-            wound = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
-            mid = np.stack([mx * np.cos(wound) - my * np.sin(wound), mx * np.sin(wound) + my * np.cos(wound)], axis=1)
-            moments[1:, :2] = mid
-            moments[1:-1, :2] -= mid[1:]
+            turn = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
+            moment = np.stack([mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn)], axis=1)
+            moments[1:, :2] = moment
+            moments[1:-1, :2] -= moment[1:]  # a node takes the change from one segment to the next
         return np.array([0.0, 0.0, float(forces.sum())]), moments
 
 
