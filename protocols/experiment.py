@@ -236,7 +236,7 @@ class Trials:
             vacuum=None if jammed is None else jammed.vacuum, least_force=least_force,
             bodies=self.bench.bodies if "/tip" in topics else None,
         )  # fmt: skip
-        reading = None if self._step in self._void else self._latest.get(self._step)  # counts where the next one fails
+        reading = None if self._step in self._void else self._latest.get(self._step)  # counts if no newer one succeeds
         try:
             reading = self._read(state, wait, repeatable)
             while self._wanted_again(rule):

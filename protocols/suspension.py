@@ -44,7 +44,7 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
 
 
 def through_jams(trials: Trials, trial: Trial, work: Callable[[], None]) -> None:
-    """Read the states of a trial, all of them tries_left after a new jamming. Raises NotReached if jamming is lost repeatedly."""
+    """Read the states of a trial, all of them again after a new jamming. Raises NotReached if jamming is lost repeatedly."""
     for tries_left in reversed(range(TRIES + 1)):
         try:
             work()

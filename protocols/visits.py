@@ -27,7 +27,7 @@ Branch = Literal["load", "unload"]
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
-PREPARING = 10.0
+PREPARING_VISITS = 10.0
 """Planned s of venting and jamming, without the spine's way."""
 
 
@@ -76,7 +76,7 @@ def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) 
             spine_length=s.spine_length, spine_speed=s.spine.speed if s.spine_length else None, vacuum=s.vacuum,
             setup=s.setup if repeat == 1 else None,
         )  # fmt: skip
-        steps.append(Step(f"vent and prepare, repeat {repeat}", PREPARING + s.spine_length / s.spine.speed, prepare))
+        steps.append(Step(f"vent and prepare, repeat {repeat}", PREPARING_VISITS + s.spine_length / s.spine.speed, prepare))
         previous: tuple[float, ...] = ()
         for visit, branch in zip(visits, _branches(visits), strict=True):
             pressures = visit.by_chamber

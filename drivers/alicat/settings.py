@@ -49,7 +49,7 @@ class Measure:
             )
 
     def ask(self) -> None:
-        """Ask for it, or have it tried before the next pressure."""
+        """Ask for unit of measure and range; of a unit that does not tell, have them tried before the next pressure."""
         if not self.tells:
             self.untried = True
             return
