@@ -111,7 +111,7 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
     bench.wait(
         f"spine: at {goal * 1e3:.0f} mm",
         lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
-        5.0 + 3.0 * abs(goal - start) / motion.speed,
+        5.0 + 3.0 * abs(goal - start) / motion.speed,  # s: three times what the way takes
         lambda: (
             f"{'still moving, ' if (s := unit.read()).moving else ''}{abs(s.length - goal) * 1e3:.1f} mm from its goal, "
             f"tolerance {motion.tolerance * 1e3:.1f} mm"

@@ -323,8 +323,8 @@ class Trials:
         def look() -> TrialRow | None:
             nonlocal concluded_up_to
             self.bench.steering.check_skip()
-            before, concluded_up_to = concluded_up_to, min(buffers.newest(topic) for topic in state.topics)
-            return conclude(buffers, state) if concluded_up_to > before else None  # it depends on nothing newer
+            previous, concluded_up_to = concluded_up_to, min(buffers.newest(topic) for topic in state.topics)
+            return conclude(buffers, state) if concluded_up_to > previous else None  # it depends on nothing newer
 
         def describe() -> str:
             now = self.bench.clock.now()

@@ -40,7 +40,7 @@ LATE_FRAMES, RESTART_FRAMES = 300, 3
 @dataclass
 class _Held:
     sample: BodySample
-    came: float
+    came: float  # host time, s
 
 
 class Order:
@@ -71,15 +71,15 @@ class Order:
             self._next = number
         ahead = number - self._next
         if 0 <= ahead <= AHEAD + FASTEST * (now - self._came if self._came else 0.0):
-            return self._accept(sample, now)
+            return self._accept(sample, now)  # the next one, or the one behind a gap
         if newest is not None and -LATE_FRAMES <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
             return False  # too late: its place has been handed out
         if self._strange and not 0 < number - self._strange[-1].frame <= AHEAD:
-            self._strange.clear()
+            self._strange.clear()  # not in a row with this one
         self._strange.append(sample)
         if len(self._strange) < RESTART_FRAMES and not (self._anew and ahead < 0):
             return False
-        self._begin(self._strange[0].frame)
+        self._begin(self._strange[0].frame)  # the server counts anew
         for earlier in self._strange[:-1]:
             self._accept(earlier, now, keep=True)
         return self._accept(sample, now)
@@ -90,7 +90,7 @@ class Order:
         while self._held and self._next is not None:
             first = min(self._held)
             if first > self._next and now - min(h.came for h in self._held.values()) < WINDOW:
-                break
+                break  # those before it may still come
             self.lost += first - self._next
             out.append(self._held.pop(first).sample)
             self._next = first + 1

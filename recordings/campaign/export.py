@@ -69,9 +69,9 @@ class _ExportColumn(NamedTuple):
 def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
     """The columns of a stream, those of arrays one by one."""
     samples, units, out = recording.stream(topic), recording.units(topic), list[_ExportColumn]()
-    described = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
+    own_fields = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
     for name in samples.dtype.names or ():
-        field = described.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
+        field = own_fields.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
         unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
         if name == "t":
             since = ""
@@ -82,10 +82,10 @@ def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
         elif samples[name].ndim == 1:
             out.append(_ExportColumn(name, samples[name], unit, field.doc))
         else:
-            units_in, count = unit.split(", "), values.shape[1]
+            part_units, count = unit.split(", "), values.shape[1]
             for i in range(count):
                 meaning = f"{_part(field, i)}; {field.doc}"
-                out.append(_ExportColumn(f"{name}_{i + 1}", values[:, i], units_in[i * len(units_in) // count], meaning))
+                out.append(_ExportColumn(f"{name}_{i + 1}", values[:, i], part_units[i * len(part_units) // count], meaning))
     if has_stamp(topic):
         meaning = "rig time at which the sample was taken, by the clock of the instrument"
         out.append(_ExportColumn("t_aligned", aligned(recording, topic), "s", meaning))

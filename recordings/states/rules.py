@@ -200,9 +200,9 @@ _T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBan
 def checked(value: _T) -> _T:
     """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
     for name, hint in _HINTS[type(value)].items():
-        given = getattr(value, name)
-        if not _is(given, hint):
-            raise BadMessage(f"{name} = {repr(given)[:80]}: must be {hint}")
+        field_value = getattr(value, name)
+        if not _is(field_value, hint):
+            raise BadMessage(f"{name} = {repr(field_value)[:80]}: must be {hint}")
     if isinstance(value, Settled | Window | Crossing):
         for name, number in vars(value).items():
             if isinstance(number, int | float) and name != "level" and number < 0:

@@ -144,7 +144,7 @@ def _external(
         diag[n, i, i] -= loads.spring[0]
     add_skew(f, -1.0, diag[n, :3, 3:])
     for c in range(loads.contacts.shape[0]):
-        row = loads.contacts[c]
+        row = loads.contacts[c]  # node, weight, direction (3), level, soft depth, soft stiffness, stiffness
         k = int(row[0])
         w = row[1]
         distance = 0.0
@@ -201,7 +201,7 @@ def equilibrium(chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoad
 
 @kernel
 def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> None:
-    """Carry the last motion on: the shape becomes now + ratio * (now - before); `before` becomes what was now."""
+    """Carry the last motion on: the shape becomes now + ratio * (now - before); the arrays `before` take what was now."""
     d = np.empty(3)
     frame = np.empty((3, 3))
     q = np.empty(4)
