@@ -225,14 +225,15 @@ def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
     """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
-    beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
+    beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
     tips = labels.kind == 0
     if not tips.any():
         return ()
     slope = np.nan_to_num(slope[tips])
     left = made.beyond_calibration(slope * made.sd, slope)
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
-    return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY)).tolist())
+    of_floor = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
+    return tuple(np.maximum(of_floor, [p.least / p.sd for p in made.infos]).tolist())
 
 
 def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
