@@ -22,13 +22,12 @@ from model.robot import Robot
 
 from ..arrays import Array, Mask
 from ..data.baseline import Baseline
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, Labels
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .discrepancy import bases, settings
-from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
