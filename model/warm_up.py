@@ -30,8 +30,8 @@ def rods() -> None:
 
 
 def derivatives() -> None:
-    """What diagnoses differentiate, without solving anything: of a rod that is said to be straight; and what else they need, the
-    laws with memory and the paper's own integration."""
+    """What diagnoses need besides: derivatives (of a rod that is taken to be straight, so that nothing is solved), the laws with
+    memory and the paper's own integration."""
     first, at_once = np.zeros(1, np.int64), np.zeros(1)
     path, drive = (history.Path(first, first, np.array([True]), at_once, at_once, at_once), np.zeros((1, 1, history.DRIVES)))
     path.lag(drive, 1.0)
