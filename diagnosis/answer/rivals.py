@@ -114,8 +114,8 @@ class Rivals:
         except ModelError:
             return None
         names = {info.name: i for i, info in enumerate(forward.parameters)}
-        known = p.problem.parameters
-        shared = [(names[n], i) for i, n in enumerate(known.names) if n in names and not known.recurs[i]]
+        fitted_parameters = p.problem.parameters
+        shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
         here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), here)
@@ -123,7 +123,7 @@ class Rivals:
         mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)
         observed = forward.observations
-        made = []
+        forecasts = []
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
             theta[here] = c.fit.theta[fitted]
@@ -140,13 +140,13 @@ class Rivals:
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
-                done = mean - forward.predict(np.where(source == effect, 0.0, theta))
-                if np.isfinite(done).all():
-                    wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
-                    covariance += wrong @ wrong.T  # f^2 F F^T
+                contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
+                if np.isfinite(contribution).all():
+                    law_error = c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution[:, None] * laws
+                    covariance += law_error @ law_error.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            made.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
-        return tuple(made)
+            forecasts.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
+        return tuple(forecasts)
 
     @cached_property
     def _covariances(self) -> list[Array]:

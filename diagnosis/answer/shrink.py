@@ -127,9 +127,9 @@ def closed_with_interval(
         return share, None
     drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
     n = np.bincount(index)[drawn].sum(axis=1)
-    # m^2 above the floor in each draw, as in `share_closed`
-    reducible, left = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
-    shares = 1 - left[reducible > 0] / reducible[reducible > 0]
+    # m^2 above the floor in each draw, before and after, as in `share_closed`
+    reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
+    shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return share, None
     low, high = np.quantile(shares, [0.025, 0.975])
