@@ -112,31 +112,20 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _search(
-        problem,
-        prior,
-        size,
-        start,
-        rounds,
-        frozen,
-        fresh,
-        tolerance=0.05,
-        least_promise=least_promise,
-        dampings=dampings,
-    )
+    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, least_promise, dampings)
 
 
 def _search(
     problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
-    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum
-    of the linear problem is within `tolerance` or promises too little; derivatives by `fresh` (k,) are taken anew."""
+    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum of
+    the linear problem is within `tolerance` (prior sd) or promises too little; derivatives by `fresh` (k,) are taken anew."""
     descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
     local = descent.begin(start)
     if rounds:
         descent.go_to(local.theta)
-    level = 0  # of the dampings
+    level = 0  # index among the dampings
     for _ in range(rounds):
         away = np.abs((local.optimum - local.theta) / problem.parameters.sd) if np.isfinite(local.cost) else np.array([np.inf])
         if away.max(initial=0.0) < tolerance:
@@ -149,8 +138,8 @@ def _search(
         next_local = descent.local(theta, cost)
         if next_local is None:  # a trial took a state for one in equilibrium that has none
             break
-        gained, local = local.cost - cost, next_local
-        if gained < max(LEAST_GAIN, least_promise):
+        decrease, local = local.cost - cost, next_local
+        if decrease < max(LEAST_GAIN, least_promise):
             break
         level = max(level - 2, 0)
     return Fit(local.theta, local.predicted, local.slope, local.cost, descent.promise(local))
@@ -293,6 +282,7 @@ class _Local:
     def __init__(
         self, misfit: _FitMisfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
     ) -> None:
+        """`scale` and `mean` (k,): prior of the parameters; those of scale 0 are held at their mean."""
         self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
         self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters

@@ -2,11 +2,10 @@
 
     y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(m_j, v_j)
 
-after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects
-in units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
-effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in
-theta, in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small
-factorisation.
+after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects in
+units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
+effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in theta,
+in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small factorisation.
 """
 
 from __future__ import annotations

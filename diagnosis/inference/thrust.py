@@ -72,10 +72,11 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     others = tuple(e for e in BESIDE if e in parameters.ids)
 
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
+        """rms (m) of the tip with these effects free, and the parameters fitted."""
         prior = parameters.prior(parameters.mask(named), 0.0)
-        found = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        missed = p.gap(p.problem.observed - found.predicted)
-        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), found.theta
+        best = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
+        missed = p.gap(p.problem.observed - best.predicted)
+        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), best.theta
 
     cap, _ = fitted(others, parameters.mean)
     names = {name: i for i, name in enumerate(parameters.names)}
