@@ -101,25 +101,26 @@ class World:
 
 
 def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> World:
-    """One world with a cause (empty: none)."""
+    """One world with a cause (empty: none), by the equation at the top of the file; `clutter`: standard deviations of all other
+    effects in plausible scales, one of which this world has."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
-    size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
-    y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
+    y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
+    clutter_sd, cause_size, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
         columns = d.sizes(effect)
-        way = rng.standard_normal(len(columns))
-        way /= np.linalg.norm(way)
-        beside = about * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
-        theta = way * (amount if effect == cause else beside)
+        direction = rng.standard_normal(len(columns))
+        direction /= np.linalg.norm(direction)
+        clutter_size = clutter_sd * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
+        theta = direction * (cause_size if effect == cause else clutter_size)
         theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
         response = noise.colour(linear.effects[:, columns] @ theta)
-        wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
-        done[effect] = noise.whiten(response * (1 + wrong))
+        law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
+        done[effect] = noise.whiten(response * (1 + law_error))
         y += done[effect]
-    return World(y, cause, amount, done)
+    return World(y, cause, cause_size, done)
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
