@@ -39,7 +39,7 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
 
 
 def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterable[str]:
-    """What is wrong with the values of `table`, the part `key` of robot.yaml: ids and names not in `known`, units, bounds."""
+    """What is wrong with the values of `table`, the part `key` of robot.yaml: ids and names not in `specs`, units, bounds."""
     for id, stated_values in table.items():
         if id not in specs:
             own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
