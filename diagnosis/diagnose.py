@@ -93,7 +93,7 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
 def examine(case: CaseLike, options: Options | None = None) -> Examined:
     """Diagnose as `diagnose` does; also the hypotheses still in play, which predict what an experiment would give."""
     options = options or Options()
-    prepared, settled, first, findings, held_out_states = _prepared(case, options)
+    prepared, settled, edited, findings, held_out_states = _prepared(case, options)
     stages = {e: spec.stage for e, spec in options.catalogue.items()}
     begun = begin(prepared, options.executor)
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
@@ -111,7 +111,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}
     fitted, values = None, None  # the robot with what is named, and its parameters
     if causes.decision.effects and options.baseline is None and location.of == "tip":
-        fitted = confirmed(causes, first, options.catalogue)
+        fitted = confirmed(causes, edited, options.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
     details = detail(causes, fitted, unseen.errors, holdout, names)
@@ -127,37 +127,37 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good))
         reasons += () if follows_law else (finding("law_of_another_form", effect=" and ".join(named.values())),)
         causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
-    doubtful = bool(far or first.numbers or tense)
+    doubtful = bool(far or edited.numbers or tense)
     section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)
     facts = sentences.Facts(
         causes.decision, section.conclusion, location, carries, unseen.shrink, unseen.waterfall, section.rivals,
         next((x.do for x in proposals if x.separates), None), causes.best.named, causes.asking, causes.misfit.outlier_trial,
-        tuple(map(words.fill, lacking(first.states))), simulator(causes), calibrated, first.named, names, words, fitted,
+        tuple(map(words.fill, lacking(edited.states))), simulator(causes), calibrated, edited.named, names, words, fitted,
     )  # fmt: skip
     # what was settled before the diagnosis comes before its statement, and is a cause, too
     text = sentences.statement(facts)
-    if first.changes:
-        details["first_calibration"] = first.detail()
-        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.with_order else ''}{text}"
+    if edited.changes:
+        details["first_calibration"] = edited.detail()
+        text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
     if "stiffness" in details and location.of == "tip":
         text += f" {sentences.stiffness_sentence(details['stiffness'], causes.decision)}"
-    if first.with_order:
-        section = assemble.beside(section, ORDER, first.robot)
+    if edited.with_order:
+        section = assemble.beside(section, ORDER, edited.robot)
     if settled is not None and section.verdict == "none":
-        section, text = assemble.beside(section, THRUST, first.robot), f"{settled.finding}. Beyond that: {text}"
+        section, text = assemble.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
     findings = (
-        *first.concerns,
+        *edited.concerns,
         *findings,
         *([settled.finding] if settled is not None else ()),
         *reasons,
         *far,
-        *sentences.beyond_tolerance(prepared.problem.parameters, tense, first.robot),
+        *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
         *sentences.scatter(prepared.noise_components.excess_scatter),
         *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
         *([finding("residual_ignored")] if case.robot.residual is not None else ()),
     )
-    changed = first.named or sentences.changed_by(facts)
-    beyond = first.at_bound or (calibrated is not None and calibrated.at_bound)
+    changed = edited.named or sentences.changed_by(facts)
+    beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
     by_calibration = sentences.closed_by_calibration(facts)
     closed = None if unseen.shrink is None else unseen.shrink.share_closed
     answer = Diagnosis(
@@ -173,12 +173,12 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         waterfall=unseen.waterfall,
         calibration=calibrated,
         fitted=fitted,
-        headline=first.headline
+        headline=edited.headline
         or headline(
-            section, options.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), first.robot
+            section, options.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), edited.robot
         ),
     )
-    return Examined(answer, rivals, first)
+    return Examined(answer, rivals, edited)
 
 
 def _prepared(
@@ -189,28 +189,28 @@ def _prepared(
     campaign, findings = states(case)
     held_out = unseen_states(case, options.holdout) if options.holdout is not None else None
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
-    settled, first = None, Edited(case.robot, campaign)
+    settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:
-        settled, first = settled_and_edited(case.robot, campaign, options.catalogue, options.catalogue)
+        settled, edited = settled_and_edited(case.robot, campaign, options.catalogue, options.catalogue)
     try:
-        prepared = prepare(first.robot, first.states, catalogue=options.catalogue, baseline=baseline)
+        prepared = prepare(edited.robot, edited.states, catalogue=options.catalogue, baseline=baseline)
     except np.linalg.LinAlgError as error:
         raise BadCase(
             "the model of robot.yaml is too far from these data to be compared with them: check youngs_modulus, area_factor and "
             "gravity of robot.yaml, and the units of the table"
         ) from error
-    if first.changes:
+    if edited.changes:
         prepared = replace(prepared, described=(case.robot, campaign))
-        held_out = None if held_out is None else first.moved(held_out)
-    return prepared, settled, first, findings, held_out
+        held_out = None if held_out is None else edited.moved(held_out)
+    return prepared, settled, edited, findings, held_out
 
 
-def confirmed(f: Attribution, first: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
+def confirmed(f: Attribution, edited: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
     """The robot with what is named alone, fitted by the code of `lab fit --with` from where the diagnosis found it and from its
     own starts."""
     p, theta = f.prepared, f.prepared.common(f.best.fit.theta)
     start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
     noise = p.noise_components
-    fit = fit_described(first.robot, first.states, f.decision.effects, catalogue, start=start, noise_components=noise)
+    fit = fit_described(edited.robot, edited.states, f.decision.effects, catalogue, start=start, noise_components=noise)
     values = {n: Value(s.value, s.sd, s.unit, n not in fit.undetermined) for n, s in fit.parameters.items()}
     return FittedRobot(fit.effects, values, fit.fitted_mm, fit.calibrated_mm)

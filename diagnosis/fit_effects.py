@@ -130,14 +130,14 @@ def fit_effects(
     cleared: dict[str, Any] = {"effects": other_effects, "tolerances": {}, "posterior": None, "residual": None}
     robot = case.robot.model_copy(update=cleared | ({"thrust": None} if THRUST in named else {}))
     # edits leave a robot with effects as it is
-    settled, first = settled_and_edited(robot, case_states, catalogue, named)
-    robot, case_states = first.robot, first.states
+    settled, edited = settled_and_edited(robot, case_states, catalogue, named)
+    robot, case_states = edited.robot, edited.states
     # an order that was found is part of the robot now, as is thrust on the walls
     settled_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*first.concerns, *findings, *([settled.finding] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *([settled.finding] if settled is not None else ()))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 

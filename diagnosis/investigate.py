@@ -143,7 +143,7 @@ def investigate(
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
     rounds: list[Round] = []
-    done: set[str] = set()
+    ids_done: set[str] = set()
     spent = 0.0
     while True:
         examined = examine(case, options)
@@ -151,12 +151,12 @@ def investigate(
             rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, examined.diagnosis))
         this_round = Round(examined.diagnosis, spent)
         diagnosed(this_round)
-        if settled(examined.diagnosis) or len(done) >= experiments:
-            reason = "settled" if settled(examined.diagnosis) else f"{len(done)} experiments were done"
+        if settled(examined.diagnosis) or len(ids_done) >= experiments:
+            reason = "settled" if settled(examined.diagnosis) else f"{len(ids_done)} experiments were done"
             return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
         for proposal in examined.diagnosis.next_experiment:
-            if proposal.id in done or proposal.expected_bits < LEAST_BITS:
+            if proposal.id in ids_done or proposal.expected_bits < LEAST_BITS:
                 continue
             try:
                 foretold, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
@@ -164,7 +164,7 @@ def investigate(
                 refused[proposal.id] = str(e)
                 continue
             rounds.append(replace(this_round, foretold=foretold, judged=judge(examined, case, extended), refused=refused))
-            done.add(proposal.id)
+            ids_done.add(proposal.id)
             spent, case = spent + proposal.cost_min, extended
             break
         else:

@@ -105,8 +105,8 @@ def body_of(robot: Robot) -> Body:
         start += part.length
     edges[-1] = robot.length
     stretch, bend, twist, weight, outer, chamber, path = np.array(values).T
-    reached = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
-    area = reached * chamber[:, None]
+    acts = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
+    area = acts * chamber[:, None]
     at_tip = area[-1] if robot.tendons is None else np.zeros(len(ends))
     return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path, at_tip)
 

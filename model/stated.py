@@ -105,10 +105,10 @@ class Posterior(BaseModel):
         bad = [i for i, row in enumerate(self.correlation) if row[-1] != 1]
         if bad:
             raise ValueError(f"correlation: {self.correlation[bad[0]][-1]:g} of {self.parameters[bad[0]]} with itself, must be 1")
-        least = float(np.linalg.eigvalsh(self.matrix).min())
-        if least < LEAST_EIGENVALUE:
+        smallest = float(np.linalg.eigvalsh(self.matrix).min())
+        if smallest < LEAST_EIGENVALUE:
             raise ValueError(
-                f"correlation: not positive definite (least eigenvalue {least:.2g}, must be at least {LEAST_EIGENVALUE:g}): "
+                f"correlation: not positive definite (least eigenvalue {smallest:.2g}, must be at least {LEAST_EIGENVALUE:g}): "
                 "let lab fit write it again, or leave parameters out"
             )
         return self

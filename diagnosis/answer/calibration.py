@@ -148,16 +148,16 @@ def simulator(f: Attribution) -> Simulator | None:
     if p.baseline is None:
         return None
     parameters = p.problem.parameters
-    at = parameters.names.index(SHARE)
+    share_index = parameters.names.index(SHARE)
     of_rod, of_simulator = fitted.theta.copy(), fitted.theta.copy()
-    of_rod[at], of_simulator[at] = 1.0, 0.0  # share of the difference that is taken off
+    of_rod[share_index], of_simulator[share_index] = 1.0, 0.0  # share of the difference that is taken off
     tips = p.labels.kind == 0
     difference = (p.problem.forward.predict(of_simulator) - p.problem.forward.predict(of_rod))[tips]
     count = len(np.unique(p.labels.state[tips]))
-    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != at]
+    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index]
     slope = p.problem.linearise(fitted.theta, free)[1][tips]
     beyond_area = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
-    share = float(fitted.theta[at])
+    share = float(fitted.theta[share_index])
     differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))
     of_robot = float(np.mean(p.robot.area_factor_at(p.states.spine_length[~p.states.pushed])))
     return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond, of_robot)

@@ -33,14 +33,14 @@ def detail(
     plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
-    shown = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
+    named_sizes = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
     section: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),
         "confounding": _confounding(p),
         "actuators": p.robot.actuators.words.kind,
         "calibrated_on": BENCHMARK,
-        "sizes": [asdict(size) | {"impossible": size.impossible} for size in shown],
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in named_sizes],
         "distinguishability": _separations(f),
         "shapes": _worst_shapes(p, f.calibrated.theta, f.best.fit.theta),
         "states": _states(p, calibrated, explained, unseen),
@@ -48,8 +48,9 @@ def detail(
     }
     if (difference := simulator(f)) is not None:
         section["baseline"] = asdict(difference)
-    ratios = [by_actuator(p.robot, p.forward.catalogue[e], values(shown)) for e in f.decision.effects if e in p.forward.catalogue]
-    section["by_actuator"] = [asdict(e) for e in ratios if e is not None]
+    specs = [p.forward.catalogue[e] for e in f.decision.effects if e in p.forward.catalogue]
+    factors = [by_actuator(p.robot, spec, values(named_sizes)) for spec in specs]
+    section["by_actuator"] = [asdict(e) for e in factors if e is not None]
     if p.pushes is not None:
         section["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
     if holdout is not None:

@@ -81,15 +81,15 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment
     offer("unload", "read the unload branch too", unload=True)
     offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
     offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
-    if others := _other_chambers(chambers, count, s):
-        offer("other_chambers", f"{words.inflate} {words.group(others)} instead", chambers=others)
+    if other_group := _other_chambers(chambers, count, s):
+        offer("other_chambers", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
     offer("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + MASS, 4))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
     offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
-        shown = ", ".join(f"{x * 100:g}" for x in between)
-        offer("lengths", f"spine lengths in between: {shown} cm", spine_lengths=between)
+        lengths_cm = ", ".join(f"{x * 100:g}" for x in between)
+        offer("lengths", f"spine lengths in between: {lengths_cm} cm", spine_lengths=between)
     if robot.spine is not None:
         offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
     if between := _between(pressures_used, s.pressure_gap):
@@ -177,22 +177,22 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
     states = list(_states(p))
     n = len(states)
-    of = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
+    by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
     out: Columns = {
         "trial": np.array([trial[s[:3]] for s in states]),
-        "repeat": of["repeat"],
+        "repeat": by_field["repeat"],
         "protocol": np.array([p["protocol"]] * n),
-        "branch": of["branch"],
-        "t": np.cumsum(of["seconds"]),
+        "branch": by_field["branch"],
+        "t": np.cumsum(by_field["seconds"]),
         "rate": np.full(n, p["rate"]),
-        "hold": of["hold"],
-        "spine_length": of["spine_length"],
-        "vacuum": of["vacuum"],
+        "hold": by_field["hold"],
+        "spine_length": by_field["spine_length"],
+        "vacuum": by_field["vacuum"],
         "tip_mass": np.full(n, p["tip_mass"]),
         "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
     }
-    out |= {f"p{c}": np.where(c in p["chambers"], of["pressure"], 0.0) for c in range(1, chambers + 1)}
+    out |= {f"p{c}": np.where(c in p["chambers"], by_field["pressure"], 0.0) for c in range(1, chambers + 1)}
     return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
 
 

@@ -121,8 +121,8 @@ def headline(
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         error = stage(a.stage_errors)
-        where = f"; it may be in the {error.stage} and {words.fill(error.varies)}" if error else ""
-        return f"No known cause fits {p}{where}.".replace("_", " ")
+        place = f"; it may be in the {error.stage} and {words.fill(error.varies)}" if error else ""
+        return f"No known cause fits {p}{place}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
         return _short_enough(f"{calibration_closes}; no other cause {other} {p}.", f"{calibration_closes} {p}.", short)

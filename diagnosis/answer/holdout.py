@@ -88,9 +88,9 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
         raise BadHoldout(str(e)) from e
     with_tip = campaign.take(~campaign.pushed)
     if not len(with_tip) or not diagnosed.table.with_tip.any():
-        which = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
+        empty = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
         raise BadHoldout(
-            f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
+            f"a held-out test compares tips, and {empty} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
     # no two readings have the same tip, pressures and spine length to the last digit

@@ -33,18 +33,18 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
     p = f.prepared
     missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
     gap = p.gap(missed)
-    seen = np.asarray(np.isfinite(gap).all(axis=1))
+    finite = np.asarray(np.isfinite(gap).all(axis=1))
     cells: dict[str, list[tuple[Cell, float]]] = {name: [] for name in FACTORS}
-    for factor, cell, probability in _cells(p, missed, gap, seen):
+    for factor, cell, probability in _cells(p, missed, gap, finite):
         cells.setdefault(factor, []).append((cell, probability))
-    by = _mark_significant(cells)
+    by_factor = _mark_significant(cells)
     return Locate(
-        gap_rmse_mm=1e3 * rms(gap[seen]),
+        gap_rmse_mm=1e3 * rms(gap[finite]),
         noise_floor_mm=1e3 * p.noise_floor,
-        significant=any(c.significant for group in by.values() for c in group),
-        by=by,
+        significant=any(c.significant for group in by_factor.values() for c in group),
+        by=by_factor,
         stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
-        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(seen)),
+        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(finite)),
         of="deflection" if p.pushes_only else "tip",
     )
 

@@ -116,9 +116,9 @@ class Rivals:
         names = {info.name: i for i, info in enumerate(forward.parameters)}
         fitted_parameters = p.problem.parameters
         shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
-        here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
+        in_model, in_problem = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
-        fresh = np.setdiff1d(np.arange(len(own_sd)), here)
+        fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)
         source = np.array([info.source for info in forward.parameters])
         mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)
@@ -126,11 +126,11 @@ class Rivals:
         forecasts = []
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
-            theta[here] = c.fit.theta[fitted]
+            theta[in_model] = c.fit.theta[in_problem]
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
-            covariance = slope[:, here] @ known_covariance[np.ix_(fitted, fitted)] @ slope[:, here].T  # S C S^T
+            covariance = slope[:, in_model] @ known_covariance[np.ix_(in_problem, in_problem)] @ slope[:, in_model].T  # S C S^T
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)

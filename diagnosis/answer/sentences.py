@@ -336,25 +336,25 @@ def _simulator(f: Facts) -> str:
     if simulator.beyond_calibration_mm < f.where.noise_floor_mm:
         return f"{difference}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
-    rest = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
-    most = judgement.EXPLAINS
-    if step and simulator.share > most and step.mm > most * (step.mm + step.left_mm - f.where.noise_floor_mm):
-        rest += f" The gap is in {simulator.name}."
-    return f"{difference}, {beyond}; the measurements do not show {simulator.not_measured_mm:.2f} mm of that (in-sample).{rest}"
+    remark = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    explains = judgement.EXPLAINS
+    if step and simulator.share > explains and step.mm > explains * (step.mm + step.left_mm - f.where.noise_floor_mm):
+        remark += f" The gap is in {simulator.name}."
+    return f"{difference}, {beyond}; the measurements do not show {simulator.not_measured_mm:.2f} mm of that (in-sample).{remark}"
 
 
-def _simulator_acts(f: Facts, own: Simulator) -> str:
+def _simulator_acts(f: Facts, s: Simulator) -> str:
     """At how many times the pressure the simulator acts, and where to look for why; empty where calibration closes little."""
     c, w = f.calibration, f.waterfall
     if c is None or w is None or closed_by_calibration(f) is None:
         return ""
     calibrated_mm = w.steps[0].left_mm
-    text = f"{_acts_as(f, own, c)}; that closes {w.given_mm - calibrated_mm:.1f} of {w.given_mm:.1f} mm."
-    if own.of_robot is None:
+    text = f"{_acts_as(f, s, c)}; that closes {w.given_mm - calibrated_mm:.1f} of {w.given_mm:.1f} mm."
+    if s.of_robot is None:
         return f"{text} "
-    of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
+    of_rod, of_data = s.area_factor / s.of_robot, c.area_factor / s.of_robot
     if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
-        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its {f.words.pressures}, areas and modulus."
+        text += f" The rod of robot.yaml does not: the gap is in {s.name}; check its {f.words.pressures}, areas and modulus."
     elif abs(of_rod - 1) < judgement.SAME_FACTOR:
         text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
     return f"{text} "
@@ -388,8 +388,8 @@ def _closing(f: Facts) -> str:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-        by = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
-        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{by}."
+        clause = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -462,8 +462,8 @@ def disorder(ranking: Sequence[Ranked]) -> str:
 
     That a cause lies outside the catalogue has no evidence of its own.
     """
-    shown = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
-    disordered = [(a, b) for a, b in combinations(shown, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
+    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
     if not disordered:
         return ""
     if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):

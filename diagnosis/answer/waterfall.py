@@ -205,9 +205,9 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     def absorbed() -> Absorbed:
         by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
         (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
-        one, *with_causes = (missed.distance for missed in errors())
-        seen = np.isfinite([one, per_length.distance, *with_causes]).all(axis=0)
-        of_causes = next((1e3 * rms(errors_m[seen]) for errors_m in with_causes), None)
-        return Absorbed(how, 1e3 * rms(one[seen]), 1e3 * rms(per_length.distance[seen]), of_causes)
+        one_factor, *with_causes = (missed.distance for missed in errors())
+        finite = np.isfinite([one_factor, per_length.distance, *with_causes]).all(axis=0)
+        of_causes = next((1e3 * rms(errors_m[finite]) for errors_m in with_causes), None)
+        return Absorbed(how, 1e3 * rms(one_factor[finite]), 1e3 * rms(per_length.distance[finite]), of_causes)
 
     return absorbed

@@ -58,8 +58,8 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
     weighed in linear problems first (`promised`); the most promising are fitted, until one that is fitted leads.
     """
     effects = len(p.problem.parameters.ids)
-    others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
-    forward = _with_relatives(p, observable_effects(p.robot, p.forward.design, others))
+    further = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
+    forward = _with_relatives(p, observable_effects(p.robot, p.forward.design, further))
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
 
     def above(beside: Hypothesis, log_evidence: float) -> float:
@@ -72,8 +72,8 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
         one_less = [(tuple(e for e in c.named if e != one), c.fit.without_law(one).linear(p.problem)) for one in c.named]
         for beside, linear_there in one_less or [(c.named, linear)]:
             extended, wider = relatives.beside(linear_there, p.problem.parameters)
-            without, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in relatives.ids)])
-            excess = above(beside, without.log_evidence + offset)
+            alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in relatives.ids)])
+            excess = above(beside, alone.log_evidence + offset)
             for r, w in zip(relatives.ids, with_relative, strict=True):
                 z = w.log_evidence + offset - excess
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
@@ -110,25 +110,25 @@ def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> t
 
 def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
-    known = p.problem.parameters
+    of_problem = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
     infos = parameters(possible(forward, p.robot)).infos
-    index = {name: i for i, name in enumerate(known.names)}
+    index = {name: i for i, name in enumerate(of_problem.names)}
     place = np.array([index.get(i.name, -1) for i in infos])
     wider = FitParameters(
         infos,
-        np.where(place < 0, [i.sd for i in infos], known.sd[place]),
-        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in place.tolist()),
+        np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),
+        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least_of_each[j] for j in place.tolist()),
     )
     problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=wider)
     named = (*r.beside, r.relative)
     theta = np.where(place < 0, 0.0, start.fit.theta[place])
     theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
-    wide = wider.prior(wider.mask(named), judgement.FIT_TOLERATED_SIZE)
-    reached = fit(problem, wide, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    complete = reached.with_all_derivatives(problem).with_form_error(problem, named)
+    prior = wider.prior(wider.mask(named), judgement.FIT_TOLERATED_SIZE)
+    best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
+    complete = best.with_all_derivatives(problem).with_form_error(problem, named)
     with_it, without = weigh(complete.linear(problem), KNOWN, wider, [named, r.beside])
-    return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
+    return with_it.log_evidence - best.predicted_decrease, without.log_evidence
 
 
 @dataclass(frozen=True)

@@ -140,8 +140,8 @@ class Loss:
             along[p.at] += u.T @ a
             spread[p.at] += np.einsum("nu,nu->u", u, w)
         for j in range(len(self._names)):
-            own = self._named[j]
-            gradient[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
+            of_component = self._named[j]
+            gradient[g + 2 + j] = spread[of_component].sum() - (along[of_component] ** 2).sum()
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
             changes = self._changes(p.changes(a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))

@@ -244,14 +244,15 @@ class _Carrying:
         noise floors the model is asked with and without the effect."""
         p = self._problem.parameters
         offset = fit.theta - p.mean
-        known = {} if fit.form_error is None else dict(fit.form_error.responses)
+        responses = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).whole
         slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        columns = {e: np.column_stack([slope[:, i] * p.sd[i], known.get(e, slope[:, i] @ offset[i])]) for e, i in slots.items()}
+        at_fit = {e: responses.get(e, slope[:, i] @ offset[i]) for e, i in slots.items()}
+        columns = {e: np.column_stack([slope[:, i] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
         products = self._left(slope, columns)
         asked_anew: dict[str, Array] = {}
         for effect in p.ids:
-            if effect not in known and any(
+            if effect not in responses and any(
                 m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.

@@ -111,8 +111,8 @@ def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
     pair, pair_of = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
     block, column = np.divmod(pair, count)
     place = np.arange(len(pair)) - np.searchsorted(block, block)
-    wide = int(place.max()) + 1
-    packed, column_at = np.zeros((n, wide)), np.zeros((int(noise.block.max()) + 1, wide), np.int64)
+    width = int(place.max()) + 1
+    packed, column_at = np.zeros((n, width)), np.zeros((int(noise.block.max()) + 1, width), np.int64)
     packed[row, place[pair_of]], column_at[block, place] = columns.data * scale[columns.indices], column
     white = noise.whiten(packed)
-    return csr_array((white.ravel(), column_at[noise.block].ravel(), np.arange(0, n * wide + 1, wide)), shape=columns.shape)
+    return csr_array((white.ravel(), column_at[noise.block].ravel(), np.arange(0, n * width + 1, width)), shape=columns.shape)

@@ -194,15 +194,15 @@ class _Descent:
         Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
         """
         for trial in (True, False):
-            reached = 0.0
+            cost = 0.0
             for k in range(level, len(self._dampings)):
                 damped = self._damped(local, self._dampings[k], trial)
                 if damped is None:
                     return None
-                goal, reached = damped
-                if reached <= local.cost and np.isfinite(reached):
-                    return goal, reached, k
-            if np.isfinite(reached):
+                goal, cost = damped
+                if cost <= local.cost and np.isfinite(cost):
+                    return goal, cost, k
+            if np.isfinite(cost):
                 return None
         return None
 
@@ -216,15 +216,15 @@ class _Descent:
         if 0 <= promised < self._least:
             return None
         predicted = self._forward.predict(goal, trial)
-        reached = self.cost(goal, predicted)
-        if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
-            return goal, reached
+        goal_cost = self.cost(goal, predicted)
+        if local.cost - goal_cost >= TRUST_RATIO * promised or not np.isfinite(goal_cost):
+            return goal, goal_cost
         corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
-            return goal, reached
+            return goal, goal_cost
         corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
-        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
+        return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())

@@ -90,10 +90,10 @@ class Linear:
 
         def at(size: float, form_error: float) -> Reduced:
             smooth = self.discrepancy_size(size, form_error)
-            kept = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
-            scale = np.repeat([smooth, form_error], [m, r])[kept]
-            gram = error_gram[kept, kept] * np.outer(scale, scale)
-            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[kept])
+            used = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
+            scale = np.repeat([smooth, form_error], [m, r])[used]
+            gram = error_gram[used, used] * np.outer(scale, scale)
+            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[used])
             return self._reduced(x_gram - half.T @ half, half_log_det + log_det)
 
         return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]

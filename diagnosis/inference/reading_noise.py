@@ -108,9 +108,9 @@ def floor_of(
     known: NoiseComponents | None = None,
     pace: float = STANDARD.time,
 ) -> tuple[NoiseComponents, float, float]:
-    """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a reading of
-    the tip about its repeats: with what the model predicts of each state taken off (`missed` = `observed` - predicted); with the
-    best proportion of that and of the pressures read, so that sizes in the model do not matter. Without repeats, usual values."""
+    """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
+    reading about its repeats: with what the model predicts of each state taken off (`missed` = `observed` - prediction), and with
+    the best proportion of that and of the pressures, so that sizes in the model do not matter. Without repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
     if not names:

@@ -74,7 +74,7 @@ def additions(
     seed: int = 2,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Addition, ...]:
-    """What each experiment of the menu would bring beside a plan, most for its time first."""
+    """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
     right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
     menu = candidate_experiments(case.robot, states(case)[0])
     brought = []

@@ -107,7 +107,7 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
     discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    clutter_sd, cause_size, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    clutter_sd, cause_size, responses = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
         columns = d.sizes(effect)
@@ -118,9 +118,9 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
         theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
         response = noise.colour(linear.effects[:, columns] @ theta)
         law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
-        done[effect] = noise.whiten(response * (1 + law_error))
-        y += done[effect]
-    return World(y, cause, cause_size, done)
+        responses[effect] = noise.whiten(response * (1 + law_error))
+        y += responses[effect]
+    return World(y, cause, cause_size, responses)
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:

@@ -207,26 +207,26 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
     uneven = q.thrust_on_walls * q.thrust_growth
     bottom = np.zeros((1, 1))  # m, arc length at which the element begins
     for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-        long = out[element + col.LENGTH]
+        length = out[element + col.LENGTH]
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
-        a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
+        a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
-        turned = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
+        moment_there = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
-        b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * long / q.length**2,
-                      uneven * 3 * (long / q.length) ** 2)  # fmt: skip
+        b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * length / q.length**2,
+                      uneven * 3 * (length / q.length) ** 2)  # fmt: skip
         powers = (
-            turned * b0 - at_tip / out[element + col.BEND],
-            turned * (b0 * c1 + b1),
-            turned * (b0 * c2 + b1 * c1 + b2),
-            turned * (b0 * c3 + b1 * c2 + b2 * c1),
+            moment_there * b0 - at_tip / out[element + col.BEND],
+            moment_there * (b0 * c1 + b1),
+            moment_there * (b0 * c2 + b1 * c1 + b2),
+            moment_there * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
             column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))
             out.add(column, rise.real)
             out.add(column + 1, rise.imag)
-        bottom = bottom + long
+        bottom = bottom + length
 
 
 def _wrench(push: Array, unit_moments: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
@@ -267,16 +267,16 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
     # skin and mounting give a little
     out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
-    last = q.layout.elements[-1]
-    curvature = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
+    last_element = q.layout.elements[-1]
+    curvature = [out[col.TIP_MOMENT + k] / out[last_element + col.BEND] for k in range(2)]
     thrust = out[col.TIP_FORCE + 2]
-    b = q.plane_lever * (1 + thrust / out[last + col.STRETCH + 2])
-    turned = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
-    x = thrust / out[last + col.BEND] * b**2
-    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
+    b = q.plane_lever * (1 + thrust / out[last_element + col.STRETCH + 2])
+    turn_squared = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
+    x = thrust / out[last_element + col.BEND] * b**2
+    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turn_squared / 12)
     out[wall + col.SPRING_ARM] = -by_curvature * curvature[1]
     out[wall + col.SPRING_ARM + 1] = by_curvature * curvature[0]
-    out[wall + col.SPRING_ARM + 2] = b * (1 - turned / 6)
+    out[wall + col.SPRING_ARM + 2] = b * (1 - turn_squared / 6)
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:

@@ -176,8 +176,8 @@ class ForwardModel:
         model = cls.__new__(cls)
         model.scales = scales(robot)
         effects = {id: spec.of(model.scales) for id, spec in stated_effects(robot, catalogue).items()}
-        one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
-        model._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
+        one_state = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
+        model._vary(robot, one_state, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
             raise BadRobot(
                 f"robot {robot.name!r}: effects.contact needs obstacle_azimuth_deg, the direction in which the obstacle stands"
@@ -406,8 +406,8 @@ class ForwardModel:
         `moving`: with what drives memory, even where nothing remembers. `trial`, `whole`: see `predict`. `also`: sources whose
         laws are applied even at size zero."""
         points = self._points  # another thread may put others in its place
-        same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
-        here = points[same.index(True)] if any(same) else self._solve(theta, trial, also, whole)
+        is_kept = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
+        here = points[is_kept.index(True)] if any(is_kept) else self._solve(theta, trial, also, whole)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))

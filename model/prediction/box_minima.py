@@ -24,17 +24,17 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
     for _ in range(PIVOTS):
         free = held == 0
         x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
-        both = free[:, :, None] & free[:, None, :]
+        both_free = free[:, :, None] & free[:, None, :]
         downhill = np.where(free, -slope - (curve @ x[..., None])[..., 0], 0.0)
-        x = x + np.linalg.solve(np.where(both, curve, np.eye(k)), downhill[..., None])[..., 0]
+        x = x + np.linalg.solve(np.where(both_free, curve, np.eye(k)), downhill[..., None])[..., 0]
         uphill = (curve @ x[..., None])[..., 0] + slope
-        wanted = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * uphill > 0, 0, held))
-        wrong = wanted != held
+        target = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * uphill > 0, 0, held))
+        wrong = target != held
         count = wrong.sum(axis=1)
         if not count.any():
             break
         patience = np.where(count < fewest, PATIENCE, patience - 1)
         fewest = np.minimum(fewest, count)
-        last = np.arange(k) == (k - 1 - np.argmax(wrong[:, ::-1], axis=1))[:, None]
-        held = np.where(wrong & (last | (patience >= 0)[:, None]), wanted, held)
+        is_last = np.arange(k) == (k - 1 - np.argmax(wrong[:, ::-1], axis=1))[:, None]
+        held = np.where(wrong & (is_last | (patience >= 0)[:, None]), target, held)
     return np.clip(x, low, high)

@@ -47,8 +47,8 @@ def standard_deviations(
     for other in absent:
         tips = tips + (share * (here.tip[0] - other.tip[0])) ** 2
         shapes = shapes + (share * (here.markers[0] - other.markers[0])) ** 2
-        turned = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
-        turns = turns + (share * turned) ** 2
+        turn_by_effect = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
+        turns = turns + (share * turn_by_effect) ** 2
     tips, shapes = (
         variance + rest + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
         for variance, rest, place in (

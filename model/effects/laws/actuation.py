@@ -49,14 +49,14 @@ def _pressure_lag(q: Quantities, v: Values) -> None:
     tau, p = v["constant"][..., None], q.pressure
     lagging = tau > 0
     tau = np.where(lagging, tau, 1.0)
-    first = np.ones(len(q.design), bool)
-    first[1:] = np.diff(q.design.trial) != 0
-    step = p - np.where(first[:, None], 0.0, np.roll(p, 1, axis=-2))
+    begins_trial = np.ones(len(q.design), bool)
+    begins_trial[1:] = np.diff(q.design.trial) != 0
+    step = p - np.where(begins_trial[:, None], 0.0, np.roll(p, 1, axis=-2))
     ramp = np.abs(step).max(axis=-1, keepdims=True) / np.maximum(q.design.rate, 1.0)[:, None]
     after_hold = np.exp(-q.design.hold[:, None] / tau)
     slope = step / np.where(ramp > 0, ramp, 1.0)
     of_ramp = slope * tau * -np.expm1(-ramp / tau) * after_hold
-    remaining = np.where(first[:, None], 0.0, after_hold * np.exp(-ramp / tau))
+    remaining = np.where(begins_trial[:, None], 0.0, after_hold * np.exp(-ramp / tau))
     lag = of_ramp
     for _ in range(3):  # a reading may still show the lag of three states before it
         lag = of_ramp + remaining * np.roll(lag, 1, axis=-2)

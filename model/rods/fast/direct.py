@@ -89,8 +89,8 @@ def weighed_rows(rows: list[Six], change: Six) -> Vector:
 @routine
 def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     """Write a solved rod into a row of `out`: read at the base, then moved by the last correction, which no pass has followed."""
-    change, moved = rod.change, weighed_rows(rod.seen_by, rod.change)
-    put_three(out, row, AT_TIP, add(rod.found.seen, moved))
+    change, shift = rod.change, weighed_rows(rod.seen_by, rod.change)
+    put_three(out, row, AT_TIP, add(rod.found.seen, shift))
     w, x, y, z = rod.tip.turn
     sign = math.copysign(1.0, w)
     out[row, AT_ORIENTATION] = sign * w
@@ -101,7 +101,7 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     # With steps far too long, a residual may vanish that is none; the norm of q, which nothing holds at 1, shows it.
     closed = abs(a * a + b * b + c * c + d * d - 1.0) < MOST_DRIFT
     # No tip moves by much more than the rod's length times the turn: a d seen / d change that does comes from such steps, too.
-    closed = closed and dot(moved, moved) <= (MOST_MOVED * rod.length * size_of(change)) ** 2
+    closed = closed and dot(shift, shift) <= (MOST_MOVED * rod.length * size_of(change)) ** 2
     out[row, AT_RESIDUAL] = expected_residual(rod) if closed else math.inf
     out[row, AT_MARGIN] = buckling_margin(rod, springs)
     out[row, AT_LARGEST] = rod.largest_moment

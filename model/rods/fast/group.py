@@ -188,14 +188,14 @@ def gather_rod(rods: Array, row: int, group: RodGroup, l: int) -> None:
         for k in range(SPRING):
             rod.springs[j][k] = rods[row, columns.HEAD + SPRING * j + k]
     # about the largest force in the rod (N): both forces at the tip and half of the distributed loads
-    whole, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
+    total_length, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
     for column in range(columns.HEAD + SPRING * group.springs, rods.shape[1], BLOCK):
         length, load = rods[row, column + columns.LENGTH], three(rods, row, column + columns.LOAD)
-        whole += length
+        total_length += length
         thrust += 0.5 * length * math.sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2])
-    rod.length, rod.thrust = whole, thrust
+    rod.length, rod.thrust = total_length, thrust
     # N m, for the coarse steps alone: follower loads at the tip, whose force has an arm once the rod bends; others are left out.
-    arm = 0.125 * whole
+    arm = 0.125 * total_length
     follower_moment = math.sqrt(dot(rod.tip_moment, rod.tip_moment))
     rod.largest_moment = max(follower_moment, arm * math.sqrt(dot(rod.tip_force, rod.tip_force)))
     for e in range(group.parts.size):
@@ -286,7 +286,7 @@ def cut(group: RodGroup, divisions: float) -> None:
             # A pass that went astray may have met any moment, or none that is a number.
             finer = max(1.0, finer) if finer < FINEST else FINEST
             section.parts = section.length / rod.length * divisions * finer
-        most = 0.0
+        most_steps = 0.0
         for l in range(group.active):
-            most = max(most, section_of(group, e, l).parts)
-        group.parts[e] = int(math.ceil(most - 1e-9))
+            most_steps = max(most_steps, section_of(group, e, l).parts)
+        group.parts[e] = int(math.ceil(most_steps - 1e-9))

@@ -97,14 +97,14 @@ def visit_station(
     group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array
 ) -> None:
     """Write down station s of the rods that pass it in a step: element e (tip first), piece j of `pieces`."""
-    (e, j, pieces), last = step, arcs.shape[0] - 1
+    (e, j, pieces), last_row = step, arcs.shape[0] - 1
     z, dz = 1.0 - j / pieces, -1.0 / pieces
     if not passes(group, step, arcs, first, s):
         return
     for l in range(LANES):
         rod = Rod(group.work, l)
         advance(rod, section_of(group, e, l), group.linear, z, dz * rod.share, WHOLE, None, rod.beside)
-    for l in range(min(LANES, last + 1 - first)):
+    for l in range(min(LANES, last_row + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:
             write_station(rod, section_of(group, e, l), solved, first + l, out, s)

@@ -282,20 +282,20 @@ def collect_work(x: Array, walked: Array, group: RodGroup, to: Direction) -> Non
         for c in range(BLOCK):
             if not to.some[o + c]:
                 continue
-            by, of_element = to.d[o + c], x[e]
+            change, of_element = to.d[o + c], x[e]
             for l in range(LANES):
                 (turn, moment, force), work = nine_works(of_element, c, l), Done(to.done, l).work
-                work.turn = along(work.turn, by[l], turn)
-                work.moment = along(work.moment, by[l], moment)
-                work.force = along(work.force, by[l], force)
+                work.turn = along(work.turn, change[l], turn)
+                work.moment = along(work.moment, change[l], moment)
+                work.force = along(work.force, change[l], force)
             for j in range(len(to.forced)):
                 for l in range(LANES):
-                    to.forced[j, l] += work_of(of_element, TIP_COLUMNS + j, c, l) * by[l]
+                    to.forced[j, l] += work_of(of_element, TIP_COLUMNS + j, c, l) * change[l]
             if c == LENGTH or LOAD <= c < LOAD + 3:  # these change the weight that has been passed, and so N
                 for l in range(LANES):
                     section, done = section_of(group, e, l), Done(to.done, l)
-                    more = section.load if c == LENGTH else scaled(section.length, unit(c - LOAD))
-                    done.force = along(done.force, walked[e, l] * by[l], more)
+                    force_change = section.load if c == LENGTH else scaled(section.length, unit(c - LOAD))
+                    done.force = along(done.force, walked[e, l] * change[l], force_change)
     for l in range(LANES):
         work = Done(to.done, l).work
         work.turn = add(work.turn, cross(ColumnWalk(group.work, l).tip_moment, work.moment))

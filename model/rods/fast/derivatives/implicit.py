@@ -282,7 +282,7 @@ def write_stations(
     """Write the changes of position and rotation at the stations, direction k, into `out` (rods, k, outputs)."""
     _, arcs, attached, strained = asked
     size, d = len(columns.x), direction.d
-    at = OUTPUTS + (size if strained else 0)
+    first_output = OUTPUTS + (size if strained else 0)
     for s in range(arcs.shape[1]):
         collect_work(columns.passed[s], columns.walked[s], group, direction)
         for l in range(len(out)):
@@ -293,5 +293,5 @@ def write_stations(
             for e in range(size if s >= attached else 0):
                 slid += (1.0 - columns.walked[s, e, l]) * d[len(d) - (e + 1) * BLOCK + LENGTH, l]
             shift = minus(change.station.shift, change.base.shift)
-            put_three(row, k, at + OF_STATION * s, along(shift, -slid, station.place_slope))
-            put_three(row, k, at + OF_STATION * s + 3, along(change.station.turn, -slid, station.turn_slope))
+            put_three(row, k, first_output + OF_STATION * s, along(shift, -slid, station.place_slope))
+            put_three(row, k, first_output + OF_STATION * s + 3, along(change.station.turn, -slid, station.turn_slope))
