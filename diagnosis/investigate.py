@@ -193,11 +193,12 @@ def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
     return Foretold(proposal, tuple(made))
 
 
-def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Tested, ...]:
-    """How each rival's prediction, made from `case`, came out in the rows that `more` has behind those; none without tips."""
-    rivals, p = before.rivals, before.rivals.prepared
+def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:
+    """How each rival's prediction, made from `case`, came out in the rows that `extended` has behind those; none without tips."""
+    rivals, p = examined.rivals, examined.rivals.prepared
+    new_rows = extended.table.take(np.arange(len(case.table), len(extended.table)))
     try:
-        read = before.first.moved(states(Case(p.robot, more.table.take(np.arange(len(case.table), len(more.table)))))[0])
+        read = examined.first.moved(states(Case(p.robot, new_rows))[0])
     except BadCase:
         return ()
     read = read.take(~read.pushed)

@@ -53,7 +53,7 @@ class Section(BaseModel):
 def section_problems(
     sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None
 ) -> Iterator[str]:
-    """What does not fit together: `radii` (m) are the robot's, by the fields of `Section`; `spine` the spine's radius (m)."""
+    """One line for each misfit of sections, length (m), `radii` (m, the robot's by fields of `Section`) and spine radius (m)."""
     uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine))
     yield from uniform
     if uniform or not sections:

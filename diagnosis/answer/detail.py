@@ -29,8 +29,8 @@ from .size import as_fitted, by_actuator, sizes, values
 def detail(
     f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The section; `fitted` the robot with what is named, `unseen` errors of states that the fits did not see, `names` effect ->
-    plain name."""
+    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
+    fit saw, `names`: effect -> plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
     named_sizes = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)

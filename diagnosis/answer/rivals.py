@@ -106,8 +106,8 @@ class Rivals:
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[RivalForecast, ...] | None:
-        """What each predicts for the states of a table's columns (as those of trials.csv); None where one of them has no
-        equilibrium, or this robot cannot do what the table says."""
+        """The forecast of each candidate for the states of a table's columns (as those of trials.csv); None where one of them has
+        no equilibrium, or this robot cannot do what the table says."""
         p = self.prepared
         try:
             forward = p.forward.on(design_from_columns(p.robot, table))

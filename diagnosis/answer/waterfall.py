@@ -56,7 +56,7 @@ class UnseenStates:
             self._errors = HeldOutErrors(*self._held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
 
     def of(self, f: Attribution) -> Callable[[], Unseen]:
-        """Start all other refits; the function that is returned waits for them."""
+        """Start the refits that an answer needs: of its rivals and for its waterfall; the function returned waits for them."""
         p, held_out = self._p, self._held_out
         if held_out is None:
             return Unseen

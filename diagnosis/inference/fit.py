@@ -104,7 +104,7 @@ def fit(
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
     the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
-    all others are these. It ends where less than `least_promise` is left to gain.
+    all others are those of `frozen`. It ends where less than `least_promise` is left to gain.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:

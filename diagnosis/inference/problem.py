@@ -293,7 +293,7 @@ class Problem:
         return self.whitened(theta, predicted, Jacobian.of(slope).white(self.white))
 
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
-        """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""
+        """As `linear`, from a slope (n, k) that is whitened, by one prior standard deviation of each parameter (`scaled`)."""
         p = self.parameters
         of_effect = p.of_effect
         shift = scaled.along((theta - p.mean) / p.sd)

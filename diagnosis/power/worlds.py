@@ -124,7 +124,7 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
-    """None and every single effect, and their probabilities (worlds, hypotheses) for readings (worlds, n), as calibrated.
+    """None and every single effect, and their probabilities (worlds, hypotheses) for whitened readings (worlds, n).
 
     As `inference.evidence.weigh`, for many worlds at once: what is common to all is factorised once. Bounds cut what is named.
     """
@@ -132,21 +132,21 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
     k = linear.effects.shape[1]
     # Readings as further columns: X^T C^-1 X holds the information, and the score and misfit of each world.
-    every = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
+    with_readings = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
     evidence = np.empty((len(named), len(readings)))
     for i, h in enumerate(named):
         mask, terms = p.mask(h), []
-        for g, row in enumerate(replace(every, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
+        for g, row in enumerate(replace(with_readings, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
             for f, accumulated in enumerate(row):
-                x, misfit = accumulated.information, np.diag(accumulated.information)[k:]
-                of_worlds = replace(accumulated, information=x[:k, :k], score=x[k:, :k])
+                gram, misfit = accumulated.information, np.diag(accumulated.information)[k:]
+                of_worlds = replace(accumulated, information=gram[:k, :k], score=gram[k:, :k])
                 for s, spike in enumerate(KNOWN.spikes):
                     prior = p.prior(mask, float(spike), linear.effect_size)
                     log_p, mean, covariance = of_worlds.update(prior)
                     cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
-                    allowed = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
-                    allowed = allowed - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
-                    terms.append(log_p - 0.5 * misfit + allowed + KNOWN.log_weights[s, g, f])
+                    within_bounds = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
+                    within_bounds = within_bounds - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
+                    terms.append(log_p - 0.5 * misfit + within_bounds + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
     score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
     return named, softmax(score, axis=1) / (1 + SAME_ODDS)

@@ -166,7 +166,7 @@ def silicone_share(q: Quantities, area: float, second: float, bend: Array) -> Ar
 
 
 def _actuation(q: Quantities, out: RodColumns) -> None:
-    """Forces P A e3 at the tip (eq. 4); where the chambers wind, the moment turns with them along the arc.
+    """Force P A e3 and moment of the actuators at the tip (eq. 4), and what sections elsewhere have more or less of either.
 
     The rod carries force and moment of the tip's section all along; what another section has more or less of either is a rest
     strain or a rest curvature there. So it is where chambers are wider or farther off the axis than at the tip, or end, and for

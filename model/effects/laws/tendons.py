@@ -66,6 +66,7 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
     q = h.quantities
     body, tip = q.density * q.body.mean_weight_area * length, q.design.tip_mass + q.payload + 1e-9
     x, y, z = q.robot.gravity
+    # share of gravity along the axis; shapes below are divided by their means over the part
     hanging = abs(z) / (abs(z) + np.hypot(x, y) + 1e-12)
     per_moment = (length / h.bend_stiffness[..., OUTER])[..., None] * np.array([-y, x])
     across = body[..., None] * (1 - along) ** 2 / 2 + tip[..., None] * (1 - along)

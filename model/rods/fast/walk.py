@@ -96,7 +96,7 @@ def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float,
 def visit_station(
     group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array
 ) -> None:
-    """Write down station s of the rods that pass it in a step: element e (tip first), piece j of `pieces`."""
+    """Write down station s of rods (from row `first` on) that pass it in a step: element e, tip first, piece j of `pieces`."""
     (e, j, pieces), last_row = step, arcs.shape[0] - 1
     z, dz = 1.0 - j / pieces, -1.0 / pieces
     if not passes(group, step, arcs, first, s):
@@ -129,12 +129,12 @@ def share_at(group: RodGroup, step: tuple[int, int, int], arc: float, l: int) ->
     for i in range(e + 1, group.parts.size):
         below += section_of(group, i, l).length
     length = section_of(group, e, l).length
-    above = arc - below  # m, from the base end of the element
+    above = arc - below  # m from the base end of the element, as start and end of the step are
     # Exactly nothing at the end: compilers may divide by multiplying.
     start, end = (1.0 - j / pieces) * length, (1.0 - (j + 1) / pieces) * length if j + 1 < pieces else 0.0
     outermost, innermost = e == 0 and j == 0, j + 1 == pieces and below == 0.0
     inside = (end < above or (innermost and end <= above)) and (above <= start or outermost)
-    # Of the elements that touch the station, one without a length sees only half of what is to come.
+    # An element without length leaves the station to its neighbour towards the base.
     if not inside or (length == 0.0 and not innermost):
         return -1.0
     return min(1.0, max(0.0, (start - above) / (start - end))) if start > end else 0.0

@@ -182,6 +182,7 @@ def load_column(work: Array, x: Array, c: int, carried: int, e: int) -> None:
     for l in range(LANES):
         walk = ColumnWalk(work, l)
         walk.added = force / max(walk.section.length, LEAST_LENGTH)
+    # Rows are constants for the compiler. Turns, moments (from column 0) and forced columns have no pull: the first clears it.
     if c == FORCES:
         pull_all(work, 0)
     elif c == FORCES + 1:
