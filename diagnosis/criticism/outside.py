@@ -114,7 +114,7 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
     infos = parameters(possible(forward, p.robot)).infos
     index = {name: i for i, name in enumerate(of_problem.names)}
-    place = np.array([index.get(i.name, -1) for i in infos])
+    place = np.array([index.get(i.name, -1) for i in infos])  # in the problem; -1: of the relative
     wider = FitParameters(
         infos,
         np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),

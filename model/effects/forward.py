@@ -545,7 +545,7 @@ class ForwardModel:
         columns = sorted(
             {c for b in batches for c in b.columns} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))
+        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # derivatives by columns of a rod's row
         if columns:
 
             def read(results: Array) -> Array:
@@ -564,14 +564,14 @@ class ForwardModel:
         """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`, in the parameters' units; None
         where memory adds the same."""
         columns = sorted({c for b in batches for c in b.columns})
-        by_column = np.zeros((len(self._full), len(columns), DRIVES))
+        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # derivatives by columns of a rod's row
         if here.remembers and columns:
 
             def driven_by(results: Array) -> Array:
                 return self._drive(here.built, results)[:, self._in_bare]
 
             by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, columns, driven_by))
-        lengths = {element + col.LENGTH for element in self._layout.elements}
+        lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
             driven = here.driven

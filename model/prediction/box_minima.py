@@ -27,8 +27,8 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
         both_free = free[:, :, None] & free[:, None, :]
         downhill = np.where(free, -slope - (curve @ x[..., None])[..., 0], 0.0)
         x = x + np.linalg.solve(np.where(both_free, curve, np.eye(k)), downhill[..., None])[..., 0]
-        uphill = (curve @ x[..., None])[..., 0] + slope
-        target = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * uphill > 0, 0, held))
+        gradient = (curve @ x[..., None])[..., 0] + slope
+        target = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * gradient > 0, 0, held))
         wrong = target != held
         count = wrong.sum(axis=1)
         if not count.any():
