@@ -545,7 +545,7 @@ class ForwardModel:
         columns = sorted(
             {c for b in batches for c in b.columns} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # derivatives by columns of a rod's row
+        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # by columns of a rod's row
         if columns:
 
             def read(results: Array) -> Array:
@@ -564,7 +564,7 @@ class ForwardModel:
         """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`, in the parameters' units; None
         where memory adds the same."""
         columns = sorted({c for b in batches for c in b.columns})
-        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # derivatives by columns of a rod's row
+        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
         if here.remembers and columns:
 
             def driven_by(results: Array) -> Array:
