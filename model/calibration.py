@@ -122,8 +122,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         )
     predicted = solve(rods_of(robot.with_area_factor(value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
-    factor = estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels)
-    return AreaFit(factor)
+    return AreaFit(estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels))
 
 
 def fit_area_factor_by_length(
@@ -150,8 +149,7 @@ def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, tria
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    slope = fit_stiffness(deflection, force, trial)
-    return youngs_modulus(slope, robot.length, body_second_moment(robot))
+    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_second_moment(robot))
 
 
 def fit_spine_modulus(

@@ -118,7 +118,7 @@ class Rivals:
         shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
         in_model, in_problem = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
-        fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)
+        fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
         mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)

@@ -212,15 +212,15 @@ def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex],
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
         a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
         # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
-        moment_there = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
+        curvature = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
         b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * length / q.length**2,
                       uneven * 3 * (length / q.length) ** 2)  # fmt: skip
         powers = (
-            moment_there * b0 - at_tip / out[element + col.BEND],
-            moment_there * (b0 * c1 + b1),
-            moment_there * (b0 * c2 + b1 * c1 + b2),
-            moment_there * (b0 * c3 + b1 * c2 + b2 * c1),
+            curvature * b0 - at_tip / out[element + col.BEND],
+            curvature * (b0 * c1 + b1),
+            curvature * (b0 * c2 + b1 * c1 + b2),
+            curvature * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
             column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))

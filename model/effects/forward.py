@@ -224,8 +224,7 @@ class ForwardModel:
         self._direction = np.array([1.0, 0.0]) if direction is None else direction
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
         self._sd = np.array([p.sd for p in self.parameters])
-        low, high = np.array([[p.low, p.high] for p in self._table.infos]).T
-        self._low, self._high = low, high
+        self._low, self._high = np.array([[p.low, p.high] for p in self._table.infos]).T
         self._memory_sizes = {
             k
             for k, p in enumerate(self._table.infos)

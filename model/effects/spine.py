@@ -80,8 +80,7 @@ def moduli(q: Quantities, shear: ShearSpine) -> SpineModuli:
     """Moduli of the spine: those of the table blended with those of the shear-soft spine, times stiffness and jamming."""
     spine = q.robot.spine
     if spine is None:
-        nothing = np.zeros((1, 1))
-        return SpineModuli(nothing, nothing, nothing)
+        return SpineModuli(*np.zeros((3, 1, 1)))
     table = spine.modulus_at(q.tabulated_length)
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))

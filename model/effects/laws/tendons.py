@@ -33,19 +33,19 @@ def _tendon_friction(h: History, v: Values) -> None:
     spine = np.clip(q.spine_length, 0.0, q.length)
     lengths = np.stack(np.broadcast_arrays(spine, q.length - spine), axis=-1)[..., None]
     pulls = np.maximum(q.pressure * q.area_factor, 0.0)
-    at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
-    inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
+    at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]  # 1/m, of tendons alone
+    inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))  # 1/m, mean curvature of the parts
     along = (np.arange(PLACES) + 0.5) / PLACES
     outer = at_tip[..., None, :] + _by_weight(h, at_tip, outer[..., 0, :], lengths[..., OUTER, 0], along)
     bends = np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * lengths / PLACES
-    angle = np.cumsum(bends, axis=-1) - bends / 2
+    angle = np.cumsum(bends, axis=-1) - bends / 2  # rad, up to the middle of each piece
     angle[..., OUTER, :] += bends[..., INNER, :].sum(axis=-1, keepdims=True)
     mean_tension, rise = h.path.held(pulls, v["coefficient"][..., None, None] * angle)
-    lost = mean_tension - pulls[..., None, :]
+    change = mean_tension - pulls[..., None, :]
     changes: list[Array] = []
     rises: list[Array] = []
     for part in (INNER, OUTER):
-        of_part = lost[..., part, :]
+        of_part = change[..., part, :]
         bend, axial = h.bend_stiffness[..., part], h.axial_stiffness[..., part]
         changes += [m / bend for m in _moment(q, of_part)]
         changes += [np.zeros((1, 1)), of_part @ q.body.mean_chamber_area / axial]

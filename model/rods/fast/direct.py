@@ -98,7 +98,7 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     put_three(out, row, AT_FORCE, rod.here.force)
     put_three(out, row, AT_MOMENT, turned(orientation(rod.here), rod.here.m))
     a, b, c, d = rod.here.q
-    # With steps far too long, a residual may vanish that is none; the norm of q, which nothing holds at 1, shows it.
+    # With steps far too long the residual can vanish without an equilibrium; the norm of q, which nothing holds at 1, shows it.
     closed = abs(a * a + b * b + c * c + d * d - 1.0) < MOST_DRIFT
     # No tip moves by much more than the rod's length times the turn: a d seen / d change that does comes from such steps, too.
     closed = closed and dot(shift, shift) <= (MOST_MOVED * rod.length * size_of(change)) ** 2
