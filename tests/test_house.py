@@ -36,7 +36,7 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
 
 
 MOST_LINES = {
-    "lab": 25_141, "drivers": 7_232, "model": 11_589, "protocols": 2_485, "recordings": 7_013, "diagnosis": 12_163,
+    "lab": 25_141, "drivers": 7_232, "model": 11_587, "protocols": 2_485, "recordings": 7_013, "diagnosis": 12_121,
     "sim_fakes": 7_436, "product": 73_348, "tests": 35_723, "benchmarks": 9_546,
 }  # fmt: skip
 """Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what

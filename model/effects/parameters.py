@@ -168,14 +168,9 @@ def _copies(design: States, source: VariationSource) -> list[tuple[str, int | No
         roll_deg = np.round(np.degrees(design.roll))
         mountings = mounts(design)
         several = len({roll for roll, _ in mountings}) < len(mountings)
-        return [
-            (
-                f"[roll={roll:g} deg{f', sitting {sitting + 1}' if several else ''}]",
-                None,
-                (roll_deg == roll) & (design.sitting == sitting) & ~design.stiffness,
-            )
-            for roll, sitting in mountings[1:]
-        ]
+        rows_of = {(roll, k): (roll_deg == roll) & (design.sitting == k) & ~design.stiffness for roll, k in mountings[1:]}
+        sittings = {k: f", sitting {k + 1}" if several else "" for _, k in mountings}
+        return [(f"[roll={roll:g} deg{sittings[k]}]", None, rows) for (roll, k), rows in rows_of.items()]
     if source.scope == "repeat":
         numbers = np.unique(design.repeat[~design.stiffness])
         return [(f"[repeat={k}]", None, (design.repeat == k) & ~design.stiffness) for k in numbers]

@@ -117,11 +117,9 @@ class Predictor:
         """
         states = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
         places = np.asarray(self.robot.markers if arcs is None else arcs, float).reshape(-1)
-        if ((places < 0) | (places > self.robot.length)).any():
-            raise BadCondition(
-                f"arcs: {places[(places < 0) | (places > self.robot.length)][0]:g} m must lie between 0 and the robot's "
-                f"length {self.robot.length:g} m"
-            )
+        beyond = places[(places < 0) | (places > self.robot.length)]
+        if beyond.size:
+            raise BadCondition(f"arcs: {beyond[0]:g} m must lie between 0 and the robot's length {self.robot.length:g} m")
 
         def part(rows: Order) -> Prediction:
             return predicted(self._forward.at(states[rows], places), self._residual, intervals, gradient)
