@@ -174,7 +174,8 @@ class Door:
         self._left.close()
 
     def _listens(self, address: str) -> bool:
-        """Listen there; False when somebody else does. A file that cannot be written is no name: the others are enough."""
+        """Listen at an address; False when another program does. True also where its file cannot be written: then the abstract
+        sockets are enough."""
         if not _is_file(address):
             listening = _bound(address)
         elif not _free(address):
@@ -213,7 +214,7 @@ class Door:
             self._forget(one)
 
     def _accept(self, listening: socket.socket) -> bool:
-        """Take who waits; whether there were strangers among them."""
+        """Accept the connections that wait; whether there were strangers (accounts that are not believed) among them."""
         strangers = False
         for _ in range(MOST_AT_ONCE):
             try:
@@ -243,7 +244,7 @@ class Door:
         connection.close()
 
     def _read(self, connection: socket.socket) -> None:
-        """What has come of one question; whatever is wrong with it concerns nobody but who asked."""
+        """Read what has come of a question, answer it once it is whole, then close; one that is wrong is closed unanswered."""
         question = self._asking[connection]
         try:
             data = connection.recv(LONGEST_QUESTION)
@@ -259,6 +260,7 @@ class Door:
             self._forget(connection)
 
     def _answer(self, connection: socket.socket, question: _Question) -> None:
+        """Say who the guard is; for `land` keep the connection until the rig has landed. Raises ValueError, OSError."""
         asked = read_json(question.data)
         what = asked.get("do") if isinstance(asked, dict) else None
         if what not in ("who", "land"):
@@ -381,7 +383,7 @@ class _Talk:
     over: bool = False
 
     def connect(self) -> None:
-        """Try to ask; what fails for now is tried again."""
+        """Connect and ask; note who is there (`owner`), and whether it is over. What fails for now is tried again."""
         self.line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.line.setblocking(False)
         try:
@@ -453,14 +455,16 @@ class _Talk:
 
 
 def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
-    """Who is at these addresses, or at all, each once, with its answer to `land`; all are asked at the same time."""
+    """Ask (`what`: who or land) the guards at these addresses, or at all of this computer, in parallel; each once, with its
+    answer to `land`, None where it gave none. `rig` decides who is believed."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
     where = _all_addresses() if addresses is None else addresses
     talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
     open_talks = talks
     while open_talks:
         lines = {talk.line: talk for talk in open_talks if talk.line is not None}
-        for talk in [talk for talk in open_talks if talk.line is None and timing.now() >= talk.again][: MOST_OPEN - len(lines)]:
+        due = [talk for talk in open_talks if talk.line is None and timing.now() >= talk.again]
+        for talk in due[: MOST_OPEN - len(lines)]:
             talk.connect()
             if talk.line is not None:
                 lines[talk.line] = talk
@@ -560,7 +564,9 @@ def _free(path: str) -> bool:
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
-    """Listen at a file for this account and root, in place of a crash's; returns what removes it. Raises OSError."""
+    """Listen at a file for this account and root, replacing the one that a crash left; returns a function that removes the file.
+
+    The socket is bound under another name and renamed, so that nobody finds it before it listens. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     temporary = f".{secrets.token_hex(4)}.sock"

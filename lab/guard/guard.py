@@ -166,7 +166,10 @@ class Guard:
         return None
 
     def do(self, command: Command[Any]) -> Any:
-        """One command of the program to an instrument."""
+        """Perform one command of the program at an instrument; returns the driver's result.
+
+        A command that energises is refused after and during a landing, and waits for settings to be read at the begin of a trial.
+        A lost line, or another device than expected, lands the rig. Raises what the driver raises, RigLanded, RigLocked."""
         name = command.instrument
         if name not in self.own.drivers:
             raise ValueError(f"{command}: this rig has no such instrument")
@@ -250,7 +253,9 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        """Set-points (Pa a channel) within the limits; returns those held. Sent ones that are not confirmed count as taken."""
+        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed.
+
+        Where they do not confirm, the monitor takes any of them to be set. Clipping is reported, once a second."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -284,7 +289,7 @@ class Guard:
             return self._reached(self.landing.make_safe(names, keep_vacuum, reach), f"landed ({why})")
 
     def _reached(self, report: SafeReport, what: str) -> SafeReport:
-        """Note what a landing has reached; the latch goes when everything is confirmed."""
+        """Note in journal and latch what a landing (`what`) has reached; the latch goes when everything is confirmed."""
         self._last = report
         if self.latch is not None:
             if self.energised or not report.confirmed:
@@ -379,7 +384,9 @@ class Guard:
         self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
 
     def _read(self, name: str, rate: PollRate) -> None:
-        """Another device than expected, and a line that is lost, land the rig while it is energised."""
+        """Read an instrument if it is open, tell the program the sample or error, and its notices; wait for the next reading.
+
+        Another device than expected, and a line that is lost, land the rig while it is energised."""
         due = timing.now() + 1 / self.rig.poll
         if name in self.own.opened:
             sample: Any
@@ -438,7 +445,7 @@ class Guard:
     def close(self, lives_on: float = 0.0) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig.
 
-        What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once, but for the gauge.
+        What is not confirmed safe is tried for `lives_on` host seconds more; the rest but the gauge is disconnected before.
         """
         self.finish()
         until = timing.now() + lives_on

@@ -36,7 +36,7 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
     `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same.
     """
     guard = Guard(file, clock, despite_latch=True, about=why)
-    held = ""
+    held = ""  # who keeps the rig and does not land it
     try:
         guard.take_over()
     except door.CannotBeAsked as e:

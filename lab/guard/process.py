@@ -85,7 +85,8 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _look(self) -> None:
-        """Land an energised rig whose program was silent for `safe.heartbeat` seconds of being awake; tell it that we live."""
+        """Take in the pulse, once: act on its records, land an energised rig whose program was silent for `safe.heartbeat` s of
+        the time this process was awake, and send a sign of life back."""
         guard = self._guard
         timing.readable([self._pulse.pipe], LOOK)
         records = self._pulse.take()
@@ -120,7 +121,7 @@ class ProgramWatch(timing.Thread):
 
 
 def _serve(guard: Guard, commands: Connection) -> None:
-    """Take commands until the program says goodbye or is gone."""
+    """Perform orders and commands and send the answers, until the program sends END or is gone; then land what is energised."""
     with contextlib.suppress(EOFError, OSError):
         while True:
             number, asked = timing.receive(commands)

@@ -44,17 +44,20 @@ class Cut:
 
 
 def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], force: Array | None = None) -> list[Cut]:
-    """The states of one file, in the order of its rows; `force` (n, k) N on the tip."""
+    """Cut the rows (n) of one file into states, in their order: plateaus, single rows, or windows of each trial.
+
+    `t` (n,) s, `pressures` (n, chambers) Pa, `trial` (n,) from 0, `force` (n, k) N on the tip."""
     if states.plateaus is not None:
         held = pressures
         if force is not None and states.plateaus.force is not None:
+            # in units in which its own limit is that of the pressures
             held = np.column_stack([pressures, force * (states.plateaus.steady / states.plateaus.force)])
         return plateaus(states.plateaus, t, held, trial)
     if not states.windows:
         return [Cut(slice(i, i + 1), 0.0) for i in range(len(t))]
     out = []
-    for one in dict.fromkeys(trial.tolist()):
-        own = np.flatnonzero(trial == one)
+    for number in dict.fromkeys(trial.tolist()):
+        own = np.flatnonzero(trial == number)
         a, b = int(own[0]), int(own[-1]) + 1
         for window in states.windows:
             rows = slice(a, min(a + window.first, b)) if window.first else slice(max(b - (window.last or 1), a), b)
@@ -80,18 +83,19 @@ def _spread(values: Array, ends: NDArray[np.int64]) -> Array:
     n = len(values)
     lengths = ends - np.arange(n)
     low, high, out = values, values, np.zeros(n)
-    size = 1
+    span = 1
     while True:  # `low` and `high` are over `size` rows; two such stretches cover up to twice as many
-        own = np.flatnonzero((lengths >= size) & (lengths < 2 * size))
-        last = ends[own] - size
-        out[own] = (np.maximum(high[own], high[last]) - np.minimum(low[own], low[last])).max(axis=1)
-        if 2 * size > n:
+        fitting = np.flatnonzero((lengths >= span) & (lengths < 2 * span))
+        last = ends[fitting] - span
+        out[fitting] = (np.maximum(high[fitting], high[last]) - np.minimum(low[fitting], low[last])).max(axis=1)
+        if 2 * span > n:
             return out
-        low, high = np.minimum(low[:-size], low[size:]), np.maximum(high[:-size], high[size:])
-        size *= 2
+        low, high = np.minimum(low[:-span], low[span:]), np.maximum(high[:-span], high[span:])
+        span *= 2
 
 
 def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int64]) -> list[Cut]:
+    """Plateaus of rows that all have pressures, `filled` (n, chambers) Pa at `t` (n,) s; rows of them that are averaged."""
     n = len(t)
     if not n:
         return []
@@ -100,7 +104,7 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
     ends = np.searchsorted(t, t + wanted.shortest * (1 + 1e-9), side="right")
     ends = np.clip(np.maximum(ends, np.arange(n) + 3), None, n)
     calm = (_spread(filled, ends) <= wanted.steady) & (t[-1] - t >= wanted.shortest * (1 - 1e-6) - step)
-    # a row belongs to a plateau when a calm window holds it
+    # a row is steady if a calm window, from its first row to that before its end, holds it
     begun, ended = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     begun[:n] = calm
     np.add.at(ended, ends[calm], 1)
@@ -210,26 +214,29 @@ class Stages:
 
 
 def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
-    """(n,) trial of each row, from 0, in this file, and notes about columns that contradict the rests."""
+    """(n,) trial of each row of one file, from 0, and notes about columns that change away from rest.
+
+    A trial begins with each run, at each return to rest (`begin: rest`), and with each change of a column that counts trials."""
     below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
     stages = Stages.of(q, wanted.states, below)
-    every, returns = changes(q, stages), stages.returns()
-    away = [c for c in every if not stages.at_rest(c)]
-    strange = away if returns and (by_rest or 2 * len(away) < len(every)) else []
-    followed = [c for c in every if not (by_rest and c in strange)]
+    all_changes, returns = changes(q, stages), stages.returns()
+    away = [c for c in all_changes if not stages.at_rest(c)]
+    # a column that changes away from rest as a rule is followed: it does not count what rests part
+    strange = away if returns and (by_rest or 2 * len(away) < len(all_changes)) else []
+    followed = [c for c in all_changes if not (by_rest and c in strange)]
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
         begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]
-    usual, parted = stages.level_length(below), []
+    level_stages, used = stages.level_length(below), []
     for a, b in returns:
-        own = stages.within(followed, a, b)
-        parted += own
-        if not own and not by_rest:
+        here = stages.within(followed, a, b)
+        used += here
+        if not here and not by_rest:
             continue
         # a rest that is longer than levels usually are ends one sweep and begins the next
-        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * usual) and not wanted.states.windows else 0
-        begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
-    begins[[stages.border(c.row) for c in followed if c not in parted]] = True
+        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * level_stages) and not wanted.states.windows else 0
+        begins[[stages.border(row) for row in _borders(here, int(stages.begin[a + middle]))]] = True
+    begins[[stages.border(c.row) for c in followed if c not in used]] = True
     return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest, drive))
 
 
@@ -244,6 +251,7 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
 
 
 def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
+    """Name the first changes away from rest and the pressure of the highest chamber then, and count the others."""
     for c in strange[:MOST_NOTES]:
         held = q.table.pressures[c.row]
         chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
@@ -259,7 +267,7 @@ def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool
 
 
 def changes(q: FileRows, stages: Stages) -> list[Change]:
-    """Of all columns that count trials or repeats or name what is inflated.
+    """The changes of all columns that count trials or repeats or name what is inflated.
 
     A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if
     the same word precedes and follows it.
@@ -269,10 +277,10 @@ def changes(q: FileRows, stages: Stages) -> list[Change]:
     for (key, column), cells in q.counts.items():
         named = set(cells[inflated].tolist())
         runs = [w for w, _ in groupby(w for w in cells.tolist() if w)]
-        nothing = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
-        nothing |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
+        nameless = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
+        nameless |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
                     if named and w not in named and before == after}  # fmt: skip
-        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nothing]
+        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nameless]
         out += [
             Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
             for before, row in pairwise(known)

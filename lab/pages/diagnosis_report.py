@@ -14,15 +14,7 @@ import numpy as np
 from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import (
-    also_present,
-    closed_alone,
-    disorder,
-    hypothesis_name,
-    plain_name,
-    stands_for,
-    with_id,
-)
+from diagnosis.answer.sentences import also_present, closed_alone, disorder, hypothesis_name, plain_name, stands_for, with_id
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -309,8 +301,7 @@ def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:
         for key, name in (("as given", GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
     ]
     s.table(
-        ("model", "deflection error in-sample, mm rms", "unseen, mm rms"),
-        [*rows, [floor, f"{stiffness['floor_mm']:.3f}", ""]],
+        ("model", "deflection error in-sample, mm rms", "unseen, mm rms"), [*rows, [floor, f"{stiffness['floor_mm']:.3f}", ""]]
     )
 
 
@@ -477,10 +468,7 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
          CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
-    s.table(
-        ("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"),
-        rows,
-    )
+    s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"), rows)
 
 
 def _pair(pair: Sequence[str], d: Diagnosis) -> str:

@@ -101,6 +101,7 @@ class NotAsCommanded(ProtocolError):
 
 
 def _valve(bench: Bench) -> str:
+    """Open and close the valve; the gauge, where there is one, must show it. Returns what was seen."""
     valve = bench.need(bench.valve, "valve")
     gauge = bench.gauge
     if gauge is None:
@@ -120,6 +121,7 @@ def _valve(bench: Bench) -> str:
 
 
 def _spine(bench: Bench, rig: RigFile) -> str:
+    """Home the spine, grow it by up to `SPINE_TRAVEL` and draw it back, unless it may be jammed. Returns what was seen."""
     unit, config = bench.need(bench.spine, "spine"), rig.instruments.spine
     if bench.valve is None or bench.gauge is None:
         return "not moved: without valve and gauge the spine may still be jammed"
@@ -128,12 +130,13 @@ def _spine(bench: Bench, rig: RigFile) -> str:
     displacement = min(SPINE_TRAVEL, most)
     motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
     grow(bench, displacement, motion)
-    there = unit.read().length
+    grown = unit.read().length
     grow(bench, 0.0, motion)
-    return f"homed, to {there * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
+    return f"homed, to {grown * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
 
 
 def _arm(bench: Bench, rig: RigFile) -> str:
+    """Move the arm by `ARM_TRAVEL` along z, towards the middle of its workspace, and back; its own state must show it."""
     arm, state, config = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm"), rig.instruments.arm
     start = state.latest().tcp_pose
     low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
@@ -179,7 +182,9 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
 
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
-    """One channel, from empty to 5 kPa and back; what was seen, for the report. Raises NotAsCommanded."""
+    """Inflate one channel from empty to `STEP` and vent it; returns what was seen. Raises NotAsCommanded.
+
+    `per_pascal`: of each channel the tip's expected displacement, (3,) m per Pa; none without cameras."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
@@ -212,19 +217,17 @@ def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None
     """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
     channels = len(bench.chambers.channels)
     ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], 5e3)  # Pa/s
-    wanted = before * 0.0
-    wanted[channel] = pressure
     bench.wait(
         f"pressure: channel {channel + 1} at {pressure / 1e3:.1f} kPa by its own reading",
         lambda: True if abs(_pressures(bench)[channel] - pressure) < AGREE else None,
         WITHIN,
     )
     bench.pause(REST)
-    off = _pressures(bench) - np.where(np.arange(channels) == channel, 0.0, before) - wanted
-    for other, by in enumerate(off, 1):
-        if abs(by) > AGREE:
+    deviations = _pressures(bench) - np.where(np.arange(channels) == channel, pressure, before)
+    for other, deviation in enumerate(deviations, 1):
+        if abs(deviation) > AGREE:
             raise NotAsCommanded(
-                f"pressure: channel {other} changes by {by / 1e3:.1f} kPa when channel {channel + 1} is set to "
+                f"pressure: channel {other} changes by {deviation / 1e3:.1f} kPa when channel {channel + 1} is set to "
                 f"{pressure / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose that connects them"
             )
 
@@ -236,7 +239,8 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded for a tip (m) that went elsewhere than the model's, beyond it, or by less than `least` of it."""
+    """Raise NotAsCommanded where the tip, by `moved` (3,) m, went sideways clearly farther than `expected`, by less than the
+    share `least` of it (None: not judged, nor is the direction), or elsewhere. `pressure`: Pa, for the message."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(
@@ -344,12 +348,12 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
 
 
 def _moved(rig: Rig, robot: Robot) -> list[Moved]:
-    """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
-    seen: list[Moved] = []
+    """Try what the rig has (see `moves`), land it, and print each outcome; the landing is the last of them."""
+    outcomes: list[Moved] = []
     screen = Screen("check", rig.clock.speed)
 
     def tell(result: Moved) -> None:
-        seen.append(result)
+        outcomes.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
@@ -369,7 +373,7 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
             rig.record_to(None)
             recorder.close("completed", "")
     tell(Moved("safe state", report.confirmed, str(report)))
-    return seen
+    return outcomes
 
 
 def _misplaced(rig: Rig) -> list[str]:
@@ -399,6 +403,9 @@ def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
 def _row(
     rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
 ) -> dict[str, Any]:
+    """An instrument as JSON has it: identity, samples and losses since `before` and `lost_before` (by topic), limits.
+
+    `span`: host s in which samples were counted."""
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
     row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}
@@ -420,6 +427,7 @@ def _row(
 
 
 def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
+    """The rows of `_row` as a table for the screen."""
     heading = f"{title}: instruments, counted over {span:.1f} s"
     table = Table("instrument", "identity", "rate", "lost", "limits", title=heading, title_justify="left")
     for r in rows:

@@ -65,7 +65,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
     def step(title: str, do: Callable[[], Result]) -> Result:
-        """Say what comes, do it, show it."""
+        """Print a title and the time since the begin, do the step, print its result; raises its error."""
         out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - began:.0f} s", "dim"))
         result = do()
         result.tell()

@@ -56,7 +56,8 @@ Array = NDArray[np.float64]
 
 
 def write_inference(path: Path, answer: Diagnosis, robot: Robot) -> Path:
-    """Write the file; returns it. Raises ConfigError where xarray is not installed or nothing was weighed."""
+    """Write a diagnosis as InferenceData (NetCDF) and return its path; raises ConfigError where xarray is not installed or no
+    hypothesis was weighed."""
     try:
         xarray = import_module("xarray")
         import_module("h5netcdf")
@@ -83,6 +84,7 @@ def write_inference(path: Path, answer: Diagnosis, robot: Robot) -> Path:
 
 
 def _posterior(xarray: Any, answer: Diagnosis, named: Ranked, shared: Mapping[str, Any]) -> Any:
+    """The Dataset `posterior`: (chains, draws) of each parameter of the hypothesis `named`, cut at its bounds where it leads."""
     leads = list(named.effects) == list(answer.detail.get("best_hypothesis", ()))
     cut = {s["name"]: s for s in answer.detail.get("sizes", ())} if leads else {}
     rng = np.random.default_rng(SEED)
@@ -110,6 +112,7 @@ def _drawn(mean: float, sd: float, low: float, high: float, rng: np.random.Gener
 
 
 def _evidence(xarray: Any, answer: Diagnosis, shared: Mapping[str, Any]) -> Any:
+    """The Dataset `evidence`: by hypothesis its probability, evidence, error, effects (1 or 0) and parameters (NaN: has none)."""
     ranking = answer.attribute.ranking
     sizes = {name: p.unit for r in ranking for name, p in r.parameters.items()}
     effects = sorted({e for r in ranking for e in r.effects})
@@ -197,6 +200,7 @@ def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _file(path: Path, recorded: Info | None) -> dict[str, Any]:
+    """The entry of one file; of a recording with its streams, of a diagnosis with its statement."""
     about: dict[str, Any] = {
         "@id": path.name, "@type": "File", "name": path.name,
         "encodingFormat": FORMATS.get(path.suffix.lower(), "application/octet-stream"), "contentSize": str(path.stat().st_size),
@@ -226,7 +230,7 @@ def _robot(path: Path) -> list[dict[str, Any]]:
 
 
 def _actions(files: Collection[str], recordings: Mapping[str, Info]) -> list[dict[str, Any]]:
-    """The software, the instruments, and which file was made by what."""
+    """Entries of the software, the instruments and operators of recordings, and of who or what made which file."""
     commit = source()["commit"]
     software = {"@id": "#software", "@type": "SoftwareApplication", "name": NAME, "softwareVersion": installed()}
     things: list[dict[str, Any]] = [software | ({"identifier": commit} if commit else {})]
@@ -268,7 +272,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
 
 
 def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """What was written, and the table of trials where it is one."""
+    """Write inputs in a form; returns the files written, and the table of trials where the form has one. Raises ConfigError."""
     cases = [p for p in inputs if p.is_dir()]
     names = dict(zip(inputs, names_apart(inputs), strict=True))
     if form == "crate":
@@ -317,7 +321,9 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """One folder with everything that a reader of a paper needs, described."""
+    """Copy a case, or recordings as a case, and all further files into a crate; returns the files and the table of trials.
+
+    Raises ConfigError for several cases, for none, and for two files of one name."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
@@ -332,13 +338,13 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
         write_csv(table, folder / "trials.csv")
     beside = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    every = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
-    twice = next((p for i, p in enumerate(every) if any(p.name == q.name for q in every[:i])), None)
+    contents = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
+    twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
     infos = {file: summary(path) for file, path in recordings.items()}
-    metadata = write_crate(folder, every, table, infos, cases[0].resolve().name if cases else name)
-    return [metadata, *(folder / p.name for p in every)], table
+    metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
+    return [metadata, *(folder / p.name for p in contents)], table
 
 
 def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:

@@ -59,7 +59,8 @@ PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 
 
 def serve(a: argparse.Namespace) -> Result:
-    """Run until Ctrl-C."""
+    """Run the fakes that the options ask for until Ctrl-C, and write or print the rig.yaml that reaches them; with
+    --list-effects only list the effects."""
     if a.list_effects:
         sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
         sheet.add_column("effect", no_wrap=True)
@@ -181,7 +182,8 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 
 def played(robot: Robot) -> RobotTruth:
-    """The virtual robot that has the geometry and the material of a robot.yaml; an area factor by length is taken at 0."""
+    """The virtual robot that has the geometry and the material of a robot.yaml, an area factor by spine length at the shortest
+    one; raises ConfigError for a robot that the fakes cannot simulate."""
     factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:

@@ -54,7 +54,7 @@ class WithEffects:
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
-    """The calibration; with a folder also write the calibrated robot.yaml."""
+    """Calibrate the robot of a case without its effects; with a folder also write the calibrated robot.yaml."""
     if folder is not None:
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
@@ -149,13 +149,13 @@ def effects_sheet(f: Fitted) -> Sheet:
     """The fitted parameters as a table, in the units in which people read them."""
     named = " + ".join(f.effects) or "no effect"
     t = Sheet("parameter", "value", title=f"Robot with {named} (± standard deviation)", title_justify="left")
-    before = ""
+    last_group = ""
     for name, p in f.parameters.items():
         kind = name.partition(".")[0]
         group = "effect" if kind in f.effects else "tolerance" if "." in name else "area"
-        if before and group != before:
+        if last_group and group != last_group:
             t.add_section()
-        before = group
+        last_group = group
         value = Value(p.value, p.sd, p.unit, name not in f.undetermined)
         t.add_row(name, sized(value, f.robot.actuators.words))
     return t
@@ -256,13 +256,7 @@ VERBS = (
                 help="fit these effects too, and write them into robot.yaml",
             ),
             option("--residual", action="store_true", help="learn what the model still misses, for predictions"),
-            option(
-                "--samples",
-                type=int,
-                default=0,
-                metavar="N",
-                help="with --with: write N robots drawn from the posterior",
-            ),
+            option("--samples", type=int, default=0, metavar="N", help="with --with: write N robots drawn from the posterior"),
             option("--seed", type=int, default=0, help="seed of --samples (default 0)"),
             OWN_EFFECTS,
         ),
@@ -291,18 +285,19 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0
     mean = np.array([stated[n].value if n in stated else area for n in names], np.float64)
-    half = np.asarray(np.linalg.cholesky(covariance), np.float64)
+    root = np.asarray(np.linalg.cholesky(covariance), np.float64)
     rng = np.random.default_rng(seed)
-    values = np.array([_within(mean, half, limits, rng) for _ in range(n)])
+    values = np.array([_within(mean, root, limits, rng) for _ in range(n)])
     return names, values, [robot.with_values(dict(zip(names, row, strict=True))) for row in values.tolist()]
 
 
-def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -> Array:
+def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -> Array:
+    """(k,) a draw of a normal within `limits` (k, 2); `root`: Cholesky factor of its covariance. After 1000 draws outside of them
+    what lies beyond a limit is put on it."""
     low, high = limits[:, 0], limits[:, 1]
     value = mean
-    # then those that do not lie within their bounds are put on them
     for _ in range(1000):
-        value = mean + half @ rng.normal(size=len(mean))
+        value = mean + root @ rng.normal(size=len(mean))
         if ((value >= low) & (value <= high)).all():
             break
     return np.clip(value, low, high)

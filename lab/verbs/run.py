@@ -113,7 +113,9 @@ def job(
 def protocol_plan(
     protocol: str, settings: list[str], facts: RobotFacts, source: Source | None = None, of_file: Experiment | None = None
 ) -> tuple[Experiment, Parameters, Plan]:
-    """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
+    """A protocol (by name or file) with its parameters, `settings` put in, and its plan; raises ConfigError.
+
+    `facts`: what is known of the robot; `source`: the protocol's file where it was read; `of_file`: a protocol of Python."""
     source = _with(source or source_of(protocol), settings)
     table = source.table
     name = table.get("protocol", protocol)
@@ -262,6 +264,7 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
 
 
 def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
+    """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
     times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
     out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
     if speed != 1:
@@ -284,7 +287,8 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 
 
 def _rehearsed(j: Job) -> dict[str, Any]:
-    """Do `run` at the desk; returns what it read, and where that differs from the plan. Raises BadProtocol."""
+    """Execute the protocol's `run` without instruments: how many states and trials it reads, and texts on where it differs from
+    its plan. Raises BadProtocol."""
     rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
     differs = []
     chambers = wiring(j.rig, j.rig.body).count
@@ -367,7 +371,9 @@ def run(
     watched: bool = False,
     labels: Mapping[str, str] = MappingProxyType({}),
 ) -> Result:
-    """Run a protocol or resume a run. `labels`: text by name."""
+    """Run a protocol, or go on with the broken run `resume`; `labels`: text by name, `watched`: on a page in the browser.
+
+    Code 0: completed; 1: cut short or not safe; 3: done, but samples were lost or states are doubtful. Raises ConfigError."""
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
@@ -382,8 +388,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
-        if isinstance(none := last(rig_path, j.rig), str):
-            out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
+        if isinstance(why_unchecked := last(rig_path, j.rig), str):
+            out.print(f"{UNCHECKED}: {why_unchecked}; lab check --move --rig {rig_path}", soft_wrap=True)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -466,8 +472,10 @@ def execute(
     page: Page | None = None,
     steering: Steering | None = None,
 ) -> Outcome:
-    """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
-    happens. `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do."""
+    """Run the experiment (or the remainder of a broken one) on an opened rig: record it, and land the rig whatever happens.
+
+    `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do. An error of the
+    experiment is in the outcome, not raised."""
     steering = Steering() if steering is None else steering
     started = time.time_ns()
     file = recording_of(folder, j.experiment.name, started)
@@ -493,7 +501,7 @@ def execute(
     if page is not None:
         page.show(file, steering.ask)
 
-    def keep(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
+    def record_request(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
         with contextlib.suppress(RecordingError):  # a file that fails ends the run by itself
             recorder.request(Request(rig.clock.now(), kind, by, text, done, trial, step))
 
@@ -501,19 +509,19 @@ def execute(
         journal,
         screen,
         Interrupts(screen.say, rig.actuators.pulse) as interrupts,
-        steering.of_run(keep, interrupts.finish, screen.say),
-        _keys(steering, screen) as asked,
+        steering.of_run(record_request, interrupts.finish, screen.say),
+        _keys(steering, screen) as ask_at_terminal,
     ):
         rig.stop_now = lambda: interrupts.now
-        displacements: list[str] = []
+        displaced: list[str] = []
 
         def stopping() -> bool:
-            displacements.extend(new := recorder.displaced[len(displacements) :])
+            displaced.extend(new := recorder.displaced[len(displaced) :])
             for text in new:
                 screen.say(text)
-            return bool(displacements) or interrupts.stopping()
+            return bool(displaced) or interrupts.stopping()
 
-        bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
+        bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, ask_at_terminal)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
         if page is not None:
@@ -522,8 +530,8 @@ def execute(
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:
             error, outcome = e, "stopped"
-            if displacements and not interrupts.stopping():
-                error = Stopped(f"stopped after the present state: {'; '.join(displacements)}")
+            if displaced and not interrupts.stopping():
+                error = Stopped(f"stopped after the present state: {'; '.join(displaced)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised

@@ -100,6 +100,18 @@ def test_files_with_dates_belong_together_that_have_time_in_common(tmp_path: Pat
     assert made.table["p3"].max() == pytest.approx(HELD[:, 3].max() * 1e3, abs=300)
 
 
+def test_a_file_that_overlaps_none_while_others_of_its_kind_do_is_named_as_not_read(tmp_path: Path) -> None:
+    head = ("Clock", *PRESSURES[1:])
+    files = [table(tmp_path / "take.csv", TIPS, ("Clock", *TIP[1:]), ROWS, day)]
+    files += [
+        table(tmp_path / f"{name}.csv", (1, 2, 3), head, moved(ROWS, by), day) for name, by in (("own", 0), ("next", 86400))
+    ]
+    made = by_map(files, **MAP | {"columns": MAP["columns"] | {"t": {"column": "Clock"}}})
+    same(made)
+    assert [n for n in made.notes if "next.csv is not read: it has no time in common with 'take.csv'" in n]
+    assert not [n for n in made.notes if "own.csv is not read" in n]
+
+
 @pytest.mark.parametrize(
     ("time", "head", "by", "says"),
     [

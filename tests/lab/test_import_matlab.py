@@ -101,6 +101,21 @@ def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
         read(tmp_path / "run.mat", Source())
 
 
+def test_cells_within_cells_are_read(tmp_path: Path) -> None:
+    def nested(value: object, depth: int) -> object:
+        cell = np.empty((1, 1), object)
+        cell[0, 0] = nested(value, depth - 1) if depth > 1 else value
+        return cell
+
+    given = {"t": TIME, "x": TIP[:, 0], "phase": np.empty(len(TIME), object), "p": np.empty(len(TIME), object)}
+    for k, (branch, pressure) in enumerate(zip(BRANCHES, PRESSURES[:, 0], strict=True)):
+        given["phase"][k], given["p"][k] = nested(branch, 2), nested(pressure, 3)
+    savemat(tmp_path / "run.mat", given)
+    series = read(tmp_path / "run.mat", Source())
+    assert series.words["phase"].tolist() == BRANCHES.tolist()
+    assert series.numbers["p"] == pytest.approx(PRESSURES[:, 0])
+
+
 def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path) -> None:
     rows = np.array(sweep())
     cells = np.empty((len(rows) + 1, 7), object)
