@@ -38,7 +38,7 @@ UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueErro
 
 
 def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
-    """The answer to each line."""
+    """The answer to each line, in the forms above; to the first, the robot, once the model's kernels are there."""
     robot = check(parse_yaml(json.loads(next(lines))["robot"], "robot.yaml"), Robot)
     catalogue = stated_by(robot)
     predictor = Predictor(robot, catalogue, cores=1)

@@ -85,7 +85,7 @@ class Foxglove:
         self._channels.clear()
 
     def offer(self, contents: Contents) -> None:
-        """Name the topics of a recording so far."""
+        """Announce the topics of a recording that have come up to here and were not announced yet."""
         for number, channel in contents.channels.items():
             if number in self._channels:
                 continue

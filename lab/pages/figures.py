@@ -118,7 +118,8 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
 
 
 def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Path, words: Words) -> Path:
-    """x, y and z of the tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
+    """Draw x, y and z of the predicted tip with its interval over the highest pressure (n,) Pa, a colour for each spine length
+    (n,) m."""
     low, high = prediction.interval()
     lengths = np.unique(np.round(spine_length, 4))
     with plt.rc_context(STYLE):
@@ -140,7 +141,8 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
 
 
 def targets(wanted: Array, reached: Reached, path: Path) -> Path:
-    """Targets (m, 3) m and the tips that are expected, seen along y and along z; free coordinates are those of the tip."""
+    """Draw targets (m, 3) m and the expected tips with intervals, seen along y and along z; free coordinates (NaN) are drawn at
+    those of the tip."""
     tip = reached.prediction.tip
     place = np.where(np.isfinite(wanted), wanted, tip)
     low, high = reached.prediction.interval(model_only=True)
@@ -187,6 +189,7 @@ def sensors(table: Table, words: Words) -> list[Panel]:
 
 
 def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> None:
+    """Draw a sensor's quantity over the number of the state, or over its highest pressure in units of `pascal` Pa."""
     lengths = np.unique(table.spine_length).tolist()
     value, spread = table[column], table.get(f"sd_{column}", 0.0)
     places = np.arange(1, len(table) + 1) if over == "state" else table.pressures.max(axis=1) / pascal

@@ -66,10 +66,10 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
 
 
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
+    """Draw pressures and tip of all rows over time (s), with the rows that became states, and where trials begin."""
     for number, (_, q, cuts) in enumerate(imported.files):
         pressures, places = q.table.pressures, q.table.tip
-        # more are not seen
-        every = max(1, len(q.t) // 4000)
+        every = max(1, len(q.t) // 4000)  # more points cannot be seen
         for k in range(pressures.shape[1]):
             pressure.plot(
                 q.t[::every], pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
@@ -117,7 +117,7 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     wired = of_group.pressures.shape[1] == len(towards)
     pushes = (of_group.pressures @ towards) * np.exp(1j * np.radians(roll)) if wired else np.zeros(0)
     pushed = dict(zip(np.round(roll).tolist(), pushes.tolist(), strict=False))
-    # pressures whose push across the axis is weaker have no direction
+    # a push across the axis below a tenth of the pressures' sum has no direction: they balance each other
     weak = 0.1 * float(of_group.pressures.sum(axis=1).max())
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         ax.annotate("", (0.9 * size * push.real, 0.9 * size * push.imag), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6"})

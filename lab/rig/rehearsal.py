@@ -80,7 +80,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
             experiment.run(trials.bench, parameters, trials)
         except (Exception, SystemExit) as error:
             of_run: Any = getattr(getattr(experiment.run, "__code__", None), "co_filename", experiment.name)
-            file = experiment.source or of_run
+            file = experiment.source or of_run  # whose line the error names
             hint = AT_DESK if isinstance(error, NotReached) else ""
             raise BadProtocol(told_at(error, file, hint)) from error
     return trials.rows, desk.highest
