@@ -174,8 +174,7 @@ class Door:
         self._left.close()
 
     def _listens(self, address: str) -> bool:
-        """Listen at an address; False when another program does. True also where its file cannot be written: then the abstract
-        sockets are enough."""
+        """Listen at an address; False when another program does. A file that cannot be written is not needed: True."""
         if not _is_file(address):
             listening = _bound(address)
         elif not _free(address):
@@ -261,8 +260,8 @@ class Door:
 
     def _answer(self, connection: socket.socket, question: _Question) -> None:
         """Say who the guard is; for `land` keep the connection until the rig has landed. Raises ValueError, OSError."""
-        asked = read_json(question.data)
-        what = asked.get("do") if isinstance(asked, dict) else None
+        message = read_json(question.data)
+        what = message.get("do") if isinstance(message, dict) else None
         if what not in ("who", "land"):
             connection.send(_as_line({"error": "ask who or land"}))
             return
@@ -433,13 +432,13 @@ class _Talk:
             self.over = True
             return
         names = message.get("names")
-        guard, rig, about = (str(message.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
+        guard, rig, served = (str(message.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
         self.owner = replace(
             owner,
             guard=guard,
             rig=rig,
             names=frozenset(str(name) for name in names) if isinstance(names, list) else frozenset(),
-            about=about,
+            about=served,
             ending=message.get("ending") is True,
             believed=owner.believed or (self.own_rig and owner.uid in believed_accounts(rig)),
         )
@@ -565,7 +564,6 @@ def _free(path: str) -> bool:
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
     """Listen at a file for this account and root, replacing the one that a crash left; returns a function that removes the file.
-
     The socket is bound under another name and renamed, so that nobody finds it before it listens. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)

@@ -254,7 +254,6 @@ class Guard:
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
         """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed.
-
         Where they do not confirm, the monitor takes any of them to be set. Clipping is reported, once a second."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
@@ -269,16 +268,15 @@ class Guard:
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_logged > LOG_EVERY:
             self._clip_logged = now
-            asked, got = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
-            self.tell(Event("clipped", f"pressure set-points clipped: asked {asked} kPa, set {got} kPa"))
+            requested, confirmed = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
+            self.tell(Event("clipped", f"pressure set-points clipped: asked {requested} kPa, set {confirmed} kPa"))
         return held
 
     # -- landing
     def make_safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
         """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
 
-        What is not open is opened, trying for `reach` host seconds.
-        """
+        What is not open is opened, trying for `reach` host seconds."""
         with self._landing_lock:
             if self._closed:
                 return self._last
@@ -351,8 +349,7 @@ class Guard:
     def resume(self) -> None:
         """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
 
-        Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped.
-        """
+        Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped."""
         if self.handed_over:
             raise self._refusal()
         for name in self.own.opened:
@@ -385,7 +382,6 @@ class Guard:
 
     def _read(self, name: str, rate: PollRate) -> None:
         """Read an instrument if it is open, tell the program the sample or error, and its notices; wait for the next reading.
-
         Another device than expected, and a line that is lost, land the rig while it is energised."""
         due = timing.now() + 1 / self.rig.poll
         if name in self.own.opened:
@@ -445,8 +441,7 @@ class Guard:
     def close(self, lives_on: float = 0.0) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig.
 
-        What is not confirmed safe is tried for `lives_on` host seconds more; the rest but the gauge is disconnected before.
-        """
+        What is not confirmed safe is tried for `lives_on` host seconds more; the rest but the gauge is disconnected before."""
         self.finish()
         until = timing.now() + lives_on
         if going := self.landing.going:  # the gauge shows whether the spine is released

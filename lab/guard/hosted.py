@@ -71,8 +71,7 @@ class Hosted:
         """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
         connected is closed first, and gets a new process.
 
-        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing.
-        """
+        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing."""
         if self._connected:
             self._close()
         deadline = timing.now() + OPEN_WITHIN
@@ -106,7 +105,6 @@ class Hosted:
 
     def _ask(self, command: Command[R], within: float) -> R:
         """Send a command to the host process and return its result; kill the process if none comes `within` host seconds.
-
         Raises what the driver raises, NoReply where it was killed or an earlier call has not returned, NotReady if not open."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{command}: an earlier call has not returned; its process was killed")
@@ -346,8 +344,7 @@ def _answer(driver: Any, command: Command[Any]) -> tuple[bool, Any]:
 
 
 def _send(line: Connection, setup: Setup) -> None:
-    """Send identity or error, then batches (samples lost, host time, samples, doubt about the newest), until the line is closed
-    or the other end sends "close"."""
+    """Send identity or error, then batches (samples lost, host time, samples, doubt about the newest), until told to end."""
     samples: queue.Queue[ArmSample] = timing.Queue()
     driver = _driver(setup, samples.put)
     try:

@@ -80,8 +80,7 @@ def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
 
 
 def _line_identities(port: str) -> set[str]:
-    """All names of a serial line by which two spellings of it are found to be one: the paths and number of a device, or the
-    addresses and port of a computer (`socket://`, `rfc2217://`)."""
+    """All names of a serial line, to find two spellings of it: paths and number of a device, or addresses and port of a host."""
     port = port.strip()
     if "://" in port:
         try:

@@ -91,8 +91,7 @@ class Landing:
     def make_safe(self, names: Sequence[str], keep_vacuum: bool, reach: float = 0.0) -> SafeReport:
         """Stop these instruments; returns when each is confirmed or its time is over. Never raises.
 
-        Those that are not open are opened, trying for `reach` host seconds.
-        """
+        Those that are not open are opened, trying for `reach` host seconds."""
         began = timing.now()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
         self.end(order)
@@ -145,7 +144,6 @@ class Landing:
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
         """Stop one instrument and read it, until it is confirmed safe or `end` is called; a thread of its own.
-
         The stop is sent every `AGAIN`, and at once where it overtook a command that was on its way and may undo it."""
         name = attempts.name
         stop, is_safe = self._ways(name)

@@ -253,8 +253,7 @@ class DriverSettings:
         """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again.
 
         `trial`: a trial begins with what is commanded next. Without it only a jump is looked into: a vent passes through ratios
-        of units too, and what was read then says nothing of the panel when the next trial begins.
-        """
+        of units too, and what was read then says nothing of the panel when the next trial begins."""
         if name in self._jumped or (trial and name in self._due):
             if (confirm := getattr(self._drivers[name], "confirm_settings", None)) is not None:
                 confirm()

@@ -159,8 +159,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     """Take the rig over and serve the program until it says goodbye or is gone; 0, or 1 where another program has the rig or
     rig.yaml was changed meanwhile.
 
-    Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`.
-    """
+    Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`."""
     try:
         start: Start = timing.receive(commands)
     except (EOFError, OSError):  # the program ended before it said anything

@@ -28,8 +28,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     """The variables of a file (`given`, by name) that can be read as columns of one length; the notes name the rest.
 
     A table (n, k) becomes columns NAME.1 .., or 1 .. when `source.variable` asks for it; k x n is transposed. Tables, cells of
-    numbers or words, words, dates and fields of structures become columns. `form` names the kind of file. Raises ConfigError.
-    """
+    numbers or words, words, dates and fields of structures become columns. `form` names the kind of file. Raises ConfigError."""
     if source.axes:
         return Series(path, dict(_by_axes(path, given, source.axes)), form)
     if source.variable is not None:
@@ -173,8 +172,7 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
     """Columns by label of arrays whose dimensions have names (`axes`, by array).
 
     Each combination of indices of all dimensions but `point` and `axis` is a row, with a column of indices (from 1) for each of
-    these dimensions; `point` and `axis` tell columns NAME.1.x apart. An array that lacks a dimension repeats its values along it.
-    """
+    these; `point` and `axis` tell columns NAME.1.x apart. An array that lacks a dimension repeats its values along it."""
     arrays: dict[str, Array] = {}
     sizes: dict[str, int] = {}
     for name, dimensions in axes.items():

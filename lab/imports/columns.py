@@ -108,8 +108,7 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
 
     `missing`: further words for a missing value; `parsed`: what `pandas.to_numeric` makes of the cells, where that is known.
     `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark;
-    `commas`: another column of the file has decimal commas.
-    """
+    `commas`: another column of the file has decimal commas."""
     import pandas as pd
 
     if parsed is None:

@@ -36,8 +36,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
 
     `columns`: column of trials.csv -> heading, "heading [unit]", or an entry of map.yaml; other columns go by their names.
     `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else, and by further
-    keys, trials, steps, repeats and branches are worked out as those of a file.
-    """
+    keys, trials, steps, repeats and branches are worked out as those of a file."""
     columns = {} if columns is None else columns
     if not isinstance(columns, Mapping):
         raise ConfigError(f"{CALL}: columns: write columns of trials.csv and their headings, such as {{'p1': 'P_left [bar]'}}")
@@ -74,14 +73,14 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         values[name] = translated(series, name, column, ()) if name in TEXTS else in_si(file, name, column)
     values = {name: v if name in TEXTS else np.where(np.isfinite(v), v, np.nan) for name, v in values.items()}
     lacking = lacks(values)
-    kept = np.flatnonzero([not why for why in lacking])
-    if not len(kept):
+    complete = np.flatnonzero([not why for why in lacking])
+    if not len(complete):
         raise ConfigError(f"{FRAME}, {series.place(0)}: {lacking[0]}")
     used = {name_of(series, column.column, f"columns.{name}") for name, column in columns.items()}
     ignored = tuple(name for name in series.names if name not in used)
     try:
-        usable = {name: column[kept] for name, column in values.items()}
-        table = checked(usable, lambda row: f"{FRAME}, {series.place(int(kept[row]))}", ignored)
+        usable = {name: column[complete] for name, column in values.items()}
+        table = checked(usable, lambda row: f"{FRAME}, {series.place(int(complete[row]))}", ignored)
     except BadTable as e:
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]

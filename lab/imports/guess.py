@@ -60,10 +60,10 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     turns, angles = quadruples(headings), turning(headings)
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
     counting = [h for h in headings if h.name not in used and _counts(h, series)]
-    others = [h for h in headings if h.name not in used and h not in counting]
-    if not _actuators(series, others, robot):  # "chamber" of a robot of one
-        counting, others = [], [*others, *counting]
-    pressures = _pressures(g, series, others, robot)
+    remaining = [h for h in headings if h.name not in used and h not in counting]
+    if not _actuators(series, remaining, robot):  # "chamber" of a robot of one
+        counting, remaining = [], [*remaining, *counting]
+    pressures = _pressures(g, series, remaining, robot)
     used |= {h.name for h in counting} | set(pressures)
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     guess_quaternion(g, series, turns, tip.columns)
@@ -103,9 +103,7 @@ def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dic
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
-    """Propose a column and unit for each chamber (or tendon), with doubts; return the columns in use, in the order of chambers.
-
-    Raises ConfigError where a robot of several has none."""
+    """Propose column and unit of each chamber or tendon; return the columns used, in order. Raises ConfigError without any."""
     actuator_of = _actuators(series, headings, robot)
     by_name = {h.name: h for h in headings}
     measured = {name: n for name, n in actuator_of.items() if not by_name[name].asked_for}
@@ -320,8 +318,7 @@ def _counts(h: Heading, series: Series) -> bool:
 
 
 def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str], robot: Robot) -> None:
-    """Propose where trials begin: with each value of a column that counts them, or at each return to rest and with each change of
-    the other columns `counting`."""
+    """Propose where trials begin: where a column counts them, or at each return to rest and change of those `counting`."""
     stages: Stages | None = None
     all_changes, begin_trials = [], []
     with suppress(ConfigError):  # the import will say what is wrong

@@ -54,9 +54,7 @@ class Tip:
 
 
 def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Tip:
-    """Propose the tip's columns and unit, markers, the frame and where the straight robot is.
-
-    Raises ConfigError where no tip can be made out."""
+    """Propose the tip's columns, markers, frame and where the straight robot is; raises ConfigError where there is no tip."""
     candidates = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
     candidates = [t for t in candidates if t.unit in ("", *KINDS["m"])]
     if not candidates:
@@ -209,8 +207,7 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
 
     Where the resting body shows no z, actuators decide all three axes. A tip that rests elsewhere than the model does makes
     `straight: at rest` a proposal. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of markers, from the base on, in the rows at
-    rest; `rests`: whether the robot rests in them.
-    """
+    rest; `rests`: whether the robot rests in them."""
     at_rest = resting[0]
     away = float(np.linalg.norm(at_rest))
     aside = _aside(at_rest)
@@ -227,7 +224,8 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
     agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
     best = int(np.argmax(agreement))
     axes = frames[best]
-    bends = f"the tip bends {_sense(robot)} (agreement of directions {agreement[best]:.2f} of 1)"
+    sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
+    bends = f"the tip bends {sense} (agreement of directions {agreement[best]:.2f} of 1)"
     if agreement[best] < 0.9 and np.isfinite(pushed.aside).any():
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {axes.x} and its y along the file's {axes.y} {bends}: "
@@ -289,10 +287,6 @@ def _under_its_weight(robot: Robot, mass: float | None) -> tuple[float, float]:
     return float(np.hypot(tip[0], tip[1])), float(np.linalg.norm(tip))
 
 
-def _sense(robot: Robot) -> str:
-    return "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
-
-
 def _turned(z: str) -> list[tuple[str, str]]:
     """x and y of the four right-handed frames with this z."""
     along = "xyz".index(z[-1])
@@ -352,8 +346,7 @@ def _shared(columns: Sequence[str], tip: Sequence[str]) -> int:
 
 
 def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) -> None:
-    """Propose the three angles (of those `found`) whose headings are most like the tip's as its orientation, in the order that
-    fits its bending best, with a doubt."""
+    """Propose three angles as the tip's orientation, in the order that fits its bending best, with a doubt."""
     usable = [t for t in found if all(c in series.numbers for c in t.columns)]
     usable = sorted([t for t in usable if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip.columns))
     if not usable or "orientation" in g.reasons:

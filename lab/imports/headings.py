@@ -241,25 +241,25 @@ def _counted(headings: Sequence[Heading]) -> list[Triple]:
 
 def turning(headings: Sequence[Heading]) -> list[Triple]:
     """Groups of three angles: roll, pitch, yaw, or x, y, z of a rotation or in deg."""
-    out: list[Triple] = []
+    triples_found: list[Triple] = []
     used: set[str] = set()
     for names in TURNS:
-        found: dict[tuple[str, ...], dict[str, Heading]] = {}  # words with * for the angle's name -> name -> heading
+        groups: dict[tuple[str, ...], dict[str, Heading]] = {}  # words with * for the angle's name -> name -> heading
         for h in headings:
             joined = " ".join(h.words)
             for name in names:
                 if re.search(rf"(?:^|[ \d]){name}(?:$|[ \d])", joined) and h.name not in used:
-                    found.setdefault(tuple(joined.replace(name, "*").split()), {})[name] = h
-        for pattern, group in found.items():
+                    groups.setdefault(tuple(joined.replace(name, "*").split()), {})[name] = h
+        for pattern, group in groups.items():
             if len(group) == 3:
                 three = [group[n] for n in names]
                 words = frozenset(w for key in pattern for w in [re.sub(r"[*\d]", "", key)] if w) | set(names)
-                out.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
+                triples_found.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
                 used |= {h.name for h in three}
     for words, unit, c in _groups([h for h in headings if h.name not in used]):
         if len(c) == 3 and (unit in KINDS["deg"] or (not unit and words & TURN_WORDS)):
-            out.append(Triple((c["x"], c["y"], c["z"]), words, unit))
-    return out
+            triples_found.append(Triple((c["x"], c["y"], c["z"]), words, unit))
+    return triples_found
 
 
 def recognised(names: Sequence[str], units: Sequence[str] = ()) -> int:

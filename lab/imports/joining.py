@@ -108,17 +108,16 @@ def at_times(at: Array, times: Array, values: Array, oldest: float) -> Array:
     """Values at other times, on the line between two readings; NaN where the nearest reading is older than `oldest` (s).
 
     A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
-    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
-    """
+    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts."""
     seen = np.isfinite(values) & np.isfinite(times)
     if not seen.any():
         return np.full(len(at), np.nan)
     times, values = times[seen], values[seen]
-    before, after, nearest, far = _around(at, times, oldest)
+    last, after, nearest, far = _around(at, times, oldest)
     steps = np.diff(values)
     if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
-        return np.where(far, np.nan, values[before])
-    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
+        return np.where(far, np.nan, values[last])
+    leaps = np.abs(values[after] - values[last]) > 0.5 * np.ptp(values)
     return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
 
 
@@ -140,8 +139,7 @@ def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, N
 
 
 def joined(lead: Stream, others: Sequence[Stream]) -> Series:
-    """The rows of `lead` with the columns of `others` interpolated at its times; a heading that `lead` has too becomes "NAME
-    (TABLE)". Raises ConfigError where they have no time in common."""
+    """The rows of `lead` with the columns of `others` at its times; raises ConfigError where they have no time in common."""
     columns, units, notes = dict(lead.series.columns), dict(lead.series.units), list(lead.series.notes)
     common = dict(lead.series.common_units)
     added: set[str] = set()
@@ -203,8 +201,7 @@ def experiments(
     """Return each leading table with the tables that belong to it, and the tables that belong to none; raises ConfigError.
 
     Tables that lack the same keys of the map (`lacked`, of each) are of one kind; the first kind for which `leads` is true
-    leads. Tables with dates belong together where they have time in common, others in their order.
-    """
+    leads. Tables with dates belong together where they have time in common, others in their order."""
     kinds = {kind: [s for s, keys in zip(streams, lacked, strict=True) if keys == kind] for kind in dict.fromkeys(lacked)}
     first = next((kind for kind in kinds if leads(kind)), next(iter(kinds)))
     runs: list[tuple[Stream, list[Stream]]] = [(lead, []) for lead in kinds.pop(first)]
@@ -342,7 +339,6 @@ def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Seri
 
 def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
     """The rows, and the columns filled in them, of each stream, where rows of several streams stand in one table; else nothing.
-
     Columns that are filled in the same rows are of one stream; streams share few rows and follow each other in turn."""
     masks: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name, values in series.numbers.items():
@@ -370,8 +366,7 @@ def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
 
 # ------------------------------------------------------------------ whether clocks agree
 def lag(t: Array, pressures: Array, tip: Array) -> float | None:
-    """s by which the tip (n, 3) moves after the pressures (n, k) change: the lag at which their speeds correlate best; None
-    unless that is clearly better than no lag."""
+    """s by which the tip (n, 3) follows the pressures (n, k): the lag at which their speeds correlate clearly best, or None."""
     from scipy.signal import correlate  # only files that are joined wait for it
 
     span, period_s = float(np.ptp(t)) if len(t) else 0.0, period(t)
@@ -389,8 +384,8 @@ def lag(t: Array, pressures: Array, tip: Array) -> float | None:
     step, size = float(grid[1] - grid[0]), len(activity[0])
     agreement = correlate(activity[1], activity[0], method="fft") / size
     lags = np.arange(1 - size, size)
-    kept = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
-    lags, agreement = lags[kept], agreement[kept]
+    in_range = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
+    lags, agreement = lags[in_range], agreement[in_range]
     best = int(np.argmax(agreement))
     at_once = float(agreement[np.abs(lags) <= 1].max())
     best_lag = float(lags[best]) * step

@@ -307,8 +307,7 @@ class Map(FileTable):
 
 
 def demand_units(made: Map, words: Words, before: str = "") -> None:
-    """Raise ConfigError where a unit of a map.yaml is none of its column, for a robot driven as `words` say; `before` begins
-    the message."""
+    """Raise ConfigError, begun with `before`, where a unit of map.yaml is none of its column of a robot driven as `words` say."""
     places: list[tuple[str, Map | Own]] = [("", made), *((f"files.{pattern}.", own) for pattern, own in made.files.items())]
     for place, own in places:
         for name, column in own.columns.items():

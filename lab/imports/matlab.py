@@ -102,8 +102,7 @@ def _claimed(data: memoryview, order: Order, depth: int = 0) -> int:
     """Bytes of memory that the elements of a file of version 5 take once they are read; no more are counted beyond `LARGEST`.
 
     Raises ValueError where an element, or one within it, is of no known kind, or where an array claims more cells than its
-    element has bytes, and zlib.error where a packed element is damaged.
-    """
+    element has bytes, and zlib.error where a packed element is damaged."""
     size = 0
     for kind, body in _elements(data, order):
         if kind not in KINDS or depth > 50:
@@ -184,9 +183,7 @@ def _own(library: Any, file: Any) -> list[str]:
 
 
 def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
-    """Datasets of numbers by name (a structure's fields as NAME.FIELD), and the bytes of memory of every dataset of the file.
-
-    Raises ValueError where one lies in another file."""
+    """Datasets of numbers by name (NAME.FIELD), and bytes of memory of all datasets; ValueError for one in another file."""
     numeric: dict[str, Any] = {}
     sizes: list[int] = []
 

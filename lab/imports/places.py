@@ -35,12 +35,12 @@ FITS, SIZES = 0.9, (0.15, 5.0)
 def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     """The agreement (1 is the most) between the axis about which the tip turns and the one across its displacement, and the
     displacement in units of that of an arc that turns as far; None where they fit those of a body of this length (m)."""
-    kept = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
-    resting = at_rest(kept.pressures)
+    oriented = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
+    resting = at_rest(oriented.pressures)
     if not resting.any():
         return None
-    turn = Rotation.from_quat(kept.orientation.reshape(-1, 4), scalar_first=True)
-    bent, across = _from_rest(turn, resting), _across(kept.tip, resting)
+    turn = Rotation.from_quat(oriented.orientation.reshape(-1, 4), scalar_first=True)
+    bent, across = _from_rest(turn, resting), _across(oriented.tip, resting)
     moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
     clear = turned > LEAST_TURN
     if clear.sum() < FEWEST or not (moved[clear] > 0).any():
@@ -83,8 +83,7 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
     """Ask about files, (name, points at rest: (1 + k, 3) m of the tip and k markers), in which points stand where other points
     do in the usual file, the one that is nearest to all, or in which the tip is far from where it is there.
 
-    `length`: the robot's, m; `moved`: cameras may have been moved from file to file.
-    """
+    `length`: the robot's, m; `moved`: cameras may have been moved from file to file."""
     usable = [(name, rest) for name, rest in files if np.isfinite(rest).all()]
     if len(usable) < 2 or len({rest.shape for _, rest in usable}) > 1:
         return
@@ -158,8 +157,7 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     """Places that move, from one state to the next, farther than the body of this length (m) can.
 
     Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
-    masses, vacuum, forces, mounting). A body can move by `STILL`, and by `TIMES` the usual movement per change of pressure.
-    """
+    masses, vacuum, forces, mounting). A body can move by `STILL`, and by `TIMES` the usual movement per change of pressure."""
     places = np.concatenate([states.tip[:, None], states.markers], axis=1)
     pressures, forces = states.pressures, states.tip_force
     loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
@@ -167,8 +165,8 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     numbers = range(len(states))
     pairs = dict.fromkeys([*zip(numbers, numbers[1:], strict=False), *zip(resting, resting[1:], strict=False)])
     earlier, later = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
-    kept = np.abs(forces[later] - forces[earlier]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
-    earlier, later = earlier[kept], later[kept]
+    same_force = np.abs(forces[later] - forces[earlier]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+    earlier, later = earlier[same_force], later[same_force]
     moved = np.linalg.norm(places[later] - places[earlier], axis=2)
     changed = np.abs(pressures[later] - pressures[earlier]).max(axis=1)
     telling = changed > CHANGED * max(float(np.ptp(pressures)), 1e-9)
@@ -195,8 +193,7 @@ def _near(a: Array, b: Array, within: float) -> bool:
 
 
 def moves_within(tip: Array, markers: Array, length: float) -> int | None:
-    """The row of a state, of (n, 3) and (n, k, 3) m, to which a place jumps from the row in which it was seen before; None
-    where none does."""
+    """The row of a state to which the tip (n, 3) or a marker (n, k, 3) m jumps from where it was seen before; None: none."""
     for place in (tip, *np.swapaxes(markers, 0, 1)):
         seen = np.flatnonzero(np.isfinite(place).all(axis=1))
         steps = np.linalg.norm(np.diff(place[seen], axis=0), axis=1)

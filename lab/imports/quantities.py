@@ -187,8 +187,7 @@ def in_si(file: File, name: str, column: Column) -> Array:
 
 
 def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
-    """Note that the file states another unit of its column `own` than the map does (`unit`, at the key `place`), or a unit of
-    another quantity although no `scale` translates it."""
+    """Note that the file's unit of its column `own` is not the map's (`unit`, at key `place`), and no `scale` explains it."""
     units = units_for(name, file.drive)
     stated = unit_in(file.series, own, units)
     if stated and units[stated] != units.get(unit, 1.0):
@@ -204,8 +203,7 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
 
 
 def translated(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
-    """(n,) words of the column `name` of trials.csv, translated by `column.values`; empty where missing. Raises ConfigError where
-    the map does not translate one."""
+    """(n,) words of a column of trials.csv, translated by the map; empty where missing. Raises ConfigError."""
     place = f"columns.{name}"
     own = name_of(series, column.column, place)
     cells = series.words.get(own)
@@ -295,8 +293,7 @@ def misfits(series: Series, given: Orientation, frame: Array, tip: Array, restin
     """Order of three angles -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
-    A body that bends turns about no other axis; a wrong order adds turns about its own.
-    """
+    A body that bends turns about no other axis; a wrong order adds turns about its own."""
     misfit_of = {}
     onto = Rotation.from_matrix(frame)
     for order in OF_ANGLES:

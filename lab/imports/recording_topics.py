@@ -104,8 +104,7 @@ class Topic:
 def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
     """Recordings in the order of time, each with the files into which its recorder split it, and its map; raises ConfigError.
 
-    Parts of one recording follow each other within `PARTS_APART`, have topics in common and the same map.
-    """
+    Parts of one recording follow each other within `PARTS_APART`, have topics in common and the same map."""
     opened = [(*recording_span(path), path, wanted) for path, wanted in files]
     recordings: list[tuple[tuple[Path, ...], Map]] = []
     end, topics = -np.inf, set[str]()
@@ -127,8 +126,7 @@ def recording_span(path: Path) -> tuple[tuple[int, int], set[str]]:
 def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | None) -> Series:
     """Columns /topic.field of all topics at the log times of one: `source.topic`, or that with positions and most messages.
 
-    `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError.
-    """
+    `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError."""
     path, recordings = paths[0], [_open(p) for p in paths]
     all_topics = list(dict.fromkeys(topic for recording in recordings for topic in recording.topics))
     wanted = all_topics if named is None else [t for t in all_topics if t == source.topic or any(_of(t, n) for n in named)]
@@ -242,8 +240,7 @@ def _decode(recording: Recording, topics: Mapping[str, Topic]) -> None:
 
 
 def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], topic: Topic) -> Decoder | None:
-    """The first decoder, of those for whole messages or without their last fields, that decodes a message tried; None, with the
-    reason in `topic`, where there is none."""
+    """The first decoder that decodes a message tried; None, with the reason in `topic`, where there is none."""
     why: str | None = None
     for left_out, make in _ways(channel, schema):
         for payload in tried:
@@ -261,8 +258,7 @@ def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], to
 
 
 def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callable[[], Decoder]]]:
-    """Ways to decode messages, as (first field left out, function that makes the decoder): whole (""), then, of ROS 2, without
-    the last field, the last two .."""
+    """Decoders, as (first field left out, function that makes it): for whole messages (""), then (ROS 2) without last fields."""
     encoding = channel.message_encoding
     if encoding == "json":
         yield "", lambda: json.loads
@@ -272,11 +268,11 @@ def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callab
         yield "", lambda: _by_package(encoding, schema)
         if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
             text = schema.data.decode(errors="replace")
-            own, *nested = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
-            lines = [line.strip() for line in own.splitlines()]
+            own_lines, *other_parts = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
+            lines = [line.strip() for line in own_lines.splitlines()]
             fields = [i for i, line in enumerate(lines) if line and not line.startswith("#")]
             for i in reversed(fields[1:]):
-                shorter = "\n".join([*lines[:i], *nested])
+                shorter = "\n".join([*lines[:i], *other_parts])
                 shortened = Schema(id=1, name=schema.name, encoding=schema.encoding, data=shorter.encode())
                 yield lines[i], partial(_by_package, encoding, shortened)
 

@@ -233,8 +233,7 @@ def texts(series: Series, name: Name, place: str, missing: Sequence[str | float]
 def unit_in(series: Series, name: str, units: Collection[str], place: str = "") -> str:
     """The unit of a column as its heading or the file says it; empty where neither names one of `units`.
 
-    With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate.
-    """
+    With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate."""
     said = heading(name, series.units.get(name, ""))
     unit = said.unit if said.unit in units else series.unit_of(name, units)
     if place and not unit and said.stated and len(units) > 1:
@@ -249,16 +248,15 @@ def unit_in(series: Series, name: str, units: Collection[str], place: str = "") 
 def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """(n,) rows at exactly 0, 0, 0, which programs write where nothing was seen; `xyz` (n, 3), `resting` (n,) rows at rest.
 
-    None where zeros may be positions: other rows come as near to the origin, or the rows at zero are exactly those at rest.
-    """
+    No row is where zeros may be positions: others come as near to the origin, or the rows at zero are exactly those at rest."""
     zero = np.asarray((xyz == 0).all(axis=1))
-    others = xyz[~zero & np.isfinite(xyz).all(axis=1)]
-    if not zero.any() or not len(others):
+    seen = xyz[~zero & np.isfinite(xyz).all(axis=1)]
+    if not zero.any() or not len(seen):
         return np.zeros(len(xyz), bool)
     if resting is not None and (zero == resting).all():
         return np.zeros(len(xyz), bool)
-    spread = float(np.linalg.norm(others - np.median(others, axis=0), axis=1).max())
-    if float(np.linalg.norm(others, axis=1).min()) < 0.05 * spread:
+    spread = float(np.linalg.norm(seen - np.median(seen, axis=0), axis=1).max())
+    if float(np.linalg.norm(seen, axis=1).min()) < 0.05 * spread:
         return np.zeros(len(xyz), bool)
     return zero
 
@@ -287,8 +285,7 @@ def leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Yield (path, value) of each number, text or time inside a list, structure or message (`value`); bytes are left out.
 
     A path is NAME.FIELD..; elements of a list go by their names where they have some, so that their order does not matter, else
-    from 1. Names are an element's own field (`IDENTITY`), or the one list of texts as long as the list beside it.
-    """
+    from 1. Names are an element's own field (`IDENTITY`), or the one list of texts as long as the list beside it."""
     if isinstance(value, bytes | bytearray | memoryview) or value is None:
         return
     if (fields := None if isinstance(value, LEAVES) else _fields(value)) is not None:

@@ -88,7 +88,7 @@ def _placed(table: Table, tip: Array, markers: Array) -> Table:
 def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
     """Files to read, with the map of each: the files of `given`, and of its folders those that fit a pattern of `files` (without
     patterns: all of a known kind), run2 before run10. Raises ConfigError."""
-    out: list[tuple[Path, Map]] = []
+    files: list[tuple[Path, Map]] = []
     for path in given:
         inside = sorted((p for p in path.iterdir() if p.is_file()), key=_counted) if path.is_dir() else [path]
         if path.is_dir() and not wanted.files:
@@ -105,10 +105,10 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
             made = wanted.of_file(fitting)
             if wrong := made.wrong_places():
                 raise ConfigError(f"{file}: the map of this file (files): {'; '.join(wrong)}")
-            out.append((file, made))
-    if not out:
+            files.append((file, made))
+    if not files:
         raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
-    return out
+    return files
 
 
 def _counted(path: Path) -> list[tuple[int, str]]:
@@ -133,27 +133,26 @@ def _read(
 ) -> tuple[list[tuple[Series, FileRows, Map]], list[str], list[str]]:
     """Files with their rows and maps, in the order of their times where these tell it; notes; files that cannot be read, and why.
 
-    Files that together hold what the map names are joined in time. Raises ConfigError where none can be read, or where one that
-    was named cannot."""
+    Files that hold what the map names only together are joined in time. Raises ConfigError where none or a named one fails."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
     failed: list[ConfigError] = []
-    for number, (parts, own) in enumerate(files):
+    for number, (parts, own_map) in enumerate(files):
         progress(number, len(files))
         try:
-            series = read(parts, own.source, named(own))
+            series = read(parts, own_map.source, named(own_map))
         except ConfigError as e:
             if set(parts) & set(given) or wanted.files:  # asked for by name
                 raise
             failed.append(e)
             continue
-        read_files.append((series, own))
+        read_files.append((series, own_map))
     if not read_files:
         raise failed[0]
-    for series, own in in_time(read_files):
-        q = quantities_of(series, own, drive)
+    for series, own_map in in_time(read_files):
+        q = quantities_of(series, own_map, drive)
         late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
-        asked = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
-        made.append((series, replace(q, questions=tuple(asked)), own))
+        questions = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        made.append((series, replace(q, questions=tuple(questions)), own_map))
     files_of_note: dict[str, list[str]] = {}
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
@@ -194,8 +193,7 @@ def conclude(
     """The states of files (columns as read, rows in SI, own map) as one table in the robot's frame; raises ConfigError.
 
     Per file: times made to follow those of the file before, rows cut into states and numbered in groups, one per trial. Then of
-    all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to.
-    """
+    all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
     straight, arcs = _straight_point(robot), robot.markers
     read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
     group, start, origin = 0, 0.0, 0.0
@@ -253,9 +251,7 @@ def conclude(
 
 
 def _contradictions(states: Table, length: float) -> Iterator[str]:
-    """Ask about orientations that do not fit the places, and about what is mounted (roll, mass) but varies with the pressures.
-
-    `length`: of the body, m."""
+    """Ask about orientations that do not fit places (`length`: m of the body), and mountings that vary with the pressures."""
     if (off := turn_off(states, length)) is not None:
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
@@ -338,8 +334,8 @@ def _jump_notes(
     """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
     exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
     # of two that change places, the one with the lower number is named
-    told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
-    for jump in told[:MOST_JUMPS]:
+    notable = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
+    for jump in notable[:MOST_JUMPS]:
         file, row = rows[jump.state]
         series, q, _ = files[file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
@@ -355,8 +351,8 @@ def _jump_notes(
             f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
             "files: {PATTERN: {columns: ..}}, or leave them out"
         )
-    if len(told) > MOST_JUMPS:
-        yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
+    if len(notable) > MOST_JUMPS:
+        yield f"{len(notable) - MOST_JUMPS} further places move farther than the body can"
 
 
 def _rest(q: FileRows) -> Array:
@@ -394,8 +390,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
 
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
-    where there are any, is where the model stands under its weight.
-    """
+    where there are any, is where the model stands under its weight."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
     resting = np.flatnonzero(level == level.min())
     if straight == "first state":
@@ -458,8 +453,8 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
             fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
     of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
     for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
-        there = np.isfinite(places).all(axis=1)
-        means = [places[rows][there[rows]].mean(axis=0) if there[rows].any() else np.full(3, np.nan) for rows in cut_rows]
+        visible = np.isfinite(places).all(axis=1)
+        means = [places[rows][visible[rows]].mean(axis=0) if visible[rows].any() else np.full(3, np.nan) for rows in cut_rows]
         of_state |= zip(names, np.array(means).T, strict=True)
     held = columns.pop("hold", np.full(n, np.nan))
     columns["hold"] = np.where(np.isnan(held) & several, [cut.since for _, cut in kept], held)
@@ -483,23 +478,22 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
 def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
     """Number trials, steps and, where no column tells them, repeats (of the same inflation) from 1 on, and name branches.
 
-    `counted`: the columns of trial and repeat, if any. Unless one counts the trials, each is of one repeat: that of most states.
-    """
+    `counted`: columns of trial and repeat, if any. Unless one counts trials, each is of one repeat: that of most states."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
     again = []
     for k, kind in enumerate(_kinds(states, trial, gap)):
-        own = np.flatnonzero(trial == k)
+        of_trial = np.flatnonzero(trial == k)
         earlier = repeats_of_kind.setdefault(kind, [])
-        stated = Counter(repeat[own][repeat[own] != 0].tolist())
+        stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
         usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)
-        again += [(other, k + 1, usual) for other, same in earlier if same == usual and stated and len(own) > 1]
+        again += [(other, k + 1, usual) for other, same in earlier if same == usual and stated and len(of_trial) > 1]
         earlier.append((k + 1, usual))
-        step[own] = 1 + np.arange(len(own))
-        repeat[own] = np.where((repeat[own] != 0) & ("trial" in counted), repeat[own], usual)
-        falls = np.where(_falling(states.pressures[own].max(axis=1), gap), "unload", "load")
-        branch[own] = np.where(branch[own] == "", falls, branch[own])
+        step[of_trial] = 1 + np.arange(len(of_trial))
+        repeat[of_trial] = np.where((repeat[of_trial] != 0) & ("trial" in counted), repeat[of_trial], usual)
+        falls = np.where(_falling(states.pressures[of_trial].max(axis=1), gap), "unload", "load")
+        branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
     if again and "repeat" in counted:
         notes.append(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
@@ -510,8 +504,7 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
 
 
 def _falling(highest: Array, gap: float) -> list[bool]:
-    """Whether the highest pressure (n,) Pa of a trial came down to each state, or stood since it did; changes below `gap` (Pa)
-    are none."""
+    """Whether the highest pressure (n,) Pa of a trial fell last, as each state came; changes below `gap` (Pa) are none."""
     out: list[bool] = []
     level, falls = 0.0, False
     for pressure in highest.tolist():

@@ -78,7 +78,6 @@ def read_text(path: Path, source: Source) -> Series:
 
 def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
     """Read one table of a file: split its lines, find the rows of data, the headings above them, and judge each column.
-
     `whole`: the last line ends with a line break, so that it cannot be cut off. Raises ConfigError."""
     import pandas as pd
 
@@ -222,7 +221,6 @@ def _cells(text: str, separator: str) -> list[str]:
 
 def _form(path: Path, records: Sequence[Record], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
     """Separator and number of columns: those for which lines of this many cells hold most values and fewest other words.
-
     `given`: the separator that the map or the file states. Raises ConfigError where nothing splits the lines."""
     lines = [r for r in records if not r.comment]
     sample = lines[:SAMPLE] + (lines[-SAMPLE:] if len(lines) > 2 * SAMPLE else [])
@@ -253,7 +251,7 @@ def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFr
     """Cells as text (lines, columns), their lines, and lines of data left out, as they have more cells than columns (`width`)."""
     import pandas as pd
 
-    kept, rows, too_long = [], [], []
+    lines, rows, too_long = [], [], []
     for record in records:
         cells = [cell.strip() for cell in _cells(record.text, separator)]
         if any(cells[width:]):
@@ -262,9 +260,9 @@ def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFr
                 too_long.append(record)
                 continue
             cells = _heading_cells(record.text, width) if separator == " " else cells
-        kept.append(record)
+        lines.append(record)
         rows.append((cells + [""] * width)[:width])
-    return pd.DataFrame(rows, columns=range(width), dtype=str), kept, too_long
+    return pd.DataFrame(rows, columns=range(width), dtype=str), lines, too_long
 
 
 def _heading_cells(text: str, width: int) -> list[str]:

@@ -55,21 +55,20 @@ def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], f
         return plateaus(states.plateaus, t, held, trial)
     if not states.windows:
         return [Cut(slice(i, i + 1), 0.0) for i in range(len(t))]
-    out = []
+    cut_list = []
     for number in dict.fromkeys(trial.tolist()):
-        own = np.flatnonzero(trial == number)
-        a, b = int(own[0]), int(own[-1]) + 1
+        of_trial = np.flatnonzero(trial == number)
+        a, b = int(of_trial[0]), int(of_trial[-1]) + 1
         for window in states.windows:
             rows = slice(a, min(a + window.first, b)) if window.first else slice(max(b - (window.last or 1), a), b)
-            out.append(Cut(rows, float(t[rows].mean() - t[a]), window.at_rest))
-    return out
+            cut_list.append(Cut(rows, float(t[rows].mean() - t[a]), window.at_rest))
+    return cut_list
 
 
 def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int64]) -> list[Cut]:
     """Stretches in which no pressure varies by more than `steady` within `shortest`, and no row is `steady` off the next.
 
-    Rows without a pressure neither end nor begin a stretch; a gap in time does.
-    """
+    Rows without a pressure neither end nor begin a stretch; a gap in time does."""
     seen = np.flatnonzero(np.isfinite(pressures).all(axis=1))
     trial = trial + np.cumsum(gaps(t))
     return [
@@ -113,15 +112,15 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
         (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady) | (np.diff(trial) != 0) | (np.diff(steady.astype(int)) != 0)
     )
     edges = [0, *(np.flatnonzero(apart) + 1).tolist(), n]
-    out = []
+    plateaus_found = []
     for a, b in zip(edges, edges[1:], strict=False):
         long = float(t[b - 1] - t[a])
         if not steady[a] or b - a < 2 or long < wanted.shortest * (1 - 1e-6) - step:
             continue
         skip = int(np.searchsorted(t[a:b], t[a] + wanted.settling)) if long > wanted.shortest + wanted.settling else 0
         rows = slice(a + skip, b)
-        out.append(Cut(rows, float(t[rows].mean() - t[a])))
-    return out
+        plateaus_found.append(Cut(rows, float(t[rows].mean() - t[a])))
+    return plateaus_found
 
 
 # ------------------------------------------------------------------ trials
@@ -270,10 +269,9 @@ def changes(q: FileRows, stages: Stages) -> list[Change]:
     """The changes of all columns that count trials or repeats or name what is inflated.
 
     A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if
-    the same word precedes and follows it.
-    """
+    the same word precedes and follows it."""
     inflated = stages.inflated(len(q.t))
-    out = []
+    all_changes = []
     for (key, column), cells in q.counts.items():
         named = set(cells[inflated].tolist())
         runs = [w for w, _ in groupby(w for w in cells.tolist() if w)]
@@ -281,12 +279,12 @@ def changes(q: FileRows, stages: Stages) -> list[Change]:
         nameless |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
                     if named and w not in named and before == after}  # fmt: skip
         known = [k for k, w in enumerate(cells.tolist()) if w and w not in nameless]
-        out += [
+        all_changes += [
             Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
             for before, row in pairwise(known)
             if cells[before] != cells[row]
         ]
-    return out
+    return all_changes
 
 
 def carried(values: Array) -> Array:

@@ -47,13 +47,13 @@ class Foxglove:
         except ImportError as e:
             raise ConfigError(f"--foxglove needs {e.name}, which is not installed; pip install 'softlab[live]'") from e
 
-        asked: list[float] = []
+        subscribed_at: list[float] = []
 
         class Subscriptions(ServerListener):
             def on_subscribe(self, client: Any, channel: Any) -> None:
-                asked[:] = [time.monotonic()]
+                subscribed_at[:] = [time.monotonic()]
 
-        self._asked = asked
+        self._asked = subscribed_at
         self._library = foxglove
         self._context = foxglove.Context()
         try:
@@ -131,8 +131,8 @@ class Foxglove:
                 color = m.Color(r=0.84, g=0.37, b=0.0, a=0.25)
                 cubes.append(m.CubePrimitive(pose=place(*middle), size=m.Vector3(x=x, y=y, z=z), color=color))
             entities.append(m.SceneEntity(timestamp=stamp, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
-        gone = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
-        self._expected.log(m.SceneUpdate(entities=entities, deletions=gone), log_time=log_time)
+        deletions = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
+        self._expected.log(m.SceneUpdate(entities=entities, deletions=deletions), log_time=log_time)
 
     def __enter__(self) -> Foxglove:
         return self

@@ -316,7 +316,7 @@ class Picture:
         if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
             return None
         spine = self.newest.get("spine", {}).get("length")
-        asked = {
+        conditions = {
             "pressures": pressure["measured"],
             "spine": state.state.spine_length if spine is None else spine,
             "mass": state.state.tip_mass,
@@ -324,7 +324,7 @@ class Picture:
         }
         tip = self.newest.get("tip")
         seen = tip is not None and tip["valid"] and abs(tip["t"] - pressure["t"]) <= SAME_MOMENT * self.about.speed
-        return {"now": asked}, {"t": pressure["t"], "measured": tip["position"] if tip and seen else None}
+        return {"now": conditions}, {"t": pressure["t"], "measured": tip["position"] if tip and seen else None}
 
     def expected_now(self, now: Numbers) -> Numbers:
         """Where the tip should be at the moment of a question, and the tip measured then."""

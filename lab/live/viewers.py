@@ -72,9 +72,7 @@ class PageRequest:
 
 
 async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> PageRequest:
-    """Read a request: one of the fixed names behind the token, or what is posted to ASK (only with `posting`).
-
-    Raises `RefusedRequest` with the status for anything else, too long or too slow."""
+    """Read a request: a fixed name behind the token, or with `posting` what is posted to ASK. Raises `RefusedRequest`."""
     try:
         head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_WITHIN)
     except asyncio.LimitOverrunError:

@@ -37,8 +37,7 @@ HATCHES = {
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
     """The gap uncalibrated and calibrated, and what each step takes of the latter; `length` m of the robot.
 
-    Two scales: uncalibrated, the gap is often ten times what calibration leaves.
-    """
+    Two scales: uncalibrated, the gap is often ten times what calibration leaves."""
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
         figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
@@ -92,8 +91,7 @@ class StateGroup:
 
 
 def groups(d: Diagnosis) -> list[StateGroup]:
-    """All states by the chambers inflated in them, the group with the largest calibrated gap first; beyond `MOST_GROUPS` the
-    others are one group."""
+    """All states by the chambers inflated, the largest calibrated gap first; beyond `MOST_GROUPS` the others are one group."""
     s, keys = _states(d), [d.words.group(c) for c in d.detail["states"]["chambers"]]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
@@ -123,8 +121,7 @@ def _side(tip: Array) -> Array:
 def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Rms gap of all states over chambers, spine length and pressure, load and unload, on one colour scale.
 
-    `name` of the model with the cause.
-    """
+    `name` of the model with the cause."""
     s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
     rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
@@ -134,11 +131,11 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     # sweeps read without stopping turn at other pressures up than down, so each branch has levels of its own
     maps = []
     for model, gap in missed.items():
-        for branch, way in ((1, "load"), (-1, "unload")):
+        for branch, direction in ((1, "load"), (-1, "unload")):
             of_branch = s["branch"] == branch
             if of_branch.any():
                 pressures = _levels(s["pressure"][of_branch], grain)
-                maps.append((f"{model}, {way}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
+                maps.append((f"{model}, {direction}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
     pictures = []
     for k, (title, pressures, values) in enumerate(maps):
@@ -163,8 +160,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Gap along and across the bending direction over pressure, up and down: a panel for each group of chambers.
 
-    Above calibrated, below with the cause (`name`), with the band of the noise floor.
-    """
+    Above calibrated, below with the cause (`name`), with the band of the noise floor."""
     s, by_group = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)  # of the band: the floor along one of three axes
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
@@ -175,12 +171,12 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
         with plt.rc_context(STYLE):
             figure, axes = plt.subplots(2, 2, figsize=(4.2, 4.4), layout="constrained", sharex=True, sharey=True)
             for row, (model, gap) in zip(axes, missed.items(), strict=True):
-                for axis, (word, way) in zip(row, directions, strict=True):
+                for axis, (word, direction) in zip(row, directions, strict=True):
                     axis.axhspan(-half, half, color="0.9")
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
                             selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                            _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ way * 1e3, colour, style)
+                            _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ direction * 1e3, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
@@ -202,8 +198,7 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Tip along the bending direction on the way up over pressure: measured, and three models on unseen states.
 
     A panel for each group of chambers and spine length, at most four lengths; below, by how much the calibrated model and the
-    one with the cause (`name`) miss the tip there, in any direction.
-    """
+    one with the cause (`name`) miss the tip there, in any direction."""
     s = _states(d)
     models = (("given", ":", GIVEN, "k"), ("calibrated_unseen", "--", CALIBRATED, GREY), ("explained_unseen", "-", name, BLUE))
     spines = np.ptp(s["spine_length"]) > 0.01
@@ -295,8 +290,7 @@ def _grain(pressure: Array) -> float:
 def _mapped(
     s: dict[str, Array], gap: Array, of_branch: NDArray[np.bool_], rows: Sequence[tuple[StateGroup, float]], pressures: Array
 ) -> Array:
-    """(rows, pressures) mm, rms of `gap` (n, 3) m over the states of a branch nearest to each pressure (Pa), by group and spine
-    length; NaN where there is none."""
+    """(rows, pressures) mm, rms of `gap` (n, 3) m of a branch by group and spine length and nearest pressure (Pa); NaN: none."""
     mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
     for i, (group, length) in enumerate(rows):
@@ -314,8 +308,7 @@ def _mean(values: Array) -> float:
 def _curve(
     axis: Axes, pressure: Array, pascal: float, gap: Array, colour: tuple[float, ...] | str, style: str, label: str | None = None
 ) -> None:
-    """Draw the mean of `gap` (n,) mm at each setting of `pressure` (n,) Pa, in units of `pascal` Pa; a setting without a number
-    interrupts the line."""
+    """Draw the mean `gap` (n,) mm at each setting of `pressure` (n,) Pa, in units of `pascal`; NaN interrupts the line."""
     known = np.isfinite(pressure)
     if not known.any():
         return
@@ -397,8 +390,7 @@ State = Mapping[str, Any]
 def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
     """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
 
-    `name` of the model with the cause.
-    """
+    `name` of the model with the cause."""
     return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
 
 
@@ -453,13 +445,11 @@ def _mm(metres: object) -> Array:
 
 def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
     """Draw how far the calibrated model, and the one with the cause (`name`), miss the deflection over the deflection, a line a
-    trial; `stiffness`: the diagnosis' detail of stiffness trials.
-    """
+    trial; `stiffness`: the diagnosis' detail of stiffness trials."""
     models = (("calibrated", CALIBRATED), ("explained", name))
     trial, deflection = np.array(stiffness["trial"]), np.array(stiffness["deflection"])
-    names = [
-        f"{kind} {100 * length:.3g} cm" for kind, length in zip(stiffness["specimen"], stiffness["spine_length"], strict=True)
-    ]
+    pushed = zip(stiffness["specimen"], stiffness["spine_length"], strict=True)
+    names = [f"{kind} {100 * length:.3g} cm" for kind, length in pushed]
     specimens = list(dict.fromkeys(names))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)

@@ -46,8 +46,7 @@ MISFIT_LABELS = {
 def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocols: Path | None = None) -> Path:
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
-    `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments.
-    """
+    `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
     report = opened("The gap between model and robot", d, case, inputs, protocols)
     fill(report, d, case, protocols)
     return report.write(path)

@@ -118,8 +118,7 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
 
 
 def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Path, words: Words) -> Path:
-    """Draw x, y and z of the predicted tip with its interval over the highest pressure (n,) Pa, a colour for each spine length
-    (n,) m."""
+    """Draw x, y and z of the predicted tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
     low, high = prediction.interval()
     lengths = np.unique(np.round(spine_length, 4))
     with plt.rc_context(STYLE):
@@ -141,8 +140,7 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
 
 
 def targets(wanted: Array, reached: Reached, path: Path) -> Path:
-    """Draw targets (m, 3) m and the expected tips with intervals, seen along y and along z; free coordinates (NaN) are drawn at
-    those of the tip."""
+    """Draw targets (m, 3) m and expected tips with intervals from two sides; a free coordinate (NaN) is that of the tip."""
     tip = reached.prediction.tip
     place = np.where(np.isfinite(wanted), wanted, tip)
     low, high = reached.prediction.interval(model_only=True)

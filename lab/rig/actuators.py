@@ -215,8 +215,7 @@ class Actuators:
     def close(self) -> str:
         """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
 
-        Returns what is not confirmed safe; the process then lives on for a while and goes on landing it.
-        """
+        Returns what is not confirmed safe; the process then lives on for a while and goes on landing it."""
         going = ""
         try:
             going = self._sent(Order.END)

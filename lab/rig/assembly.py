@@ -229,8 +229,7 @@ class Rig:
     ) -> Bench:
         """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits.
 
-        `stopping`: whether the run shall end; `steering`: what people ask of it; `asked`: entered while the operator is asked.
-        """
+        `stopping`: whether the run shall end; `steering`: what people ask of it; `asked`: entered while the operator is asked."""
         steering = Steering() if steering is None else steering
         has = self.identities.__contains__  # whether an instrument was opened
         stand = self.file.stand

@@ -38,8 +38,7 @@ class Line:
         """The note so far; None: keys are requests."""
 
     def take(self, text: str) -> None:
-        """Take the keys that came in one piece: requests, or letters of a note. What follows the end of a note was pasted, and is
-        no request."""
+        """Take keys that came in one piece: requests, or letters of a note. What follows the end of a note was pasted."""
         for key in text:
             if key == ESCAPE:  # alone, or the begin of what an arrow key sends
                 if text == ESCAPE:

@@ -108,10 +108,10 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
     for several in excesses.values():
         number, worst = max(several, key=lambda pair: pair[1].over)
         further = len(several) - 1
-        others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
+        more = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
             f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.text}, {worst.limit}; "
-            f"{worst.remedy}{others}"
+            f"{worst.remedy}{more}"
         )
     return lines
 
@@ -160,8 +160,7 @@ def _limit(rig: RigFile, key: str) -> float | None:
 
 
 def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
-    """Each value of a step that is beyond a limit, chambers that cannot be driven so, a spine that is not there, and places of
-    the probe outside of the arm's workspace."""
+    """What of a step is beyond a limit, or what the rig cannot do: chambers, a spine, places of the probe."""
     for d in _demands(ask, rig, path, robot):
         if d.limit is not None and d.value > d.limit * SLACK:
             subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
@@ -185,7 +184,6 @@ def _probe(
     places: Sequence[tuple[float, float | None]], stand: Stand, low: Sequence[float], high: Sequence[float], path: Path
 ) -> Iterator[Excess]:
     """Places of the probe outside of the arm's box, `low` to `high` (m); between two places inside of it the way is inside too.
-
     `places`: distance along the stand's axis and depth of the push (m); None: at the stand-off before the specimen."""
     for along, depth in places:
         deep = -stand.standoff if depth is None else depth
@@ -204,8 +202,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
 
     The stretch is three times the strain with all chambers at their highest pressure, because the area factor is not known
     better before a calibration, and a tenth more, because bodies and the cameras' base frame may be out of place. Markers
-    count where robot.yaml states the arc length of each marker of rig.yaml.
-    """
+    count where robot.yaml states the arc length of each marker of rig.yaml."""
     names = getattr(rig.instruments.mocap, "markers", ())
     markers = robot.markers if len(names) == len(robot.markers) else ()
     strain = 0.0
@@ -217,11 +214,9 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:
-    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, with the moduli of robot.yaml; None for the spine of a robot
-    without one.
+    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, by robot.yaml; None for the spine of a robot without one.
 
-    A body is stiffer as far as the spine reaches inside it; there both bend together.
-    """
+    A body is stiffer as far as the spine reaches inside it; there both bend together."""
     if push.specimen == "spine" and robot.spine is None:
         return None
     spine_bend = 0.0  # E I, N m^2

@@ -62,8 +62,7 @@ SPECIMEN_STIFFNESS = 300.0
 def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: RigFile) -> tuple[list[TrialRow], float]:
     """Do a protocol's `run` at the desk of a rig; returns the states that it read, and its largest set-point, Pa.
 
-    Raises BadProtocol, naming the line, for whatever the protocol raises.
-    """
+    Raises BadProtocol, naming the line, for whatever the protocol raises."""
     markers = len(getattr(rig.instruments.mocap, "markers", ()) or ())
     sensors = [sensor(name, drivers()[c.driver].quantities) for name, c in rig.instruments.sensors.items()]
     desk = Desk(rig, plan, markers, sensors)

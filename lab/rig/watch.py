@@ -165,12 +165,10 @@ class Watch:
         self._began = timing.now()
 
     def look(self, strict: bool = False, resting: bool = False) -> None:
-        """Check the rig once; raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended, StoodStill or an
-        InstrumentError.
+        """Check the rig once; raises KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended, StoodStill or InstrumentError.
 
         `strict` does not forgive a hidden body, not even for a moment; in a pause (`resting`) what a person can put right
-        may be wrong.
-        """
+        may be wrong."""
         if self._stop_now():
             raise KeyboardInterrupt
         if (stood := self._stood_still()) > OWN_SLEEP:

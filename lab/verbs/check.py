@@ -72,8 +72,7 @@ WITHIN = 30.0
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
     """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
 
-    The robot hangs free; `rig` as `within_robot` gives it.
-    """
+    The robot hangs free; `rig` as `within_robot` gives it."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -183,23 +182,22 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
     """Inflate one channel from empty to `STEP` and vent it; returns what was seen. Raises NotAsCommanded.
-
     `per_pascal`: of each channel the tip's expected displacement, (3,) m per Pa; none without cameras."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
     displacement = per_pascal[channel] if per_pascal else None
     rest = _tip(bench) if displacement is not None else None
-    before = _pressures(bench)
+    at_rest = _pressures(bench)
     config = rig.instruments.pressure
     if config is not None and config.widest is not None and config.full_scale < config.widest:
         # The regulator cannot be asked for its range, and a wider one would deliver widest / full_scale of what is commanded: a
         # first step is so small that even then no more than 5 kPa come, and it is judged for coming too far alone.
         pressure = STEP * config.full_scale / config.widest
-        _inflate(bench, channel, pressure, before)
+        _inflate(bench, channel, pressure, at_rest)
         if displacement is not None and rest is not None:
             _compare(_tip(bench) - rest, displacement * pressure, pressure, least=None)
-    _inflate(bench, channel, STEP, before)
+    _inflate(bench, channel, STEP, at_rest)
     observed = "its own reading agrees, the other channels do not change"
     if displacement is None or rest is None:
         observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
@@ -213,7 +211,7 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
     return observed
 
 
-def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None:
+def _inflate(bench: Bench, channel: int, pressure: float, at_rest: Array) -> None:
     """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
     channels = len(bench.chambers.channels)
     ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], 5e3)  # Pa/s
@@ -223,7 +221,7 @@ def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None
         WITHIN,
     )
     bench.pause(REST)
-    deviations = _pressures(bench) - np.where(np.arange(channels) == channel, pressure, before)
+    deviations = _pressures(bench) - np.where(np.arange(channels) == channel, pressure, at_rest)
     for other, deviation in enumerate(deviations, 1):
         if abs(deviation) > AGREE:
             raise NotAsCommanded(
@@ -284,8 +282,7 @@ LOOK = 0.05
 def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
     """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
 
-    With `move` try each actuator by a little; a person is asked once unless `yes`.
-    """
+    With `move` try each actuator by a little; a person is asked once unless `yes`."""
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
     if move:
@@ -300,9 +297,9 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
                 out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
 
         failures = rig.open_all(note)
-        before, lost_before = dict(rig.counts), rig.lost()
-        span = _listen(rig, before, seconds)
-        rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
+        counts_before, lost_before = dict(rig.counts), rig.lost()
+        span = _listen(rig, counts_before, seconds)
+        rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
             moved = _moved(rig, robot)
@@ -403,9 +400,7 @@ def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
 def _row(
     rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
 ) -> dict[str, Any]:
-    """An instrument as JSON has it: identity, samples and losses since `before` and `lost_before` (by topic), limits.
-
-    `span`: host s in which samples were counted."""
+    """An instrument as JSON has it: identity, limits, and samples and losses since the counts before, in `span` host s."""
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
     row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}

@@ -81,8 +81,7 @@ def diagnose(
 ) -> Result:
     """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
 
-    Raises ConfigError, BadEffect, RecordingError.
-    """
+    Raises ConfigError, BadEffect, RecordingError."""
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
     if outputs.protocols is not None:
@@ -91,13 +90,13 @@ def diagnose(
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     with ExitStack() as open_while_diagnosed:
-        beside = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
+        pool_for = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
         case = read_case(inputs, robot)
         if comparisons.baseline is not None or comparisons.simulator is not None:
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
-        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
+        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
@@ -154,8 +153,7 @@ def _of_robot(case: Case) -> Case:
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
-    """The predictions that take the rod model's place, from a table or a simulator; None where the rod is asked. Raises
-    ConfigError."""
+    """Predictions in the rod model's place, of a table or a simulator; None: the rod's own. Raises ConfigError."""
     given = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
     if not given:
         return None

@@ -96,8 +96,7 @@ def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> l
 
 
 def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
-    """The change by one effect at its plausible size in the first of `models` (kind of experiment, columns of its states, model)
-    that shows it."""
+    """The change by an effect of plausible size in the first of `models` (kind, columns of states, model) that shows it."""
     sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
     for how, columns, forward in models:  # noqa: B007 (used after the loop)
         theta = np.zeros(len(forward.parameters))

@@ -56,8 +56,7 @@ Array = NDArray[np.float64]
 
 
 def write_inference(path: Path, answer: Diagnosis, robot: Robot) -> Path:
-    """Write a diagnosis as InferenceData (NetCDF) and return its path; raises ConfigError where xarray is not installed or no
-    hypothesis was weighed."""
+    """Write a diagnosis as NetCDF and return the path; raises ConfigError without xarray, or where nothing was weighed."""
     try:
         xarray = import_module("xarray")
         import_module("h5netcdf")
@@ -93,12 +92,12 @@ def _posterior(xarray: Any, answer: Diagnosis, named: Ranked, shared: Mapping[st
         stated = cut.get(name, {"mean": p.value, "low": -np.inf, "high": np.inf})
         values = _drawn(stated["mean"], p.sd, stated["low"], stated["high"], rng)
         variables[name] = xarray.DataArray(values, dims=("chain", "draw"), attrs={"units": p.unit})
-    about = {
+    source_of_draws = {
         "hypothesis": " + ".join(named.effects), "probability": named.probability, "seed": SEED,
         "drawn_from": CUT if cut else NORMAL,
     }  # fmt: skip
     counts = {"chain": np.arange(CHAINS), "draw": np.arange(DRAWS)}
-    return xarray.Dataset(variables, coords=counts, attrs={**shared, **about})
+    return xarray.Dataset(variables, coords=counts, attrs={**shared, **source_of_draws})
 
 
 def _drawn(mean: float, sd: float, low: float, high: float, rng: np.random.Generator) -> Array:
@@ -188,8 +187,8 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
         "datePublished": datetime.now(UTC).date().isoformat(), "hasPart": _ids(graph), "about": _ids(robot[:1]),
         "mentions": _ids([a for a in actions if a["@type"] == "CreateAction"]),
     }  # fmt: skip
-    about = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
-    whole = {"@context": CONTEXT, "@graph": [about, root, *graph, *columns, *robot, *actions]}
+    crate = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
+    whole = {"@context": CONTEXT, "@graph": [crate, root, *graph, *columns, *robot, *actions]}
     replaced(folder / METADATA, json.dumps(whole, indent=1) + "\n")
     return folder / METADATA
 
@@ -322,7 +321,6 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
     """Copy a case, or recordings as a case, and all further files into a crate; returns the files and the table of trials.
-
     Raises ConfigError for several cases, for none, and for two files of one name."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
@@ -337,8 +335,8 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
         write_csv(table, folder / "trials.csv")
-    beside = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    contents = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
+    further = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
+    contents = [folder / "robot.yaml", folder / "trials.csv", *further, *files]
     twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")

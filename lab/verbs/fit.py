@@ -83,8 +83,7 @@ def fit_with(
 ) -> Result:
     """Area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
-    Raises ConfigError, BadEffect, RecordingError.
-    """
+    Raises ConfigError, BadEffect, RecordingError."""
     if asked.samples < 0:
         raise ConfigError(f"--samples {asked.samples}: must be at least 1")
     if asked.samples and folder is None:
@@ -193,7 +192,8 @@ def sheet(c: Calibration) -> Sheet:
     areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
     factor = c.robot.actuators.words.area_factor
     for kind, where, a in areas:
-        rows.append((f"{factor}, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
+        value = f"{a.factor.value:.3f} ± {a.factor.standard_error:.3f}"
+        rows.append((f"{factor}, {kind}", where, value, str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
     spine = c.robot.spine is not None
     columns = ("parameter", *(("spine",) if spine else ()), "value", "states", "residual")
     t = Sheet(*columns, title="Calibration (± standard error)", title_justify="left")
@@ -215,10 +215,6 @@ def baseline_line(c: Calibration, area: AreaFit) -> str:
 
 def _mpa(e: Estimate) -> str:
     return f"{e.value / 1e6:.3f} ± {e.standard_error / 1e6:.3f} MPa"
-
-
-def _plain(e: Estimate) -> str:
-    return f"{e.value:.3f} ± {e.standard_error:.3f}"
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -274,8 +270,7 @@ LEAST_AREA, MOST_AREA = 1e-6, 20.0
 def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) -> tuple[tuple[str, ...], Array, list[Robot]]:
     """Names (k), values (n, k) and robots (n) of the normal posterior cut at the parameters' bounds.
 
-    Raises ConfigError for a robot of which nothing is uncertain.
-    """
+    Raises ConfigError for a robot of which nothing is uncertain."""
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
@@ -292,8 +287,7 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
 
 
 def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -> Array:
-    """(k,) a draw of a normal within `limits` (k, 2); `root`: Cholesky factor of its covariance. After 1000 draws outside of them
-    what lies beyond a limit is put on it."""
+    """(k,) of a normal with covariance `root` `root`^T, drawn until within `limits` (k, 2), or cut there after 1000 draws."""
     low, high = limits[:, 0], limits[:, 1]
     value = mean
     for _ in range(1000):
@@ -306,8 +300,7 @@ def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -
 def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = "") -> Iterator[Path]:
     """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit.
 
-    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`.
-    """
+    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`."""
     rows: list[list[object]] = [["file", *names]]
     width = max(4, len(str(len(robots))))
     for k, (row, robot) in enumerate(zip(values.tolist(), robots, strict=True), 1):

@@ -99,8 +99,8 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
     kinds = [lacks(series, robot) for series in tables]
     if tables and not frozenset.intersection(*kinds):
         streams = [stream_of(series, series.path.name)[0] for series in tables]
-        lead, others = experiments(streams, kinds, lambda kind: "tip" not in kind)[0][0]
-        series = joined(lead, others)
+        lead, companions = experiments(streams, kinds, lambda kind: "tip" not in kind)[0][0]
+        series = joined(lead, companions)
         return series, guess_map(series, robot)
     for series in tables:
         try:

@@ -73,19 +73,19 @@ def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Pa
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
-    kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
-    _beyond(robot, kept)
+    bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
+    _beyond(robot, bending)
     unsolved = int((~prediction.converged).sum())
     missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium: no tip is given" if unsolved else ""
 
     def draw(path: Path) -> None:
         from ..pages.figures import tips
 
-        highest = _pressures(robot, kept).max(axis=1)
-        tips(highest, np.asarray(kept["spine_length"], float), prediction, path, robot.actuators.words)
+        highest = _pressures(robot, bending).max(axis=1)
+        tips(highest, np.asarray(bending["spine_length"], float), prediction, path, robot.actuators.words)
 
     return _result(
-        robot, outputs, "states", prediction_rows(kept, prediction), lambda: _sheet(robot, kept, prediction), draw, missing
+        robot, outputs, "states", prediction_rows(bending, prediction), lambda: _sheet(robot, bending, prediction), draw, missing
     )
 
 
@@ -93,14 +93,14 @@ def _result(
     robot: Robot, outputs: PredictionFiles, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
     draw: Callable[[Path], None], missing: str,
 ) -> Result:  # fmt: skip
-    """Write the files that are wanted and return the result; `kind` names the rows in JSON, `missing` says which of them have no
-    answer."""
+    """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
     if outputs.csv is not None:
         outputs.csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if outputs.figure is not None:
         draw(outputs.figure.resolve())
     written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
-    interval = _interval(robot) if states_uncertainty(robot) else None
+    covered = robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
+    interval = covered if states_uncertainty(robot) else None
 
     def show() -> None:
         out.print(sheet())
@@ -112,8 +112,8 @@ def _result(
         if missing:
             out.print(missing)
 
-    about = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
-    return Result({**about, "files": written, kind: rows}, show)
+    head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
+    return Result({**head, "files": written, kind: rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -172,8 +172,7 @@ def invert(
 def table_states(path: Path, words: Words) -> Columns:
     """Columns (SI) of the states in a table: trials.csv, or one with p1 .. and spine_length (default 0) alone.
 
-    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit. Raises ConfigError, also for pressures too low for Pa.
-    """
+    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit. Raises ConfigError, also for pressures too low for Pa."""
     example = f"p1 [{words.unit}]"
     columns = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {example} .., and spine_length (m)")
     for name in [name for name in columns if "[" in name]:
@@ -291,11 +290,6 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     if none.any():
         raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
     return place, np.where(np.isfinite(weight), weight, 1.0)
-
-
-def _interval(robot: Robot) -> str:
-    """What the interval covers."""
-    return robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
 
 
 def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:

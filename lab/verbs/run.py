@@ -94,8 +94,7 @@ def job(
 ) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file.
-    """
+    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file."""
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
@@ -159,8 +158,7 @@ def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: S
     """Columns of trials.csv (name -> (n,) values, SI) of planned states; cells that do not apply are NaN or empty.
 
     `channels`: what will be measured (x, y, z, qw .., m1x .., force), as columns of zeros (qw of ones), for
-    `model.effects.design.design_from_columns`, which takes what is there as observed.
-    """
+    `model.effects.design.design_from_columns`, which takes what is there as observed."""
     names = {name for row in rows for name in row if name != "vacuum" or robot.spine is not None}
     columns: Columns = {}
     for name in sorted(names, key=lambda name: column_order(name) or ()):
@@ -249,8 +247,8 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     `rehearsing`: do the protocol's `run` at the desk, too."""
     j = job(protocol, rig_path, settings)
     p, speed = j.plan, j.rig.clock.speed
-    asked = margins(p, j.rig, j.rig.body)
-    if not any(m.name in ACTIVE for m in asked):
+    margins_asked = margins(p, j.rig, j.rig.body)
+    if not any(m.name in ACTIVE for m in margins_asked):
         note(
             [
                 f"{p.protocol}: no step asks for a pressure, a spine length or a push; check its parameters, such as "
@@ -258,9 +256,9 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
             ]
         )
     done = _rehearsed(j) if rehearsing else None
-    largest = [asdict(m) for m in asked]
+    largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
-    return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, asked, whole, done))
+    return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, margins_asked, whole, done))
 
 
 def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
@@ -287,8 +285,7 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 
 
 def _rehearsed(j: Job) -> dict[str, Any]:
-    """Execute the protocol's `run` without instruments: how many states and trials it reads, and texts on where it differs from
-    its plan. Raises BadProtocol."""
+    """Execute a protocol's `run` without instruments: states and trials read, differences from its plan. Raises BadProtocol."""
     rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
     differs = []
     chambers = wiring(j.rig, j.rig.body).count
@@ -431,8 +428,7 @@ def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> st
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
     """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
 
-    `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already.
-    """
+    `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
     j = job(name, rig_path, [], source, of_file, rig)

@@ -105,7 +105,6 @@ def safe_all() -> Result:
 
 def _landed(rig_path: Path, clear: bool) -> RigLanding:
     """Land one rig, by its guard or else by this process, and return what was reached; `clear`: unlock it when all is confirmed.
-
     Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
     result = RigLanding()
     result.ask(names_of_path(rig_path), rig_path)
@@ -180,7 +179,6 @@ def _ended(landed: Landed) -> list[str]:
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
     """Land the actuators that no guard has landed, and add steps and notes to `result`; `clear`: unlock when all is confirmed.
-
     Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 

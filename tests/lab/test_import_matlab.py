@@ -67,11 +67,15 @@ def test_objects_are_named_where_they_cannot_be_read(tmp_path: Path, monkeypatch
 def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
     hidden = np.array([[None if k == 4 else x for k, x in enumerate(TIP[:, 0])]], dtype=object)
     hidden[0, 4] = np.zeros((0, 0))
+    phase = np.empty(STATES, object)
+    for k, word in enumerate(BRANCHES):  # in a cell within a cell
+        phase[k] = np.empty((1, 1), object)
+        phase[k][0, 0] = np.array([[word]], object)
     savemat(
         tmp_path / "run.mat",
         {
             "t": TIME[None, :], "pressure_kPa": PRESSURES.T, "tip": {"x_mm": hidden, "y_mm": TIP[:, 1], "z_mm": TIP[:, 2]},
-            "phase": BRANCHES, "gains": np.eye(3), "name": "finger", "rate": 100.0, "z": 1j * TIME,
+            "phase": phase, "gains": np.eye(3), "name": "finger", "rate": 100.0, "z": 1j * TIME,
         },
     )  # fmt: skip
     series = read(tmp_path / "run.mat", Source())
@@ -99,21 +103,6 @@ def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"name": "finger", "parts": np.array([np.zeros(3), np.zeros((2, 2))], dtype=object)})
     with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"):
         read(tmp_path / "run.mat", Source())
-
-
-def test_cells_within_cells_are_read(tmp_path: Path) -> None:
-    def nested(value: object, depth: int) -> object:
-        cell = np.empty((1, 1), object)
-        cell[0, 0] = nested(value, depth - 1) if depth > 1 else value
-        return cell
-
-    given = {"t": TIME, "x": TIP[:, 0], "phase": np.empty(len(TIME), object), "p": np.empty(len(TIME), object)}
-    for k, (branch, pressure) in enumerate(zip(BRANCHES, PRESSURES[:, 0], strict=True)):
-        given["phase"][k], given["p"][k] = nested(branch, 2), nested(pressure, 3)
-    savemat(tmp_path / "run.mat", given)
-    series = read(tmp_path / "run.mat", Source())
-    assert series.words["phase"].tolist() == BRANCHES.tolist()
-    assert series.numbers["p"] == pytest.approx(PRESSURES[:, 0])
 
 
 def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path) -> None:
