@@ -76,8 +76,9 @@ class Processes:
         try:
             for place, item in enumerate(items):
                 while not begun[place].done():
+                    # what can be cancelled nobody has begun
                     free = next((k for k in range(place, len(items)) if begun[k].cancel()), None)
-                    if free is None:
+                    if free is None:  # all others are being done elsewhere: wait for this one
                         break
                     begun[free] = _here(do, items[free])
                 try:
@@ -148,8 +149,8 @@ def processes(count: int, ahead: Sequence[str] = (), niceness: int = 0) -> Itera
         try:
             yield Processes(pool, feeders, Path(folder), first)
         finally:
-            for other in workers:
-                other.terminate()
+            for worker in workers:
+                worker.terminate()
             feeders.shutdown(wait=False, cancel_futures=True)
             with suppress(BrokenProcessPool):
                 pool.shutdown(wait=True, cancel_futures=True)

@@ -353,9 +353,9 @@ def _checked(path: Path, rig_path: Path) -> CampaignDesign:
 
 
 def plan_dict(c: CampaignDesign) -> dict[str, Any]:
-    """The plan as JSON has it."""
+    """The plan as JSON has it: runs with what a person has to do before each, cycles by chamber, limits and margins."""
     counts, highest = c.cycles()
-    runs, stands = [], None
+    runs, stands = [], None  # the set-up that stands
     limits: dict[str, float] = {}
     for run, j in c.jobs:
         hands = []

@@ -113,9 +113,9 @@ class Guard:
         self._deciding = timing.Lock()
         self._why = ""
         """Why the rig was landed last."""
-        self._clip_logged = 0.0
-        self._last = SafeReport()
-        self._closed = False
+        self._clip_logged = 0.0  # host time, s
+        self._last = SafeReport()  # of the last landing
+        self._closed = False  # everything was landed for good
 
     def _make(self, name: str, config: Any) -> Any:
         if name == "valve" and self.rig.safe.keep_vacuum:

@@ -70,7 +70,6 @@ class Hosted:
     def _open(self, command: Command[R]) -> R:
         """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
         connected is closed first, and gets a new process.
-
         A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing."""
         if self._connected:
             self._close()

@@ -124,7 +124,7 @@ def _serve(guard: Guard, commands: Connection) -> None:
     """Perform orders and commands and send the answers, until the program sends END or is gone; then land what is energised."""
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, asked = timing.receive(commands)
+            number, asked = timing.receive(commands)  # an order or a command, answered under its number
             if asked is Order.END:
                 going = guard.finish()
                 if going:

@@ -170,7 +170,6 @@ def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:
 
 def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Array]]:
     """Columns by label of arrays whose dimensions have names (`axes`, by array).
-
     Each combination of indices of all dimensions but `point` and `axis` is a row, with a column of indices (from 1) for each of
     these; `point` and `axis` tell columns NAME.1.x apart. An array that lacks a dimension repeats its values along it."""
     arrays: dict[str, Array] = {}

@@ -135,7 +135,6 @@ def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) 
 
 def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
     """Where times step back or far ahead, shift all later ones so that they go on, and begin a run where they begin again.
-
     A step is judged in this order: a counter overflowed; a clock was set by half hours; times begin again (another run); a clock
     was set back a little. Any other step stays as it is."""
     steps, usual = np.diff(line.t), period(line.t)
@@ -198,7 +197,7 @@ def _set_back(t: Array, i: int, usual: float) -> bool:
 
 
 def _far(line: Timeline, place: Callable[[int], str]) -> Iterator[str]:
-    """About gaps within a run, and times that are too coarse to tell how long anything was held."""
+    """Ask about the first gap within a run, and about times that are too coarse to tell how long anything was held."""
     usual, steps = period(line.t), np.diff(line.t)
     gap_rows = np.flatnonzero(gaps(line.t)[1:] & (np.diff(line.run) == 0)) + 1
     if len(gap_rows):

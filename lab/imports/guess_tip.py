@@ -204,7 +204,6 @@ class _Pushed:
 def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: bool, pushed: _Pushed) -> None:
     """Propose the frame: z along the axis of the file on which the resting tip, or a marker nearer to the base, is far from the
     base; x and y, right-handed, so that the tip moves where the actuators push it.
-
     Where the resting body shows no z, actuators decide all three axes. A tip that rests elsewhere than the model does makes
     `straight: at rest` a proposal. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of markers, from the base on, in the rows at
     rest; `rests`: whether the robot rests in them."""

@@ -284,7 +284,7 @@ def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, 
             if match is None:
                 continue
             stem, axis = (match[1], match[2]) if match[2] else (match[4] or "", match[3])
-            if len(stem) > 12:
+            if len(stem) > 12:  # letters: a long word that happens to end in x is no marker's name
                 continue
             key = (*h.words[:k], f"{stem}*", *h.words[k + 1 :])
             groups.setdefault(key, {}).setdefault(axis, h)

@@ -56,7 +56,7 @@ def read_matlab(path: Path, source: Source) -> Series:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # before anything is unpacked: a few kB can hold GB
+            # before anything is unpacked: a few kB can hold GB. The header of version 5 ends with version and byte order
             if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
                 order: Order = "little" if data[126:128] == b"IM" else "big"
                 demand_bounded(path, _claimed(memoryview(data)[128:], order))
@@ -64,12 +64,12 @@ def read_matlab(path: Path, source: Source) -> Series:
                 demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
             variables = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
             if OBJECTS in variables:
-                demand_bounded(path, _claimed(memoryview(variables[OBJECTS].tobytes())[8:], order))
+                demand_bounded(path, _claimed(memoryview(variables[OBJECTS].tobytes())[8:], order))  # behind its header
     except ConfigError:
         raise
     except Exception as e:
         raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
-    opaque = OBJECTS in variables
+    opaque = OBJECTS in variables  # MATLAB's objects are read by mat-io; SciPy names them None
     variables = {str(n): v for n, v in variables.items() if n and not str(n).startswith("__") and str(n) != "None"}
     objects, notes = _objects(path, None) if opaque else ({}, ())
     return columns_of(path, {**variables, **objects}, source, "MATLAB", notes)
@@ -100,7 +100,6 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
 
 def _claimed(data: memoryview, order: Order, depth: int = 0) -> int:
     """Bytes of memory that the elements of a file of version 5 take once they are read; no more are counted beyond `LARGEST`.
-
     Raises ValueError where an element, or one within it, is of no known kind, or where an array claims more cells than its
     element has bytes, and zlib.error where a packed element is damaged."""
     size = 0

@@ -185,6 +185,7 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
                 if k != body and _near(after[body], before[k], limit[i]) and _near(after[k], before[body], limit[i])
             ]
             found.append(Jump(int(later[i]), body, float(moved[i, body]), float(changed[i]), partners[0] if partners else None))
+    # each once: a state may be held against the one before it and against the last one at rest
     yield from {(j.state, j.body): j for j in sorted(found, key=lambda j: (j.state, j.body))}.values()
 
 

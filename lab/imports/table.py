@@ -132,7 +132,6 @@ def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, FileRows, Map]], list[str], list[str]]:
     """Files with their rows and maps, in the order of their times where these tell it; notes; files that cannot be read, and why.
-
     Files that hold what the map names only together are joined in time. Raises ConfigError where none or a named one fails."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
     failed: list[ConfigError] = []
@@ -388,7 +387,6 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
     """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
-
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
     where there are any, is where the model stands under its weight."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
@@ -477,7 +475,6 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
 
 def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
     """Number trials, steps and, where no column tells them, repeats (of the same inflation) from 1 on, and name branches.
-
     `counted`: columns of trial and repeat, if any. Unless one counts trials, each is of one repeat: that of most states."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)

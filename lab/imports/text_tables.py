@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
 WORD = 0.9
 """Numbers that a word beside them outweighs where a separator is judged: half of a row may be words."""
+LONGEST_CELL = 20
+"""Lines that a cell in quotation marks may have."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
 DATA_SHARE = 0.5
@@ -88,7 +90,7 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     data, first = _data_rows(path, frame, parsed.notna().to_numpy(), records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
-    above = [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])]
+    above = [Line(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])]
     head = head_of(path, above, frame.shape[1], source)
     _demand_one_table(path, frame, records, data, first, head)
     lines = np.array([r.line for r, is_data in zip(records, data, strict=True) if is_data], np.int64)
@@ -184,11 +186,11 @@ def _records(text: str) -> Iterator[Record]:
         line, begin = lines[i], i
         i += 1
         if line.count('"') % 2:
-            more = next((k for k in range(i, min(i + 20, len(lines))) if lines[k].count('"') % 2), None)
-            if more is None:
+            end = next((k for k in range(i, min(i + LONGEST_CELL, len(lines))) if lines[k].count('"') % 2), None)
+            if end is None:  # a stray mark, such as that of inches
                 line = line.replace('"', "")
             else:
-                line, i = " ".join([line, *lines[i : more + 1]]), more + 1
+                line, i = " ".join([line, *lines[i : end + 1]]), end + 1
         mark = COMMENT.match(line)
         bare = line[mark.end() :] if mark else line
         if bare.strip(" \t,;|\x1a\f"):
@@ -280,7 +282,6 @@ def _data_rows(
     path: Path, frame: pd.DataFrame, number: NDArray[np.bool_], records: Sequence[Record], source: Source, separator: str
 ) -> tuple[NDArray[np.bool_], int]:
     """(lines,) whether each is data, and the index of the first that is; `number` (lines, columns): cells that are plain numbers.
-
     Data are lines with about as many numbers as most, or with fewer but no word in a column of numbers; not comments, lines up to
     the stated heading or units, numbers above headings, nor sums and means below the table. Raises ConfigError where none is."""
     import pandas as pd
@@ -403,8 +404,14 @@ def _demand_one_table(
 
 
 # ------------------------------------------------------------------ what stands above the numbers
-Line = tuple[int, list[str], str]
-"""Number in the file, cells, text."""
+class Line(NamedTuple):
+    """A line above the numbers; its number in the file."""
+
+    number: int
+    cells: list[str]
+    text: str
+
+
 MOST_LINES = 4
 """Of headings."""
 LABELS = ("id", "type", "parent")
@@ -434,35 +441,35 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
 
     Else the units are the last line of units, and headings the lines that name most quantities; other lines may list units or
     state a common one. Raises ConfigError where a named line is not there, or commas are both marks and separators."""
-    above = [(line, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for line, cells, text in above]
-    named = {line: cells for line, cells, _ in above}
+    above = [Line(n, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for n, cells, text in above]
+    named = {line.number: line.cells for line in above}
     for key, line in (("heading", source.heading), ("units", source.units)):
         if line and line not in named:
             raise ConfigError(f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line")
-    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, 0.5 * width) and not MOTIVE.match(one[2])]
-    labels = {line for line, cells, _ in above if _is_label(cells)}
+    wide = [line for line in above if sum(map(bool, line.cells)) >= max(1, 0.5 * width) and not MOTIVE.match(line.text)]
+    labels = {line.number for line in above if _is_label(line.cells)}
     units = named[source.units] if source.units else None
     if units is None:
-        unit_lines = [one for one in wide if one[0] != source.heading and are_units(one[1])]
-        other_lines = [one for one in wide if one not in unit_lines]
-        units = unit_lines[-1][1] if unit_lines and (other_lines or source.heading) else None
-    heads = [one for one in wide if one[1] is not units]
+        unit_lines = [line for line in wide if line.number != source.heading and are_units(line.cells)]
+        other_lines = [line for line in wide if line not in unit_lines]
+        units = unit_lines[-1].cells if unit_lines and (other_lines or source.heading) else None
+    heads = [line for line in wide if line.cells is not units]
     if source.heading is not None:
-        heads = [one for one in above if one[0] == source.heading]
+        heads = [line for line in above if line.number == source.heading]
     elif units is not None and heads:  # below a line of units may stand comments
-        at = next(line for line, cells, _ in above if cells is units)
-        heads = [one for one in heads if one[0] < at] or heads[:1]
+        unit_number = next(line.number for line in above if line.cells is units)
+        heads = [line for line in heads if line.number < unit_number] or heads[:1]
     cells = _joined(heads, labels)
     if source.heading is None and not labels:
         heads, cells = _telling(above, units, heads, cells)
     stated = [c for c in cells if c]
     if len(stated) * 2 == width and len(cells[: width // 2]) == len(stated) and width > 3:
         raise ConfigError(
-            f"{path}, line {heads[-1][0]}: {len(stated)} headings stand above {width} columns: "
+            f"{path}, line {heads[-1].number}: {len(stated)} headings stand above {width} columns: "
             "commas seem to be both decimal marks and separators; export with semicolons or tabs between columns"
         )
     names = unique(cells, width)
-    used = {id(one[1]) for one in heads} | {id(units)}
+    used = {id(line.cells) for line in heads} | {id(units)}
     by_column = {n: u for n, u in zip(names, units or [], strict=False) if u}
     common: dict[str, str] = {}
     for _, line_cells, text in above:
@@ -486,13 +493,13 @@ def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
     apart; `labels`: numbers of the lines that name nothing."""
     if not heads:
         return []
-    names = heads[-1][1]
+    names = heads[-1].cells
     stated = [n for n in names if n]
     if len(set(stated)) == len(stated):
         return list(names)
     for k in range(len(heads) - 2, -1, -1):
-        cells = heads[k][1]
-        if any(line not in labels for line in range(heads[k][0] + 1, heads[k + 1][0])):
+        cells = heads[k].cells
+        if any(number not in labels for number in range(heads[k].number + 1, heads[k + 1].number)):
             break
         if _is_label(cells):
             continue
@@ -505,10 +512,10 @@ def _telling(
 ) -> tuple[list[Line], list[str]]:
     """The lines, and the names made of them, that say of most columns what they hold: those given, a line alone, or the last ones
     together, of which upper ones may name groups of columns."""
-    near = [one for one in above if one[1] is not units and sum(map(bool, one[1])) > 1 and not MOTIVE.match(one[2])][-MOST_LINES:]
-    ways = [(heads, names), *(([one], list(one[1])) for one in near)]
+    near = [x for x in above if x.cells is not units and sum(map(bool, x.cells)) > 1 and not MOTIVE.match(x.text)][-MOST_LINES:]
+    ways = [(heads, names), *(([line], list(line.cells)) for line in near)]
     for k in range(len(near) - 1):
-        columns = zip(*(_carried(one[1]) for one in near[k:-1]), near[-1][1], strict=False)
+        columns = zip(*(_carried(line.cells) for line in near[k:-1]), near[-1].cells, strict=False)
         ways.append((near[k:], [" ".join(filter(None, cells)) for cells in columns]))
     return max(ways, key=lambda way: recognised(way[1], units or ()))
 

@@ -222,7 +222,7 @@ def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tu
     away = [c for c in all_changes if not stages.at_rest(c)]
     # a column that changes away from rest as a rule is followed: it does not count what rests part
     strange = away if returns and (by_rest or 2 * len(away) < len(all_changes)) else []
-    followed = [c for c in all_changes if not (by_rest and c in strange)]
+    followed = [c for c in all_changes if not (by_rest and c in strange)]  # these begin trials; a note names the strange ones
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
         begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]

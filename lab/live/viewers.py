@@ -224,7 +224,7 @@ class Viewers:
         """Hand a posted request on to the run; raises `RefusedRequest`, also beyond `RATE` and `BURST`."""
         assert self._steer is not None
         now = time.monotonic()
-        self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))
+        self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))  # requests that may come at once
         self._counted = now
         if self._allowed < 1:
             raise RefusedRequest(HTTPStatus.TOO_MANY_REQUESTS)

@@ -23,6 +23,8 @@ from model.actuators import Words
 from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 
 Array = NDArray[np.float64]
+SAME_LENGTH = 0.01
+"""m within which spine lengths are one setting."""
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
@@ -105,7 +107,7 @@ def groups(d: Diagnosis) -> list[StateGroup]:
     for name in ranked:
         selected = np.array([key == name for key in keys])
         panels.append(
-            StateGroup(name, selected, _side(s["tip"][selected]), _levels(s["spine_length"][selected], 0.01), name == rest)
+            StateGroup(name, selected, _side(s["tip"][selected]), _levels(s["spine_length"][selected], SAME_LENGTH), name == rest)
         )
     return panels
 
@@ -125,7 +127,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
     rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
-    spines = np.ptp(s["spine_length"]) > 0.01
+    spines = np.ptp(s["spine_length"]) > SAME_LENGTH
     labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
     grain = _grain(s["pressure"])
     # sweeps read without stopping turn at other pressures up than down, so each branch has levels of its own
@@ -175,7 +177,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     axis.axhspan(-half, half, color="0.9")
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
-                            selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
+                            selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
                             _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ direction * 1e3, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
@@ -201,12 +203,12 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     one with the cause (`name`) miss the tip there, in any direction."""
     s = _states(d)
     models = (("given", ":", GIVEN, "k"), ("calibrated_unseen", "--", CALIBRATED, GREY), ("explained_unseen", "-", name, BLUE))
-    spines = np.ptp(s["spine_length"]) > 0.01
+    spines = np.ptp(s["spine_length"]) > SAME_LENGTH
     pictures = []
     for k, g in enumerate(groups(d)):
         shown = g.lengths[np.unique(np.linspace(0, len(g.lengths) - 1, 4).round().astype(int))]
         for j, length in enumerate(shown):
-            selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < 0.01)
+            selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
             if not selected.any():
                 continue
             with plt.rc_context(STYLE):
@@ -294,7 +296,7 @@ def _mapped(
     mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
     for i, (group, length) in enumerate(rows):
-        row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < 0.01)
+        row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
         for j in np.unique(column[row]):
             mapped[i, j] = np.sqrt(_mean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
     return mapped

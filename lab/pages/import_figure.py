@@ -29,12 +29,12 @@ COLUMNS, MOST_GROUPS = 4, 7
 
 
 def draw(imported: Imported, robot: Robot, path: Path) -> None:
-    """Write the picture of an import (.svg, .png or .pdf)."""
+    """Draw an import into a file (.svg, .png or .pdf): all rows over time, the tip from the side, and from the top by group."""
     states = imported.table.take(imported.table.with_tip)
     groups = _groups(states)
     most = sorted(groups, key=lambda g: -len(groups[g]))[:MOST_GROUPS]
     shown = {g: rows for g, rows in groups.items() if g in most}
-    lines = -(-(len(shown) + 1) // COLUMNS)
+    lines = -(-(len(shown) + 1) // COLUMNS)  # of panels, one of them for the side view
     columns = -(-(len(shown) + 1) // lines)
     words = robot.actuators.words
     figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")

@@ -107,7 +107,7 @@ def _valve(bench: Bench) -> str:
         valve.set(True)
         valve.set(False)
         return "switched on and off, according to its own read-back; without a gauge the vacuum in the spine is unknown"
-    ambient = release(bench, Jam())
+    ambient = release(bench, Jam())  # Pa absolute in the spine without vacuum
     valve.set(True)
 
     def reached() -> float | None:
@@ -162,7 +162,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
 
 # ------------------------------------------------------------------ pressure
 def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
-    """Displacement of the tip by each channel, (3,) m per Pa in the base frame, by the rod at no spine; none without cameras."""
+    """(3,) m per Pa, base frame, by which each channel moves the rod model's tip; none without cameras or an equilibrium."""
     if bench.mocap is None:
         return ()
     from model.condition import conditions
