@@ -30,7 +30,7 @@ def installed(package: str = NAME) -> str:
 
 
 def source() -> dict[str, str]:
-    """Commit of this software and whether its files were changed; empty where it was installed without git."""
+    """Commit of this software, empty where it was installed without git, and whether its files were changed (yes, no)."""
     folder = Path(__file__).parent
 
     def ask(*arguments: str) -> str:

@@ -137,7 +137,7 @@ class Session:
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
-        self._open: list[str] = []
+        self._open: list[str] = []  # names of the instruments that are
         self._safe = True
         self._displaced = False
         self._said = False

@@ -200,17 +200,17 @@ class Door:
             except (OSError, ValueError):  # closed meanwhile
                 continue
             strangers = False
-            for one in ready:
-                if one in self._asking:
-                    self._read(one)
+            for connection in ready:
+                if connection in self._asking:
+                    self._read(connection)
                 else:
-                    strangers |= self._accept(one)
-            for late in [one for one, question in self._asking.items() if timing.now() > question.until]:
+                    strangers |= self._accept(connection)
+            for late in [line for line, question in self._asking.items() if timing.now() > question.until]:
                 self._forget(late)
             if strangers:
                 timing.sleep(PACE)
-        for one in list(self._asking):
-            self._forget(one)
+        for connection in list(self._asking):
+            self._forget(connection)
 
     def _accept(self, listening: socket.socket) -> bool:
         """Accept the connections that wait; whether there were strangers (accounts that are not believed) among them."""
@@ -405,7 +405,7 @@ class _Talk:
                 self.owner = Owner("", about=f"a program that cannot be asked ({e.strerror})")
 
     def read(self) -> None:
-        """Take in what has come."""
+        """Read what has come and act on each whole line; `over` once the answer is whole, or is none."""
         assert self.line is not None
         data = b""
         with contextlib.suppress(OSError):

@@ -325,7 +325,7 @@ class Guard:
             try:
                 timing.Thread(target=go, name="land", daemon=True).start()
                 return
-            except RuntimeError:  # the computer has no room for one more thread
+            except RuntimeError:  # the computer has no room for one more thread: land in this one
                 pass
         go()
 

@@ -237,7 +237,7 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
     lacked_keys = [_lacking(series, own_map) for series, own_map in read]
     if len(read) < 2 or not all(lacked_keys) or frozenset.intersection(*lacked_keys):
-        return list(read)
+        return list(read)  # some file is whole, or a key is in none of them
     streams, maps, questions = [], {}, {}
     for series, own_map in read:
         stream, doubts = stream_of(series, series.path.name, own_map)
@@ -387,7 +387,7 @@ def lag(t: Array, pressures: Array, tip: Array) -> float | None:
     in_range = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
     lags, agreement = lags[in_range], agreement[in_range]
     best = int(np.argmax(agreement))
-    at_once = float(agreement[np.abs(lags) <= 1].max())
+    at_once = float(agreement[np.abs(lags) <= 1].max())  # within a step of the grid
     best_lag = float(lags[best]) * step
     clear = agreement[best] > CLEAR and agreement[best] > CLEARER * at_once
     return best_lag if clear and abs(best_lag) > max(LEAST_LAG, 3 * period_s) else None

@@ -51,8 +51,7 @@ def turn_off(states: Table, length: float) -> tuple[float, float] | None:
 
 
 def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
-    """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None where it hardly
-    turns."""
+    """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None: hardly turns."""
     bent, axis = _from_rest(turn, resting), _across(tip, resting)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     told = np.linalg.norm(bent, axis=1) > LEAST_TURN

@@ -195,25 +195,25 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
 
 def numbers(series: Series, name: Name, place: str) -> Array:
     """A column of numbers; raises ConfigError naming the first cell that is none and what to write."""
-    own = name_of(series, name, place)
-    strange = series.strange.get(own)
+    head = name_of(series, name, place)
+    strange = series.strange.get(head)
     if strange is not None:
         words = ", ".join(repr(w[:40]) for w in strange.words)
         raise ConfigError(
-            f"{series.path}, {series.place(strange.row)}, column {own!r} ({place}): {strange.words[0][:40]!r} is no "
+            f"{series.path}, {series.place(strange.row)}, column {head!r} ({place}): {strange.words[0][:40]!r} is no "
             f"number ({strange.cells} such cells); correct it, or where it stands for a missing value write "
             f"source: {{missing: [{words}]}}"
         )
-    if own in series.words:
-        texts = series.words[own]
+    if head in series.words:
+        texts = series.words[head]
         row = int(np.argmax(texts != ""))
         raise ConfigError(
-            f"{series.path}, {series.place(row)}, column {own!r} ({place}): holds words ({str(texts[row])[:40]!r}), not numbers; "
-            "name another column"
+            f"{series.path}, {series.place(row)}, column {head!r} ({place}): holds words ({str(texts[row])[:40]!r}), "
+            "not numbers; name another column"
         )
-    if own not in series.numbers:
-        raise ConfigError(f"{series.path}: column {own!r} ({place}): is empty; name another column")
-    return series.numbers[own]
+    if head not in series.numbers:
+        raise ConfigError(f"{series.path}: column {head!r} ({place}): is empty; name another column")
+    return series.numbers[head]
 
 
 def texts(series: Series, name: Name, place: str, missing: Sequence[str | float] = ()) -> NDArray[np.str_]:

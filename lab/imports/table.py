@@ -195,7 +195,7 @@ def conclude(
     all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
     straight, arcs = _straight_point(robot), robot.markers
     read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
-    group, start, origin = 0, 0.0, 0.0
+    group, start, origin = 0, 0.0, 0.0  # first trial of a file; s: end of the file before, begin of the first with dates
     for number, (series, q, own_map) in enumerate(every):
         path = series.path
         absolute = bool(q.t[0] >= EPOCH[0])
@@ -529,15 +529,15 @@ def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float 
     first = states.take(np.unique(file, return_index=True)[1])
     repeat, force = first.get("repeat"), np.array([np.nan if f is None else f for f in forces])
     order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
-    rests = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
-    if lacking := [r for r in repeat[order].tolist() if r not in rests]:
+    unloaded = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
+    if lacking := [r for r in repeat[order].tolist() if r not in unloaded]:
         raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N to hold deflections against")
-    pushed, along = first.take(order), sign * first.tip[:, axis]
+    pushed, position = first.take(order), sign * first.tip[:, axis]
     n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
     columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}
     columns |= {name: np.zeros(n) for name in pressure_columns(states.pressures.shape[1])}
     columns |= {"trial": states.trial.max() + 1 + number, "step": 1 + np.arange(n) - np.searchsorted(number, number),
                 "protocol": np.full(n, "stiffness"), "branch": np.full(n, "load"), "force": force[order],
                 "specimen": np.full(n, wanted.stiffness.specimen),
-                "deflection": along[order] - along[[rests[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
+                "deflection": position[order] - position[[unloaded[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
     return Table.stacked([states, Table(columns)])

@@ -331,8 +331,7 @@ def _numbers_above_headings(data: NDArray[np.bool_], commented: NDArray[np.bool_
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:
-    """Whether a last line ends before its last number does: it has fewer cells than the rows above it, or fewer decimals in its
-    last cell than all of them."""
+    """Whether a last line ends before its last number does: it has fewer cells, or decimals in its last cell, than rows above."""
     if len(above) < 2 or len(last) > above.shape[1]:
         return False
     if len(last) < above.shape[1]:

@@ -156,8 +156,7 @@ class Stages:
 
     @classmethod
     def of(cls, q: FileRows, states: States, below: float) -> Stages:
-        """Of rows before they are cut into trials; at rest no pressure is above `below` (Pa), as in the row before where one is
-        missing."""
+        """Of rows not cut into trials yet; at rest no pressure is above `below` (Pa), as in the row before where one lacks."""
         start, held = np.arange(len(q.t)), q.table.pressures
         begin, stop = start, start + 1
         if states.plateaus is not None:

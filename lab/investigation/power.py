@@ -70,7 +70,7 @@ def _plan(case: Case) -> str:
 
 
 def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
-    """The robot, and by a seed the case that was measured, or that the plan will give."""
+    """The robot, and a function that gives, by a seed, the case that was measured or that the plan will give."""
     chosen = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
     if len(chosen) != 1:
         raise ConfigError("give one of --protocol, --campaign and --case")

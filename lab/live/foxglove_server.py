@@ -53,7 +53,7 @@ class Foxglove:
             def on_subscribe(self, client: Any, channel: Any) -> None:
                 subscribed_at[:] = [time.monotonic()]
 
-        self._asked = subscribed_at
+        self._subscribed_at = subscribed_at  # host time (s) of the newest subscription, if any
         self._library = foxglove
         self._context = foxglove.Context()
         try:
@@ -76,7 +76,7 @@ class Foxglove:
     def wanted(self) -> bool:
         """Whether somebody has subscribed, and no further subscription has come for a moment."""
         # host seconds after the newest subscription, a viewer has all that its panels want
-        return bool(self._asked) and time.monotonic() - self._asked[0] > 0.5
+        return bool(self._subscribed_at) and time.monotonic() - self._subscribed_at[0] > 0.5
 
     def anew(self) -> None:
         """Another recording follows, whose topics are its own."""
@@ -112,7 +112,8 @@ class Foxglove:
                 self._channels[number].log(payload, log_time=log_time)
 
     def expected(self, log_time: int, answer: dict[str, Any]) -> None:
-        """Where the tip should be at a log time (ns): `tip`, where known `low` and `high` (m, base frame); or nothing."""
+        """Send where the tip should be at a log time (ns), `tip` and where known `low` and `high` (m, base frame) of `answer`;
+        without a tip what was drawn before is deleted."""
         from foxglove import messages as m
 
         def place(x: float, y: float, z: float) -> m.Pose:

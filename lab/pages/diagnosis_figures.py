@@ -458,11 +458,11 @@ def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
         for axis, (key, title) in zip(axes, models, strict=True):
             missed = 1e3 * (np.array(stiffness["force"]) - np.array(stiffness[key])) / np.array(stiffness["stiffness"])
             axis.axhspan(-stiffness["floor_mm"], stiffness["floor_mm"], color="0.9")
-            for name, colour in zip(specimens, colours(len(specimens)), strict=False):
-                for t in np.unique(trial[[n == name for n in names]]):
+            for specimen, colour in zip(specimens, colours(len(specimens)), strict=False):
+                for t in np.unique(trial[[n == specimen for n in names]]):
                     selected = trial == t
                     axis.plot(1e3 * deflection[selected], missed[selected], "-o", ms=2.5, lw=0.9, color=colour)
-                axis.plot([], [], color=colour, label=name)
+                axis.plot([], [], color=colour, label=specimen)
             axis.set_title(title, loc="left")
             axis.set_ylabel("measured minus model,\nmm of deflection")
         axes[1].set_xlabel("deflection, mm")

@@ -176,8 +176,7 @@ def label(table: Table, column: str) -> str:
 
 
 def sensors(table: Table, words: Words) -> list[Panel]:
-    """Each quantity over the states in their order and over their pressure, a colour a spine length; bars: one standard
-    deviation of the samples averaged."""
+    """Each quantity over the states in order and over their pressure, coloured by spine length; bars: one standard deviation."""
     return [
         partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
         # the table of numbers has all

@@ -79,33 +79,33 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace
 
 
 def fit_with(
-    inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, replace: bool = False
+    inputs: Sequence[Path], robot: Path | None, wanted: WithEffects, folder: Path | None, replace: bool = False
 ) -> Result:
-    """Area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
+    """Fit area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
     Raises ConfigError, BadEffect, RecordingError."""
-    if asked.samples < 0:
-        raise ConfigError(f"--samples {asked.samples}: must be at least 1")
-    if asked.samples and folder is None:
-        raise ConfigError(f"--samples {asked.samples}: needs --out FOLDER to write the robots into")
+    if wanted.samples < 0:
+        raise ConfigError(f"--samples {wanted.samples}: must be at least 1")
+    if wanted.samples and folder is None:
+        raise ConfigError(f"--samples {wanted.samples}: needs --out FOLDER to write the robots into")
     if folder is not None:
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    effects, left_out = catalogue(case.robot, asked.file)
+    effects, left_out = catalogue(case.robot, wanted.file)
     note(left_out)
     diagnosed = _diagnosed(inputs)
     start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
     with Screen("fitting") as screen:
-        fitted = fit_effects(case, asked.effects, effects, screen.step, asked.residual, start)
+        fitted = fit_effects(case, wanted.effects, effects, screen.step, wanted.residual, start)
     note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
-            if asked.samples:
-                names, values, robots = drawn(fitted.robot, effects, asked.samples, asked.seed)
+            if wanted.samples:
+                names, values, robots = drawn(fitted.robot, effects, wanted.samples, wanted.seed)
                 samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
                     for k, _ in enumerate(samples, 1):

@@ -509,7 +509,7 @@ def execute(
         _keys(steering, screen) as ask_at_terminal,
     ):
         rig.stop_now = lambda: interrupts.now
-        displaced: list[str] = []
+        displaced: list[str] = []  # texts on what happened to the recording's file, as said up to here
 
         def stopping() -> bool:
             displaced.extend(new := recorder.displaced[len(displaced) :])
@@ -534,17 +534,17 @@ def execute(
             error, outcome = _of_file(e, j.experiment), "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
-        report = _make_safe(rig, screen, outcome == "completed")
+        safe = _make_safe(rig, screen, outcome == "completed")
         rig.record_to(None)
         for topic, n in rig.lost().items():
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
-        lost = _finish(recorder, outcome, str(error or ""), report)
+        lost = _finish(recorder, outcome, str(error or ""), safe)
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
         announce(j.rig_path, recorder.path)
     table = Table.stacked([*([] if broken is None else [broken.table]), Table.of(trials.rows)])
     asked_to_end = interrupts.stopping()
-    return Outcome(recorder.path, outcome, table, lost, report, error, asked_to_end, recorder.displaced)
+    return Outcome(recorder.path, outcome, table, lost, safe, error, asked_to_end, recorder.displaced)
 
 
 @contextlib.contextmanager
