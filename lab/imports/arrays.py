@@ -85,7 +85,7 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
     neither. A table, a structure and a table of cells have several; `alone`: the labels of a table leave out its name."""
     import pandas as pd
 
-    if isinstance(value, pd.DataFrame):
+    if isinstance(value, pd.DataFrame):  # of a timetable the index is the time, a column here
         value = (
             value.reset_index() if pd.api.types.is_datetime64_any_dtype(value.index) or value.index.dtype.kind == "m" else value
         )

@@ -290,7 +290,7 @@ def _data_rows(
     for k in frame:
         cells = frame[k]
         filled[:, k] = cells != ""
-        single[:, k] = ~cells.duplicated(keep=False)
+        single[:, k] = ~cells.duplicated(keep=False)  # what occurs once in its column
         rest = pd.unique(cells[~number[:, k] & filled[:, k]])
         missing[:, k] = cells.isin([w for w in rest if is_missing(w, source.missing)])
         number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
@@ -303,20 +303,20 @@ def _data_rows(
     least = DATA_SHARE * count.max(initial=0)
     full = count >= max(least, 1)
     words = filled & ~number & ~missing
-    of_numbers = number[full].sum(axis=0) > words[full].sum(axis=0)
-    odd = np.asarray(words[:, of_numbers].any(axis=1), bool)
+    number_columns = number[full].sum(axis=0) > words[full].sum(axis=0)
+    has_word = np.asarray(words[:, number_columns].any(axis=1), bool)
     commented = np.array([r.comment for r in records], bool)
-    data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
+    data = ~commented & (full | ((count >= 1) & ~has_word & (count + missing.sum(axis=1) >= min(least, 2))))
     if not data.any():
         raise ConfigError(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
     data[: _numbers_above_headings(data, commented, words)] = False
-    clean = np.flatnonzero(data & full & ~odd)
-    behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
+    clean = np.flatnonzero(data & full & ~has_word)
+    behind = np.arange(len(has_word)) > (clean[-1] if len(clean) else len(has_word))
     # behind the last clean line, words that stand nowhere else ("mean", "total") begin what sums the table up
-    data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))
+    data = np.asarray(data & ~(behind & (words & single)[:, number_columns].any(axis=1)))
     return data, int(np.argmax(data))
 
 

@@ -100,16 +100,16 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
     sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
     for how, columns, forward in models:  # noqa: B007 (used after the loop)
         theta = np.zeros(len(forward.parameters))
-        still = forward.predict(theta)
+        without = forward.predict(theta)
         theta[forward.index(spec.id)] = sizes
-        change = forward.predict(theta) - still
+        change = forward.predict(theta) - without
         if np.nanmax(np.abs(change)) > LEAST_CHANGE:
             break
     else:
         none = np.zeros((0, 0))
         return Signature(spec, "none", np.zeros(0), none, none[..., None], 0, 0.0)
-    wide = 1 if how == "stiffness" else 3  # components: of a force along its axis, or of the tip
-    rows = change.reshape(-1, wide)
+    components = 1 if how == "stiffness" else 3  # of a force along its axis, or of the tip
+    rows = change.reshape(-1, components)
     x = columns["deflection"] if how == "stiffness" else columns["p1"]
     spine = np.asarray(columns["spine_length"], float)
     lengths = len(np.unique(spine))
@@ -119,9 +119,9 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
         how,
         np.unique(spine),
         np.asarray(x, float).reshape(lengths, -1),
-        rows.reshape(lengths, -1, wide),
+        rows.reshape(lengths, -1, components),
         axis,
-        _hidden(forward, change) if wide == 3 else 0.0,
+        _hidden(forward, change) if components == 3 else 0.0,
     )
 
 
