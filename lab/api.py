@@ -228,7 +228,7 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     run_job = job(protocol, where, [], replace(source, data={**source.table, **parameters}), rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    done = execute(rig, run_job, folder, Screen(run_job.experiment.name, rig.clock.speed, quiet=True))
-    if done.error is not None:
-        raise done.error
-    return done.file
+    outcome = execute(rig, run_job, folder, Screen(run_job.experiment.name, rig.clock.speed, quiet=True))
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.file

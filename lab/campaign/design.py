@@ -44,13 +44,13 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
     cells = [[(part, k) for k in range(len(conditions))] for part, conditions in enumerate(hands)]
     if not grouped:
         return [(block, cell) for part in cells for block in range(1, blocks + 1) for cell in rng.sample(part, len(part))]
-    plots = [
+    cells_by_setup = [
         {setup: [(part, k) for k, s in enumerate(conditions) if s == setup] for setup in dict.fromkeys(conditions)}
         for part, conditions in enumerate(hands)
     ]
     return [
         (block, cell)
-        for conditions, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
+        for conditions, order in zip(cells_by_setup, fewest_changes([list(p) for p in cells_by_setup], rng), strict=True)
         for setup in order
         for block in range(1, blocks + 1)
         for cell in rng.sample(conditions[setup], len(conditions[setup]))

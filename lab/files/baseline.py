@@ -187,8 +187,8 @@ def from_simulator(
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
     settings = _settings(case)
     distinct, place = _distinct(settings)
-    states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]
-    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []
+    states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
+    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
     baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):

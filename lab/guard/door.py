@@ -423,7 +423,7 @@ class _Talk:
         self.over = self.over or len(self.data) > LONGEST
 
     def _hear(self, message: Any) -> None:
-        """One line of the answer. Raises ValueError when it is none."""
+        """Take one line of the answer: first who the guard is, then what its landing reached. Raises ValueError for another."""
         owner = self.owner
         if owner is None or not isinstance(message, dict):
             raise ValueError("no answer")

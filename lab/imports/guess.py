@@ -352,7 +352,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
 
 
 def _useful(g: Guess, series: Series, h: Heading, changes_here: Sequence[Change], stages: Stages, robot: Robot) -> bool:
-    """Whether trials may begin at these changes (`own`) of a column; adds a doubt where rests of the robot contradict it."""
+    """Whether trials may begin at these changes of a column; adds a doubt where rests of the robot contradict them."""
     away = [c for c in changes_here if not stages.at_rest(c)]
     returns = len(stages.returns())
     if not changes_here:

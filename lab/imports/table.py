@@ -441,7 +441,7 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
             columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
         elif name not in averaged:
             fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
-    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]
+    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]  # rows of each cut with tip and pressures
     several, at_rest = np.array([len(rows) > 1 for rows in seen]), np.array([cut.at_rest for _, cut in kept])
     of_state: dict[str, NDArray[Any]] = {"t": np.array([q.t[rows].mean() for rows in seen])}
     for names, values in ((pressure_columns(pressures.shape[1]), pressures), (TIP, tip)):
@@ -449,6 +449,7 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
         deviations = [values[rows].std(axis=0, ddof=1) if len(rows) > 1 else np.full(len(names), np.nan) for rows in seen]
         for name, deviation in zip(names, np.array(deviations).T, strict=True):
             fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
+    # windows at rest have no pressure, whatever was read
     of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
     for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
         visible = np.isfinite(places).all(axis=1)
