@@ -104,7 +104,8 @@ def safe_all() -> Result:
 
 
 def _landed(rig_path: Path, clear: bool) -> RigLanding:
-    """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
+    """Land one rig, by its guard or else by this process, and return what was reached; `clear`: unlock it when all is confirmed.
+    Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
     result = RigLanding()
     result.ask(names_of_path(rig_path), rig_path)
     # the rest is imported after the asking, which needs none of it
@@ -138,6 +139,7 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
 
 
 def _show(rig_path: Path, result: RigLanding) -> None:
+    """Print each instrument's step and whether the rig is safe or locked, with what to do."""
     from ..console import out, styled
 
     for step in result.steps:
@@ -155,7 +157,7 @@ def _show(rig_path: Path, result: RigLanding) -> None:
 
 
 def _ended(landed: Landed) -> list[str]:
-    """What is to be said of the guards that were asked; one that stands still is ended, if that is allowed."""
+    """Kill each believed guard that did not answer, where that is allowed; texts on what was done, and on guards in doubt."""
     texts = []
     for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
@@ -176,7 +178,8 @@ def _ended(landed: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
-    """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
+    """Land the actuators that no guard has landed, and add steps and notes to `result`; `clear`: unlock when all is confirmed.
+    Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 
     from ..files.rig_file import rig_to_make_safe
