@@ -165,11 +165,14 @@ class ControlThread:
         next_kick = 0.0
         while True:
             now = timing.now()
-            if not control.isConnected():
-                self.give_up("connection lost")
-            elif self._kick_interval is not None and self._broken is None and now >= next_kick:
-                control.kickWatchdog()
-                next_kick = now + self._kick_interval
+            try:
+                if not control.isConnected():
+                    self.give_up("connection lost")
+                elif self._kick_interval is not None and self._broken is None and now >= next_kick:
+                    control.kickWatchdog()
+                    next_kick = now + self._kick_interval
+            except RuntimeError as error:
+                self.give_up(f"connection lost: {error}")
             try:
                 job = self._jobs.get(timeout=self._kick_interval or 0.1)
             except queue.Empty:

@@ -178,7 +178,7 @@ def _ended(landed: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
-    """Land the actuators that no guard has landed, and add steps and notes to `result`; `clear`: unlock when all is confirmed.
+    """Land (vent, stop, read back) the actuators that no guard has landed, with steps and notes in `result`; `clear`: then unlock.
     Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 
@@ -190,18 +190,20 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
 
     readable = rig_to_make_safe(rig_path, recall(rig_path))
     result.notes += readable.notes
+    # the guard of another rig may own a line of this one
     result.ask(owned_names(readable.rig) - result.names - names_of_path(rig_path), rig_path)
     demand_running(readable.rig)
-    file, slowed = at_real_speed(_without(readable.rig, result.names))
-    result.notes += [slowed] if slowed else []
-    names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
-    beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
-    if names or not result.names:
-        unlock = clear and not beyond
-        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock)
+    file, speed_note = at_real_speed(_without(readable.rig, result.names))
+    result.notes += [speed_note] if speed_note else []
+    actuators = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
+    unusable = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
+    if actuators or not result.names:
+        unlock = clear and not unusable
+        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), actuators, "lab safe", unlock)
         result.steps += report.steps
-    if beyond and not result.names:
-        result.steps += beyond
+    # only the guard of this rig knows what it landed; that of another rig on the same lines says nothing of these
+    if unusable and not result.names & names_of_path(rig_path):
+        result.steps += unusable
         with contextlib.suppress(OSError):
             latch.write(f"safe state not confirmed after: lab safe. {SafeReport(tuple(result.steps))}")
 
