@@ -171,6 +171,10 @@ class Sample:
         return np.unique(condition[self._measured[: len(condition)]], return_inverse=True)[1]
 
     @cached_property
+    def _conditions(self) -> int:
+        return len(np.unique(self.condition))
+
+    @cached_property
     def _states(self) -> States:
         return settings(self.robot, self.table, vented=True)
 
@@ -255,7 +259,7 @@ class Sample:
     def log_evidence(self, missed: Array, parameters: int) -> float:
         """As stated above, without the prior."""
         between, within = self.between_and_within(missed)
-        count = len(np.unique(self.condition))
+        count = self._conditions
         conditions, repeats = min(count, judgement.EDIT_CONDITIONS), min(len(self.condition) - count, judgement.EDIT_REPEATS)
         model, noise = judgement.EDIT_MODEL_ERROR * self.robot.length, judgement.EDIT_NOISE * self.robot.length
         cost = conditions * np.log(np.hypot(between, model)) + repeats * np.log(np.hypot(within, noise))
