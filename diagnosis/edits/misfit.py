@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -178,9 +179,11 @@ class Sample:
         """With calibrations and edits of parameters (v, 8 + own), one hypothesis after the other."""
         theta = np.concatenate([x[:, : len(CALIBRATION)] for _, x in hypotheses])
         made, at, out = self.described.repeated(len(theta)).calibrated(theta), 0, []
-        for edits, x in hypotheses:
+        for _, alike in groupby(hypotheses, key=lambda hypothesis: id(hypothesis[0])):  # the same edits from several starts
+            every, parameters = zip(*alike, strict=True)
+            x = np.concatenate(parameters)
             one, at, own = made.take(slice(at, at + len(x))), at + len(x), len(CALIBRATION)
-            for edit in edits:
+            for edit in every[0]:
                 one, own = edit.apply(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
             out.append(one)
         return Variants.stacked(out)
