@@ -10,7 +10,6 @@ from pathlib import Path
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
-from model.rods.beam import bending_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -218,6 +217,8 @@ def expected_force(robot: Robot, push: Push) -> float | None:
 
     A body is stiffer as far as the spine reaches inside it; there both bend together.
     """
+    from model.rods.beam import bending_compliance  # with a compiler, which few runs need
+
     spine = 0.0
     if robot.spine is not None and push.spine > 0:
         spine = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
