@@ -158,6 +158,8 @@ class DrumMotor(Drum):
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
+        self._current = 0.0
+        """Raw."""
         self._defaults(model)
 
     @property
@@ -224,7 +226,9 @@ class DrumMotor(Drum):
         """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
+        self._read_registers()
         super().process(dt)
+        self.put(126, round(self._current))
         self._tick += 1000 * dt
         velocity = (self.length - start) * self._per_metre / dt if dt > 0 else 0.0
         self.put(120, int(self._tick) % 32768)
@@ -234,26 +238,30 @@ class DrumMotor(Drum):
         self.put(132, self.counts)
         self.put(140, round(self._trajectory))
 
-    def _step(self, dt: float) -> None:
-        if not self.get(64):
-            self._trajectory = float(self.counts)
-            self.put(126, 0)
-            return
+    def _read_registers(self) -> None:
+        """What the control table asks of the motion, which nobody writes between two steps."""
+        self._goal, self._homing = self.get(116), self.get(20)
         profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
-        reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
-        self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._per_metre + self.get(20)
-        error = self._trajectory - position
+        self._profile = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS
+        pwm = min(abs(self.get(100)), self.get(36))
+        self._allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
+        self._stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
+
+    def _step(self, dt: float) -> None:
+        if not self.table[64]:
+            self._trajectory = float(self.counts)
+            self._current = 0.0
+            return
+        reach = self._profile * dt
+        self._trajectory += min(max(self._goal - self._trajectory, -reach), reach)
+        error = self._trajectory - (self._offset + self.length * self._per_metre + self._homing)
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
         self._turn(velocity * dt)
-        pwm = min(abs(self.get(100)), self.get(36))
-        allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
-        stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
-        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
-        current = min(max(push, -allowed), allowed)
-        self.put(126, round(current))
-        self._overloaded_for = self._overloaded_for + dt if abs(current) >= MOTOR.overload_current else 0.0
+        friction = MOTOR.friction if error > 0 else -MOTOR.friction
+        push = 0.0 if self.stuck or abs(error) < 2 else self._stiffness * error + friction
+        self._current = min(max(push, -self._allowed), self._allowed)
+        self._overloaded_for = self._overloaded_for + dt if abs(self._current) >= MOTOR.overload_current else 0.0
         if self._overloaded_for > MOTOR.overload_time:
             self.fail(1 << 5)  # overload
 
@@ -274,6 +282,7 @@ class DrumMotor(Drum):
                    36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
                    100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
+        self._current = 0.0
         for address, value in factory.items():
             self.put(address, value)
         self._hold()
