@@ -1,6 +1,7 @@
 """The rules of the house hold: who may import whom, and who may know of fakes."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -122,10 +123,15 @@ CONSOLE = ROOT / "lab" / "console.py"
 TAG = re.compile(r"\[/[a-z ]*\]|\[(bold|dim|italic|underline|red|green|yellow|blue|cyan|magenta|white)\b[a-z ]*\]")
 
 
+@functools.cache
+def nodes(path: Path) -> list[ast.AST]:
+    """All of a file."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def calls(path: Path, name: str) -> list[ast.Call]:
     """The calls of a function by its bare name."""
-    tree = ast.walk(ast.parse(path.read_text()))
-    return [n for n in tree if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id == name]
+    return [n for n in nodes(path) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id == name]
 
 
 def test_text_reaches_the_screen_through_the_plain_console_alone() -> None:
@@ -176,7 +182,7 @@ def test_no_text_of_the_lab_is_markup() -> None:
     found = [
         f"{path.relative_to(ROOT)}:{node.lineno}: {node.value!r}"
         for path in LAB
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in nodes(path)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and TAG.search(node.value)
     ]
     assert found == []

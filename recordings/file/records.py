@@ -169,7 +169,8 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
     begin = 0
     for offset, reason in sorted(wrong, key=itemgetter(0)):
         end = int(np.searchsorted(messages.starts, offset))
-        yield messages.which(slice(begin, end))
+        if end > begin:
+            yield messages.which(slice(begin, end))
         place = f"{contents.name}: the chunk at byte {chunk.start}"
         yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
         begin = end
