@@ -67,7 +67,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
-        judged = judge(plain, states)
+        judged = judge(plain, states, sample)
         findings += judged.findings if judged is not None else ()
     if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
