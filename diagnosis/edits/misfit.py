@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import groupby
 
 import numpy as np
@@ -113,16 +113,7 @@ class Sample:
         sample = cls(robot, states.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
         if not isinstance(robot.area_factor, dict):
             return sample
-        area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        other = replace(sample, robot=robot.with_area_factor(area))
-        softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
-        axes = np.eye(len(CALIBRATION))
-        starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
-        for some in (starts[:1], starts):
-            left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
-            if left < judgement.EDIT_LOSS_SCALE * robot.length:
-                return sample
-        return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
+        return _with_areas(sample, float(np.mean(robot.area_factor_at(states.spine_length[kept]))))
 
     @property
     def ambient(self) -> float:
@@ -293,6 +284,21 @@ class Sample:
             both = np.stack([near.theta, np.zeros(len(CALIBRATION))])
             both[:, [*last.widens]] = values[: len(last.widens)]
             yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
+
+
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
+def _with_areas(sample: Sample, area: float) -> Sample:
+    """The sample with the area factors of its spine lengths where its table is near with these, else with this one for all."""
+    robot = sample.robot
+    other = replace(sample, robot=robot.with_area_factor(area))
+    softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
+    axes = np.eye(len(CALIBRATION))
+    starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
+    for some in (starts[:1], starts):
+        left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
+        if left < judgement.EDIT_LOSS_SCALE * robot.length:
+            return sample
+    return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
 
 
 @dataclass

@@ -112,7 +112,7 @@ def judge(robot: Robot, states: Campaign, sample: Sample | None = None) -> Judge
     return _judged(sample if sample is not None and len(tips) == len(states) else Sample.of(robot, tips))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def _judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
     near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
