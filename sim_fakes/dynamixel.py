@@ -158,8 +158,6 @@ class DrumMotor(Drum):
         self._trajectory = float(self.counts)
         self._overloaded_for = 0.0
         self._tick = 0.0
-        self._current = 0.0
-        """Raw."""
         self._defaults(model)
 
     @property
