@@ -156,8 +156,7 @@ class DrumMotor(Drum):
         self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
-        self._overloaded_for = 0.0
-        self._tick = 0.0
+        self._overloaded_for = self._tick = 0.0
         self._defaults(model)
 
     @property
@@ -224,7 +223,12 @@ class DrumMotor(Drum):
         """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
-        self._read_registers()
+        # what the control table asks of the motion; nobody writes there between two steps
+        self._goal, self._homing = self.get(116), self.get(20)
+        self._profile = min(self.get(112) * RPM or MOTOR.no_load_speed, MOTOR.no_load_speed) / 60 * COUNTS
+        full_power = MOTOR.stall_current * min(abs(self.get(100)), self.get(36)) / MOTOR.full_pwm
+        self._allowed = min(abs(self.get(102)), self.get(38), full_power)
+        self._gain = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
         super().process(dt)
         self.put(126, round(self._current))
         self._tick += 1000 * dt
@@ -236,19 +240,9 @@ class DrumMotor(Drum):
         self.put(132, self.counts)
         self.put(140, round(self._trajectory))
 
-    def _read_registers(self) -> None:
-        """What the control table asks of the motion, which nobody writes between two steps."""
-        self._goal, self._homing = self.get(116), self.get(20)
-        profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
-        self._profile = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS
-        pwm = min(abs(self.get(100)), self.get(36))
-        self._allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
-        self._stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
-
     def _step(self, dt: float) -> None:
         if not self.table[64]:
-            self._trajectory = float(self.counts)
-            self._current = 0.0
+            self._trajectory, self._current = float(self.counts), 0.0
             return
         reach = self._profile * dt
         self._trajectory += min(max(self._goal - self._trajectory, -reach), reach)
@@ -256,8 +250,7 @@ class DrumMotor(Drum):
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
         self._turn(velocity * dt)
-        friction = MOTOR.friction if error > 0 else -MOTOR.friction
-        push = 0.0 if self.stuck or abs(error) < 2 else self._stiffness * error + friction
+        push = 0.0 if self.stuck or abs(error) < 2 else self._gain * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
         self._current = min(max(push, -self._allowed), self._allowed)
         self._overloaded_for = self._overloaded_for + dt if abs(self._current) >= MOTOR.overload_current else 0.0
         if self._overloaded_for > MOTOR.overload_time:

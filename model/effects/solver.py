@@ -231,19 +231,16 @@ def nudged(solved: SolvedRods, step: float) -> Array:
 
 def sprung_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """Rods with all their springs, from rows (n, layout.width)."""
-    return _stretched(rod.Rods(layout.form, np.array(rows, order="C")))
+    rods = rod.Rods(layout.form, np.array(rows, order="C"))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def plain_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """The same without springs where no row has one."""
     if layout.form.view(rows, "spring_stiffness").any():
         return sprung_rods(layout, rows)
-    without = np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1)
-    return _stretched(rod.Rods(rod.Form(layout.form.elements), without))
-
-
-def _stretched(rods: rod.Rods) -> rod.Rods:
-    """Rods whose rest strain is counted from nothing, of those in which it is counted from an unstretched section."""
+    rods = rod.Rods(rod.Form(layout.form.elements), np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1))
     rods.field("rest_strain")[..., 2] += 1.0
     return rods
 

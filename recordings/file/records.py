@@ -171,8 +171,7 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
         end = int(np.searchsorted(messages.starts, offset))
         if end > begin:
             yield messages.which(slice(begin, end))
-        place = f"{contents.name}: the chunk at byte {chunk.start}"
-        yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
+        yield Hole(chunk.start, chunk.end, _named(reason, f"{contents.name}: the chunk at byte {chunk.start}", "recover"))
         begin = end
     yield messages.which(slice(begin, None))
 
