@@ -162,8 +162,7 @@ class DrumMotor(Drum):
         self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
-        self._overloaded_for = 0.0
-        self._tick = 0.0
+        self._overloaded_for = self._tick = 0.0
         self._defaults(model)
 
     @property
@@ -230,7 +229,14 @@ class DrumMotor(Drum):
         """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
+        # what the control table asks of the motion; nobody writes there between two steps
+        self._goal, self._homing = self.get(GOAL), self.get(HOMING_OFFSET)
+        self._profile = min(self.get(PROFILE) * RPM or MOTOR.no_load_speed, MOTOR.no_load_speed) / 60 * COUNTS
+        full_power = MOTOR.stall_current * min(abs(self.get(GOAL_PWM)), self.get(PWM_LIMIT)) / MOTOR.full_pwm
+        self._allowed = min(abs(self.get(GOAL_CURRENT)), self.get(CURRENT_LIMIT), full_power)
+        self._gain = MOTOR.stiffness * self.get(P_GAIN) / MOTOR.p_gain
         super().process(dt)
+        self.put(CURRENT, round(self._current))
         self._tick += 1000 * dt
         velocity = (self.length - start) * self._per_metre / dt if dt > 0 else 0.0
         self.put(TICK, int(self._tick) % 32768)
@@ -242,25 +248,18 @@ class DrumMotor(Drum):
 
     def _step(self, dt: float) -> None:
         """Move the trajectory towards the goal, the shaft after it, and set the current that this takes."""
-        if not self.get(TORQUE):
-            self._trajectory = float(self.counts)
-            self.put(CURRENT, 0)
+        if not self.table[TORQUE]:
+            self._trajectory, self._current = float(self.counts), 0.0
             return
-        profile = self.get(PROFILE) or round(MOTOR.no_load_speed / RPM)
-        reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
-        self._trajectory += min(max(self.get(GOAL) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._per_metre + self.get(HOMING_OFFSET)
-        error = self._trajectory - position
+        reach = self._profile * dt
+        self._trajectory += min(max(self._goal - self._trajectory, -reach), reach)
+        error = self._trajectory - (self._offset + self.length * self._per_metre + self._homing)
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
         self._turn(velocity * dt)
-        pwm = min(abs(self.get(GOAL_PWM)), self.get(PWM_LIMIT))
-        allowed = min(abs(self.get(GOAL_CURRENT)), self.get(CURRENT_LIMIT), MOTOR.stall_current * pwm / MOTOR.full_pwm)
-        stiffness = MOTOR.stiffness * self.get(P_GAIN) / MOTOR.p_gain
-        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
-        current = min(max(push, -allowed), allowed)
-        self.put(CURRENT, round(current))
-        self._overloaded_for = self._overloaded_for + dt if abs(current) >= MOTOR.overload_current else 0.0
+        push = 0.0 if self.stuck or abs(error) < 2 else self._gain * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
+        self._current = min(max(push, -self._allowed), self._allowed)
+        self._overloaded_for = self._overloaded_for + dt if abs(self._current) >= MOTOR.overload_current else 0.0
         if self._overloaded_for > MOTOR.overload_time:
             self.fail(1 << 5)  # overload
 
@@ -281,6 +280,7 @@ class DrumMotor(Drum):
                    36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
                    100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
+        self._current = 0.0
         for address, value in factory.items():
             self.put(address, value)
         self._hold()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from ..data.plausible import implausible_values
 from ..findings import Finding, finding
 from .beam import wrong_units
 from .edit import AREA, MODULUS
-from .misfit import AREAS, Sample
+from .misfit import AREAS, Fit, Sample
 from .search import judge
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
@@ -58,7 +59,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     moved, findings = sample.rms(sample.table.tip - sample.table.tip.mean(axis=0)), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
     gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
-    fits = sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)
+    fits = _as_described(sample)
     left = [sample.rms(f.missed[sample.places]) for f in fits]
     # of those that are near, the one that changes least
     best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))
@@ -67,7 +68,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
-        judged = judge(plain, states)
+        judged = judge(plain, states, sample)
         findings += judged.findings if judged is not None else ()
     if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
@@ -78,3 +79,9 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse
+
+
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
+def _as_described(sample: Sample) -> list[Fit]:
+    """Fits without an edit, once for each sample."""
+    return sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)

@@ -104,15 +104,15 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     return _made(robot, states, judged, judged.chosen, effects)
 
 
-def judge(robot: Robot, states: Campaign) -> Judged | None:
-    """The edits of robot and states that were tried; None where the robot is near its data, or there are too few."""
+def judge(robot: Robot, states: Campaign, sample: Sample | None = None) -> Judged | None:
+    """The edits of robot and states (`sample`: theirs) that were tried; None where the robot is near them, or they are few."""
     tips = states.take(~states.pushed & finite(states.trials))
     if len(tips) < judgement.EDIT_FEWEST:
         return None
-    return _judged(Sample.of(robot, tips))
+    return _judged(sample if sample is not None and len(tips) == len(states) else Sample.of(robot, tips))
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def _judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
     near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))

@@ -10,7 +10,6 @@ from pathlib import Path
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
-from model.rods.beam import bending_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -217,6 +216,8 @@ def expected_force(robot: Robot, push: Push) -> float | None:
     """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, by robot.yaml; None for the spine of a robot without one.
 
     A body is stiffer as far as the spine reaches inside it; there both bend together."""
+    from model.rods.beam import bending_compliance  # with a compiler, which few runs need
+
     if push.specimen == "spine" and robot.spine is None:
         return None
     spine_bend = 0.0  # E I, N m^2

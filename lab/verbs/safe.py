@@ -178,7 +178,7 @@ def _ended(landed: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
-    """Land (vent, stop, read back) the actuators that no guard has landed, with steps and notes in `result`; `clear`: then unlock.
+    """Land (vent, stop, read back) the actuators that no guard has landed; steps and notes go to `result`; `clear`: then unlock.
     Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 

@@ -229,18 +229,18 @@ def nudged(solved: SolvedRods, step: float) -> Array:
 
 def sprung_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """Rods with all their springs, from rows (n, layout.width)."""
-    values = np.array(rows, order="C")
-    for element in layout.elements:
-        values[:, element + col.REST_STRAIN + 2] += 1.0
-    return rod.Rods(layout.form, values)
+    rods = rod.Rods(layout.form, np.array(rows, order="C"))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def plain_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """The same without springs where no row has one."""
-    rods = sprung_rods(layout, rows)
-    if rods.field("spring_stiffness").any():
-        return rods
-    return rod.Rods(rod.Form(layout.form.elements), np.delete(rods.values, slice(at.SPRINGS, at.ELEMENTS), axis=1))
+    if layout.form.view(rows, "spring_stiffness").any():
+        return sprung_rods(layout, rows)
+    rods = rod.Rods(rod.Form(layout.form.elements), np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def _shares(layout: at.Layout, rods: rod.Rods) -> Array:

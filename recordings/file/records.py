@@ -170,9 +170,9 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
     begin = 0
     for offset, reason in sorted(faults, key=itemgetter(0)):  # a hole stands between the messages before and behind it
         end = int(np.searchsorted(messages.starts, offset))
-        yield messages.which(slice(begin, end))
-        place = f"{contents.name}: the chunk at byte {chunk.start}"
-        yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
+        if end > begin:
+            yield messages.which(slice(begin, end))
+        yield Hole(chunk.start, chunk.end, _named(reason, f"{contents.name}: the chunk at byte {chunk.start}", "recover"))
         begin = end
     yield messages.which(slice(begin, None))
 
