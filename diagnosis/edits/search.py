@@ -235,7 +235,7 @@ def _made(robot: Robot, states: Campaign, judged: Judged, fit: Fit, effects: Col
     if place is not None:
         changes.insert(0, reordered(robot, place))
         corrected = with_order(corrected, place)
-    before, after = (judged.sample.rms(f.missed[judged.sample.places]) for f in (judged.fits[0], fit))
+    before, after = (float(judged.sample.rms(f.missed[judged.sample.places])) for f in (judged.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 
