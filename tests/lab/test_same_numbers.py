@@ -85,6 +85,7 @@ def found(patterns: dict[str, str], text: str) -> Numbers:
 
 
 def in_statement(text: str) -> Numbers:
+    text = re.sub(r"Calibrated first: .*?\. (?=[A-Z])", "", text)  # which has probabilities of its own
     said = found(
         {
             "p": r"\(p = ([\d.]+)",
