@@ -23,7 +23,7 @@ import numpy as np
 
 from model.condition import States
 from model.robot import Robot
-from model.rods import Fast, solve
+from model.rods import Fast, Rods, Solution, solve
 from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.section import rods_of
 from recordings.trials import Table
@@ -40,7 +40,11 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
+"""What it leaves open is loaded in `LOADS`, all of it at once; a rod that needs finer steps, or is close to buckling, counts as
+one that does not stand."""
+LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Shares of all loads, from each to the next."""
+OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
@@ -123,6 +127,11 @@ class Sample:
                 return sample
         return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
 
+    @cached_property
+    def first(self) -> list[Fit]:
+        """The robot as described, from each of `AREAS` almost to the end, for a first comparison."""
+        return self.fitted([((), np.eye(len(CALIBRATION))[AREA] * area) for area in AREAS], 3, alone=True)
+
     @property
     def ambient(self) -> float:
         """Pa, the lowest pressure where no chamber is ever below ambient pressure, as if they were absolute; else 0."""
@@ -198,7 +207,7 @@ class Sample:
         shares = rods.field("length") / rods.whole_length[:, None]
         steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
         arcs = np.minimum(robot.markers, rods.whole_length[:, None]) if v.markers.size else None
-        solution = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+        solution = standing(rods, steps, arcs)
         solved = np.where(solution.converged, 1.0, np.nan)[:, None]
         shape = (len(v.area), len(states), -1)
         markers = (solution.shape * solved[:, :, None]).reshape(*shape[:2], v.markers.shape[2], 3)
@@ -285,6 +294,22 @@ class Sample:
             both = np.stack([near.theta, np.zeros(len(CALIBRATION))])
             both[:, [*last.widens]] = values[: len(last.widens)]
             yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
+
+
+def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
+    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
+    steps (n, elements) half as long."""
+    found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+    here: Solution | None = None
+    left = np.flatnonzero(~found.converged)
+    for share in LOADS if left.size else ():
+        carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
+        method, along = replace(DIRECT, steps=2 * steps[left], remember=True), None if arcs is None else arcs[left]
+        here = solve(rods[left].changed(**carried), method, arc_lengths=along, start=here)
+        left, here = left[here.converged], here.take(here.converged)
+    if here is not None:
+        found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
+    return found
 
 
 @dataclass

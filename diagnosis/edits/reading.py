@@ -21,8 +21,7 @@ from ..data.plausible import implausible_values
 from ..findings import Finding, finding
 from .beam import wrong_units
 from .edit import AREA, MODULUS
-from .misfit import AREAS, Sample
-from .search import judge
+from .search import judged, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
@@ -44,7 +43,7 @@ def read(robot: Robot, table: Table) -> Reading:
     impossible, tips = implausible_values(robot, table)
     found = [(f, True) for f in wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
-        found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
+        found += _by_rod(robot, tips)
     refused = (*impossible, *(str(f) for f, refuse in found if refuse))
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
 
@@ -53,12 +52,13 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     """Findings about states with a tip, and whether they refuse the table; of a robot with effects, which are not in the rod,
     only those that do."""
     plain = robot.model_copy(update={"effects": {}, "tolerances": {}})
-    states = campaign_of(tips, np.arange(len(tips)), np.arange(0))
-    sample = Sample.of(plain, states)
+    sample = sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
+    if sample is None:
+        return
     moved, findings = sample.rms(sample.table.tip - sample.table.tip.mean(axis=0)), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
     gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
-    fits = sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)
+    fits = sample.first
     left = [sample.rms(f.missed[sample.places]) for f in fits]
     # of those that are near, the one that changes least
     best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))
@@ -67,8 +67,8 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
-        judged = judge(plain, states)
-        findings += judged.findings if judged is not None else ()
+        by_edits = judged(sample)
+        findings += by_edits.findings if by_edits is not None else ()
     if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
