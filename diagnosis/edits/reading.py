@@ -43,7 +43,7 @@ def read(robot: Robot, table: Table) -> Reading:
     impossible, tips = implausible_values(robot, table)
     found = [(f, True) for f in wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
-        found += _by_rod(robot, tips)
+        found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     refused = (*impossible, *(str(f) for f, refuse in found if refuse))
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
 

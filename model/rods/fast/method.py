@@ -36,6 +36,8 @@ ROUNDS, QUICK_ROUNDS = 6, 3
 FARTHEST = 0.35
 """rad: a tip that turns by more within one step may have changed branch."""
 FOLLOWED, LOST = 1, 0
+STRAIGHT = 1e-6
+"""rad: a rod that bends by less is straight."""
 
 
 @kernel
@@ -206,14 +208,16 @@ class Fast:
 
 def _may_snap(rods: Rods, values: Array) -> Mask:
     """(n,) whether dead loads that could buckle the rod, P L^2 / EI > pi^2 / 4, may press on a part of it, by the angle between
-    base and load and the largest moment (`values`): then several equilibria may be stable, and growing loads lead to one."""
+    base and load and the largest moment (`values`): then several equilibria may be stable, and growing loads lead to one. They
+    lead to the straight one where nothing bends the rod."""
     length, tangent = rods.field("length"), to_base(from_vector(rods.field("base_turn")), np.array([0.0, 0.0, 1.0]))
     weight = np.concatenate([rods.field("dead_force")[:, None], rods.field("load") * length[..., None]], axis=1)
     half = np.array([1.0] + [0.5] * length.shape[1])
     thrust, pull = np.linalg.norm(weight, axis=2) @ half, weight.sum(axis=1)
     soft = np.where(length > 0, rods.whole_length[:, None] / rods.field("bend_stiffness")[..., :2].min(axis=2), 0.0).max(axis=1)
     aside = np.arccos(np.clip((tangent * pull).sum(axis=1) / np.maximum(np.linalg.norm(pull, axis=1), 1e-300), -1.0, 1.0))
-    return (thrust * rods.whole_length * soft > np.pi**2 / 4) & (aside + values[:, AT_LARGEST] * soft > np.pi / 2)
+    bend = values[:, AT_LARGEST] * soft
+    return (thrust * rods.whole_length * soft > np.pi**2 / 4) & (aside + bend > np.pi / 2) & (bend > STRAIGHT)
 
 
 FAST = Fast()
