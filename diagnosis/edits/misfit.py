@@ -58,7 +58,7 @@ MOST = 60
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 ONE_AREA = 0.8
-"""Share of what one area factor leaves below which those by spine length are kept where neither is near."""
+"""Share of what is left with one area factor for all, or one by spine length where either is near, from which the other is taken."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The n states that are compared, and the robot as described, with one area factor unless its table is near."""
+    """The n states that are compared, and the robot as described, with one area factor where that is nearer."""
 
     robot: Robot
     table: Table
@@ -122,10 +122,10 @@ class Sample:
         axes = np.eye(len(CALIBRATION))
         starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
         for some in (starts[:1], starts):
-            left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
-            if left < judgement.EDIT_LOSS_SCALE * robot.length:
-                return sample
-        return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
+            left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3, alone=True)) for s in (sample, other))
+            if min(left, of_one) < judgement.EDIT_LOSS_SCALE * robot.length:
+                return other if of_one < ONE_AREA * left else sample
+        return sample if left < ONE_AREA * of_one else other
 
     @cached_property
     def first(self) -> list[Fit]:
