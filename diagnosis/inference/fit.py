@@ -202,7 +202,7 @@ class _Descent:
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
         """A point that costs no more, its cost, and the level of damping that led there, from `level` up; None where none does.
 
-        Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
+        Where the strongest leads to no equilibrium, all are tried again with predictions that give up at a state without any.
         """
         for trial in (True, False):
             reached = 0.0
@@ -226,7 +226,7 @@ class _Descent:
         promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        predicted = self._forward.predict(goal, trial)
+        predicted = self._forward.predict(goal, trial, whole=not trial)
         reached = self.cost(goal, predicted)
         if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
             return goal, reached
@@ -234,7 +234,7 @@ class _Descent:
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, reached
-        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
+        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial, whole=not trial))
         return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
