@@ -45,6 +45,8 @@ class Size:
     """Whether the data say more of it than was assumed before."""
     role: str = "size"
     """size or shape."""
+    least: float = 0.0
+    """Smallest that is a cause (`spec.Parameter`)."""
 
     @property
     def effect(self) -> str:
@@ -137,9 +139,8 @@ def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
     parameters = p.problem.parameters
     low, high = float(parameters.lower[i]), float(parameters.upper[i])
     low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
-    return Size(
-        parameters.names[i], parameters.infos[i].unit, median, mean, sd, low, high, low90, high90, seen, parameters.infos[i].role
-    )
+    info = parameters.infos[i]
+    return Size(info.name, info.unit, median, mean, sd, low, high, low90, high90, seen, info.role, info.least)
 
 
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:

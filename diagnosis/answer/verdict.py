@@ -116,6 +116,8 @@ def doubts(
             yield finding("cause_impossible", effect=name)
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
             yield finding("cause_undetermined", effect=name)
+        elif any(abs(s.mean) < s.least for s in sizes if s.effect == effect):
+            yield finding("law_of_another_form", effect=name)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
     if unseen is None:
         return

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from model.condition import States, conditions
 from model.robot import Robot
@@ -144,3 +145,19 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
         np.radians(trials.get("roll_deg", 0.0)),
         trials.tip_force,
     )
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What each of n measured values is."""
+
+    state: Ints
+    """(n,) index into the states."""
+    channel: NDArray[np.str_]
+    kind: Ints
+    """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
+    axis: Ints
+    """(n,) which of its kind's three axes; 0 for forces."""
+    trial: Ints
+    experiment: Ints
+    """(n,) kind of experiment, see `Campaign.kind`."""

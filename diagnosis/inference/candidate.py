@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from .evidence import GridPoint, Hypothesis, Weighed
-from .executor import FirstLook
 from .fit import Fit
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
 from .problem import FitParameters, Problem
-
-AMONG_AT_ONCE, AMONG_AT_STARTS = 35, 42
-"""Of `PRACTISED` practice robots, how many had their cause among them: in the linear problem of the calibrated robot, and in
-those where searches begin."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +80,3 @@ def without_derivatives(c: Candidate) -> Candidate:
 
 def _with(c: Candidate, slope: Jacobian | None) -> Candidate:
     return replace(c, fit=replace(c.fit, slope=slope))
-
-
-def first_look(singles: Iterable[Candidate], among: int) -> FirstLook:
-    """The first three effects, each by its better evidence."""
-    best: dict[str, float] = {}
-    for c in singles:
-        (effect,) = c.named
-        best[effect] = max(best.get(effect, -np.inf), c.laplace_log_evidence)
-    return FirstLook(tuple(sorted(best, key=lambda e: -best[e])[:3]), among)

@@ -55,34 +55,14 @@ class DiagnosisStep(IntEnum):
 
 
 @dataclass(frozen=True)
-class FirstLook:
-    """What leads before any search, and how rough that is."""
-
-    effects: tuple[str, ...]
-    """Effects that alone make the data most probable, each in a linear problem; the most probable first."""
-    among: int
-    """Of `PRACTISED` practice robots, how many had their cause among the first three at this look."""
-
-
-PRACTISED = 44
-"""Robots with one cause of the catalogue, alone and in clutter, of a physics that is not the model's."""
-
-
-def _no_first_look(look: FirstLook) -> None:
-    """Tells nobody."""
-
-
-@dataclass(frozen=True)
 class Executor:
-    """Threads (the rod's kernels release the interpreter lock), and callbacks: one gets the step and its share done, one
-    what leads at first sight, before any search: at once, and again when each effect was looked at where its search begins.
+    """Threads (the rod's kernels release the interpreter lock), and a callback that gets the step and its share done.
 
     Pickled to another process it is one thread without progress.
     """
 
     threads: int = 1
     progress: Progress = no_progress
-    first_look: Callable[[FirstLook], None] = _no_first_look
     remote_map: RemoteMap | None = None
     """Maps a function over items in other processes or on other machines, results in order; None: here."""
 

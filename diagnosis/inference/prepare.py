@@ -22,13 +22,12 @@ from model.robot import Robot
 
 from ..arrays import Array, Mask
 from ..data.baseline import Baseline
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, Labels
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .discrepancy import bases, settings
-from .labels import Labels
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
 from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
@@ -225,14 +224,15 @@ def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
     """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
-    beyond the calibration, to first order at zero; never more than `LEAST_NAMED_SIZE`."""
+    beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
     tips = labels.kind == 0
     if not tips.any():
         return ()
     slope = np.nan_to_num(slope[tips])
     left = made.beyond_calibration(slope * made.sd, slope)
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
-    return tuple(np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY)).tolist())
+    of_floor = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
+    return tuple(np.maximum(of_floor, [p.least / p.sd for p in made.infos]).tolist())
 
 
 def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:

@@ -15,12 +15,11 @@ from model.effects.parameters import ParameterInfo
 from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, Labels
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from ..judgement import MEMORY
-from .labels import Labels
 from .problem import FitParameters
 from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
 

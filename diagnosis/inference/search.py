@@ -34,12 +34,9 @@ from ..judgement import (
     UNCONVERGED,
 )
 from .candidate import (
-    AMONG_AT_ONCE,
-    AMONG_AT_STARTS,
     Bases,
     Candidate,
     complete,
-    first_look,
     light,
     without_derivatives,
 )
@@ -86,7 +83,6 @@ class Search:
         self._standing = Standing()
         calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
         self._begin_at(calibrated.with_all_derivatives(problem), False)
-        executor.first_look(first_look(self._singles(False), AMONG_AT_ONCE))
         tolerant = self._weigh(NONE, self._fit(NONE, True, FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self._fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
 
@@ -149,7 +145,6 @@ class Search:
                 at_starts.append(c)
         for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += candidates
-        self._executor.first_look(first_look(out, AMONG_AT_STARTS))
         return out
 
     def _singles(self, with_tolerances: bool) -> list[Candidate]:

@@ -16,10 +16,9 @@ import numpy as np
 from model.effects.parameters import ParameterInfo
 
 from ..arrays import Array
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, Labels
 from ..data.noise_components import NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
-from .labels import Labels
 
 PUSH_SOURCES = ("touch", "zero")
 """Parameters of each stiffness trial besides its spine's."""

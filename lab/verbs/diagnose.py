@@ -23,7 +23,7 @@ from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout
 from diagnosis.findings import finding
-from diagnosis.inference.executor import PRACTISED, Executor, FirstLook
+from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
@@ -125,8 +125,8 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
     baseline = _baseline(case, comparisons, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
-            shown = replace(_shown(screen, executor), first_look=lambda look: _at_first_sight(screen, look))
-            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
+            options = Options(catalogue=weighed, holdout=held, baseline=baseline, executor=_shown(screen, executor))
+            answer = diagnosed(case, options)
         answer = replace(answer, findings=(*answer.findings, *(finding("not_considered", why=why) for why in left_out)))
         if comparisons.reference is None:
             return answer
@@ -176,15 +176,6 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
 
 def _shown(screen: Screen, executor: Executor) -> Executor:
     return replace(executor, progress=screen.step)
-
-
-def _at_first_sight(screen: Screen, look: FirstLook) -> None:
-    """For whoever waits at a terminal; the answer takes its place."""
-    if out.is_terminal:
-        screen.say(
-            f"before any search: {', '.join(look.effects)} (no answer yet: such three held the cause of {look.among} of "
-            f"{PRACTISED} practice robots)"
-        )
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:

@@ -47,6 +47,8 @@ class ParameterInfo:
     tolerated: bool = True
     exact: bool = False
     """See `spec.EffectSpec`, as `tolerated`."""
+    least: float = 0.0
+    """See `spec.Parameter`."""
 
     @property
     def recurs(self) -> bool:
@@ -150,7 +152,7 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> Par
                 name = f"{source.spec.id}.{p.name}"
                 infos.append(ParameterInfo(
                     f"{name}{label}", name, source.spec.id, source.group, p.unit, p.scale, p.low, p.high, p.sign, p.role,
-                    p.starts, len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact,
+                    p.starts, len(of_row), trial, source.scope, source.spec.tolerated, source.spec.exact, p.least,
                 ))  # fmt: skip
             of_row.append(rows)
     return ParameterTable(tuple(infos), sources, np.array(of_row))

@@ -57,6 +57,8 @@ class Parameter:
     role: Literal["size", "shape"] = "size"
     starts: tuple[float, ...] = (0.0,)
     """Where a fit begins; several where the misfit has several valleys."""
+    least: float = 0.0
+    """Smallest size, in `unit`, that is a cause; less of it is another law's shape."""
 
     def __post_init__(self) -> None:
         if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):
@@ -68,7 +70,8 @@ class Parameter:
     def times(self, factor: float) -> Parameter:
         """The same with all numbers times a factor."""
         starts = tuple(factor * start for start in self.starts)
-        return replace(self, scale=factor * self.scale, low=factor * self.low, high=factor * self.high, starts=starts)
+        scaled = {name: factor * getattr(self, name) for name in ("scale", "low", "high", "least")}
+        return replace(self, **scaled, starts=starts)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info
 from diagnosis.answer.result import FACTORS, STAGES, Diagnosis
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
-from diagnosis.inference.executor import Executor, FirstLook
+from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, few_and_all, measured, quick
@@ -71,10 +71,10 @@ def test_a_file_of_another_schema_is_refused() -> None:
 def test_the_same_campaign_gives_the_same_text_and_linear_algebra_has_one_thread_meanwhile(catalogue: Catalogue) -> None:
     small, threads = measured(3, 2, FEW), set[int]()
 
-    def look(_: FirstLook) -> None:
+    def progress(_step: str, _share: float) -> None:
         threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
-    watched = diagnose(small, replace(quick(catalogue), executor=Executor(first_look=look)))
+    watched = diagnose(small, replace(quick(catalogue), executor=Executor(progress=progress)))
     assert threads == {1}
     assert diagnose(small, quick(catalogue)).to_json() == watched.to_json()
 

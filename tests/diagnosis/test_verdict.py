@@ -294,6 +294,7 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
     assert why([sure, shape], little) == []
     assert why([sure], little, low=0.2) == ["cause_undetermined"]
     assert why([replace(sure, mean=-0.3)], little) == ["cause_impossible"]
+    assert why([replace(sure, least=0.03)], little) == ["law_of_another_form"]
     assert why([sure], replace(little, after_mm=1.8)) == ["gap_remains"]
     assert why([sure], replace(little, after_mm=1.8, before_mm=20.0)) == []
     assert why([sure], little, mm=2.9) == ["fit_not_reached"]

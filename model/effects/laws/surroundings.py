@@ -128,7 +128,7 @@ SPECS = (
         equation="F_tip = (1 - w) P A e3(L), v*_3 = w (1 - b) P A / EA, moment times 1 + w g (3 s^2/L^2 - 1); w = 0: paper, "
         "eq. 4; w = 1: the side walls balance the thrust",
         parameters=(
-            Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(0.5, 1.0)),
+            Parameter("share", "1", 1.0, 0.0, 1.0, sign="blend", starts=(0.5, 1.0), least=0.5),
             Parameter("borne", "1", 0.5, -1.0, 1.0, role="shape"),
             Parameter("growth", "1", 1 / 3, -2.0, 2.0, role="shape"),
         ),
