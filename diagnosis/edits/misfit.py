@@ -58,7 +58,7 @@ MOST = 60
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 ONE_AREA = 0.8
-"""Share of what is left with one area factor for all, or one by spine length where either is near, from which the other is taken."""
+"""Share of the rms of one sort of area factor, for all or by spine length, below which the other takes its place."""
 
 
 @dataclass(frozen=True)
