@@ -77,8 +77,8 @@ def readable_now(lines: Sequence[Any]) -> list[Any]:
     poll = select.poll()
     for line in lines:
         poll.register(line, select.POLLIN)
-    found = {number for number, _ in poll.poll(0)}
-    return [line for line in lines if (line if isinstance(line, int) else line.fileno()) in found]
+    ready = {number for number, _ in poll.poll(0)}
+    return [line for line in lines if (line if isinstance(line, int) else line.fileno()) in ready]
 
 
 class _Real:
@@ -138,15 +138,15 @@ _LIVES_IN = threading.local()
 
 def host() -> Host:
     """The clock that this thread lives in."""
-    found: Host = getattr(_LIVES_IN, "host", _REAL)
-    return found
+    clock: Host = getattr(_LIVES_IN, "host", _REAL)
+    return clock
 
 
 def live_in(clock: Host | None) -> Host | None:
     """This thread lives in a clock from now on (None: in that of the computer); returns the one before."""
-    before: Host | None = getattr(_LIVES_IN, "host", None)
+    previous: Host | None = getattr(_LIVES_IN, "host", None)
     _LIVES_IN.host = clock or _REAL
-    return before
+    return previous
 
 
 class Thread(threading.Thread):
@@ -195,8 +195,8 @@ def wait(condition: Callable[[], bool], within: float) -> bool:
 
 def made(kind: Callable[..., Made], *args: Any, **how: Any) -> Made:
     """Make one of this kind, or of what stands in for it in the clock that this thread lives in."""
-    one: Made = host().stand_ins.get(kind, kind)(*args, **how)
-    return one
+    instance: Made = host().stand_ins.get(kind, kind)(*args, **how)
+    return instance
 
 
 def together() -> bool:

@@ -63,10 +63,10 @@ def compare_campaigns(
             f"the robots differ: {reference.robot.name!r} in the reference, {later.robot.name!r} in this campaign, "
             "or robot.yaml was changed: give both the same robot.yaml with --robot"
         )
-    both = _comparable(states(reference)[0], states(later)[0])
-    pace = design_from_columns(later.robot, table_columns(both[1])).pace
-    sized = scales(later.robot, np.vstack([s.pressure for s in both]), pace)
-    before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in both)
+    campaigns = _comparable(states(reference)[0], states(later)[0])
+    pace = design_from_columns(later.robot, table_columns(campaigns[1])).pace
+    sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
+    before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
     # A change is named for what it moves in the later campaign, as a cause is.
     offset = len(before.problem.observed)
     w = weighed(_joined(before, after), [replace(part, rows=part.rows + offset) for part in parts(after)], executor)
@@ -79,8 +79,8 @@ def compare_campaigns(
     theta = ranked.candidates[named].fit.theta
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
     sizes = {parameters.names[i]: float(theta[i]) for i in of_named}
-    telling = what_is_told(ranked)
-    return Change(sentence(ranked, telling, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, telling)
+    change = what_is_told(ranked)
+    return Change(sentence(ranked, change, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, change)
 
 
 def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
@@ -100,60 +100,61 @@ def what_is_told(found: EffectPosterior) -> Hypothesis:
 
 
 def sentence(
-    found: EffectPosterior,
-    told: Hypothesis,
+    posterior: EffectPosterior,
+    stated_change: Hypothesis,
     sizes: Mapping[str, float],
     catalogue: Mapping[str, EffectSpec],
     words: Words = Chambers.words,
 ) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
-    named, p = found.ranking[0]
-    sure = f"p = {p:.2f}, {BENCHMARK}"
+    named, p = posterior.ranking[0]
+    probability = f"p = {p:.2f}, {BENCHMARK}"
     names = {e: spec.name(words) for e, spec in catalogue.items()}
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
-        return f"No change since the reference stands out from the noise ({sure})."
-    if told == NONE:
+        return f"No change since the reference stands out from the noise ({probability})."
+    if stated_change == NONE:
         return (
-            f"No change since the reference is certain: that nothing changed has p = {found.probability(NONE):.2f}; most "
-            f"probable otherwise: {effects} ({sure})."
+            f"No change since the reference is certain: that nothing changed has p = {posterior.probability(NONE):.2f}; most "
+            f"probable otherwise: {effects} ({probability})."
         )
     if named == UNKNOWN:
-        return f"Something has changed since the reference that no effect of the catalogue explains ({sure})."
+        return f"Something has changed since the reference that no effect of the catalogue explains ({probability})."
     units = {f"{e}.{q.name}": q.unit for e in named for q in catalogue[e].parameters}
-    by = []
+    sizes_in_words = []
     for name, value in ((name.removesuffix(CHANGE), value) for name, value in sizes.items()):
         number, unit = for_people(value, units[name], words)
-        by.append(f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip())
-    return f"Since the reference {effects} changed ({'; '.join(by)}; {sure})."
+        sizes_in_words.append(f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip())
+    return f"Since the reference {effects} changed ({'; '.join(sizes_in_words)}; {probability})."
 
 
 class _JointForward:
     """Two campaigns as one forward model: parameters of the reference, the later campaign's own, and each effect's change."""
 
     def __init__(self, before: Prepared, after: Prepared) -> None:
+        """theta: the reference's parameters, those that the later campaign has for itself, the changes of its effects'."""
         self._parts = before.problem, after.problem
         self._forwards = tuple(p.forward for p in self._parts)
         reference, later = (p.parameters for p in self._parts)
         lasting = {i.name for i in before.forward.parameters if i.lasts and i.source not in ANOTHER_DAY}
-        own = [i for i, name in enumerate(later.names) if name not in lasting]
+        later_only = [i for i, name in enumerate(later.names) if name not in lasting]
         k = len(reference.names)
         self._place = np.array(
-            [reference.names.index(n) if n in lasting else k + own.index(i) for i, n in enumerate(later.names)]
+            [reference.names.index(n) if n in lasting else k + later_only.index(i) for i, n in enumerate(later.names)]
         )
         """Index in theta of each parameter of the later campaign."""
-        self._effects, self._changes = np.flatnonzero(later.of_effect), slice(k + len(own), None)
+        self._effects, self._changes = np.flatnonzero(later.of_effect), slice(k + len(later_only), None)
         """Indices of effects in the later campaign, and of their changes in theta."""
         # Effects present in the reference are no change: each is free there, within its whole scale.
-        free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in own))]
+        free = [replace(i, group="nuisance") for i in (*reference.infos, *(later.infos[i] for i in later_only))]
         # What another day brings anyway has tolerances of its own: such an effect has changed when it is named, or not at all.
         changes = [
             replace(i, name=i.name + CHANGE, starts=(0.0,), tolerated=i.tolerated and i.source not in ANOTHER_DAY.values())
             for i in (later.infos[i] for i in self._effects)
         ]
-        least = [later.least_of_each[i] for i in self._effects]
-        sd = np.concatenate([reference.sd, later.sd[own], later.sd[self._effects]])
-        self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least), changes=True)
+        least_sizes = [later.least_of_each[i] for i in self._effects]
+        sd = np.concatenate([reference.sd, later.sd[later_only], later.sd[self._effects]])
+        self.parameters = FitParameters((*free, *changes), sd, (*(LEAST_NAMED_SIZE,) * len(free), *least_sizes), changes=True)
 
     def _split(self, theta: Array) -> tuple[Array, Array]:
         """Parameters of the reference and of the later campaign, each within its campaign's bounds, from theta."""

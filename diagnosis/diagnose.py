@@ -32,6 +32,7 @@ from .answer.size import sizes
 from .answer.verdict import behaves_like, doubted, doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
+from .data.campaign import Campaign
 from .data.case import CaseLike, lacking, states
 from .edits.order import ORDER
 from .edits.search import Edited
@@ -39,8 +40,8 @@ from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
-from .inference.prepare import AREA, prepare
-from .inference.thrust import settled_and_edited
+from .inference.prepare import AREA, Prepared, prepare
+from .inference.thrust import SettledThrust, settled_and_edited
 
 
 @dataclass(frozen=True)
@@ -90,115 +91,126 @@ def diagnose(case: CaseLike, options: Options | None = None) -> Diagnosis:
 
 @one_thread
 def examine(case: CaseLike, options: Options | None = None) -> Examined:
-    """The same with the hypotheses that are still in play, which predict what an experiment would give."""
-    wanted = options or Options()
-    own, findings = states(case)
-    other = unseen_states(case, wanted.holdout) if wanted.holdout is not None else None
-    predicted = wanted.baseline.take(own.row) if wanted.baseline is not None else None
-    settled, first = None, Edited(case.robot, own)
-    if predicted is None:
-        settled, first = settled_and_edited(case.robot, own, wanted.catalogue, wanted.catalogue)
+    """Diagnose as `diagnose` does; also the hypotheses still in play, which predict what an experiment would give."""
+    options = options or Options()
+    prepared, settled, edited, findings, held_out_states = _prepared(case, options)
+    stages = {e: spec.stage for e, spec in options.catalogue.items()}
+    begun = begin(prepared, options.executor)
+    # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
+    unseen_states_of = UnseenStates(prepared, begun, options.executor).of if options.quantify else lambda f: Unseen
+    causes = attribute(prepared, stages, begun)
+    predict_unseen = unseen_states_of(causes)
+    rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
+    proposals = propose(prepared, rivals, causes.posterior, options.executor) if options.experiments else ()
+    holdout = evaluate_holdout(causes, held_out_states) if held_out_states is not None else None
+    location = locate(causes, stages)
+    unseen = predict_unseen()
+    follows_law = causes.decision.verdict != "unknown"
+    causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, unseen.shrink))
+    words = case.robot.actuators.words
+    names = {e: spec.name(words) for e, spec in options.catalogue.items()}
+    fitted, values = None, None  # the robot with what is named, and its parameters
+    if causes.decision.effects and options.baseline is None and location.of == "tip":
+        fitted = confirmed(causes, edited, options.catalogue)
+        values = {name: v.value for name, v in fitted.parameters.items()}
+        values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
+    details = detail(causes, fitted, unseen.errors, holdout, names)
+    # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
+    calibrated, tense = calibration(causes, values), causes.tense(values)
+    far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
+    alone, named_sizes = alone_as_good(calibrated, causes), sizes(prepared, causes.best)
+    carries = assemble.budget_section(causes)
+    named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
+    as_good = [sentences.with_id(e, names) for e in alone]
+    reasons: tuple[Finding, ...] = ()
+    if named:
+        reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good))
+        reasons += () if follows_law else (finding("law_of_another_form", effect=" and ".join(named.values())),)
+        causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
+    doubtful = bool(far or edited.numbers or tense)
+    section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)
+    facts = sentences.Facts(
+        causes.decision, section.conclusion, location, carries, unseen.shrink, unseen.waterfall, section.rivals,
+        next((x.do for x in proposals if x.separates), None), causes.best.named, causes.asking, causes.misfit.outlier_trial,
+        tuple(map(words.fill, lacking(edited.states))), simulator(causes), calibrated, edited.named, names, words, fitted,
+    )  # fmt: skip
+    # what was settled before the diagnosis comes before its statement, and is a cause, too
+    text = sentences.statement(facts)
+    if edited.changes:
+        details["first_calibration"] = edited.detail()
+        text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
+    if "stiffness" in details and location.of == "tip":
+        text += f" {sentences.stiffness_sentence(details['stiffness'], causes.decision)}"
+    if edited.with_order:
+        section = assemble.beside(section, ORDER, edited.robot)
+    if settled is not None and section.verdict == "none":
+        section, text = assemble.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
+    findings = (
+        *edited.concerns,
+        *findings,
+        *([settled.finding] if settled is not None else ()),
+        *reasons,
+        *far,
+        *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
+        *sentences.scatter(prepared.noise_components.excess_scatter),
+        *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
+        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
+    )
+    changed = edited.named or sentences.changed_by(facts)
+    beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
+    by_calibration = sentences.closed_by_calibration(facts)
+    closed = None if unseen.shrink is None else unseen.shrink.share_closed
+    answer = Diagnosis(
+        statement=text + (f" {details['holdout']['statement']}" if holdout is not None else ""),
+        data=assemble.data_section(prepared, case.table),
+        locate=location,
+        attribute=section,
+        shrink=unseen.shrink,
+        next_experiment=proposals,
+        findings=findings,
+        detail=details,
+        budget=facts.budget,
+        waterfall=unseen.waterfall,
+        calibration=calibrated,
+        fitted=fitted,
+        headline=edited.headline
+        or headline(
+            section, options.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), edited.robot
+        ),
+    )
+    return Examined(answer, rivals, edited)
+
+
+def _prepared(
+    case: CaseLike, options: Options
+) -> tuple[Prepared, SettledThrust | None, Edited, tuple[Finding, ...], Campaign | None]:
+    """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
+    states that are held out, edited alike."""
+    campaign, findings = states(case)
+    held_out = unseen_states(case, options.holdout) if options.holdout is not None else None
+    baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
+    settled, edited = None, Edited(case.robot, campaign)
+    if baseline is None:
+        settled, edited = settled_and_edited(case.robot, campaign, options.catalogue, options.catalogue)
     try:
-        prepared = prepare(first.robot, first.states, catalogue=wanted.catalogue, baseline=predicted)
+        prepared = prepare(edited.robot, edited.states, catalogue=options.catalogue, baseline=baseline)
     except np.linalg.LinAlgError as error:
         raise BadCase(
             "the model of robot.yaml is too far from these data to be compared with them: check youngs_modulus, area_factor and "
             "gravity of robot.yaml, and the units of the table"
         ) from error
-    if first.changes:
-        prepared = replace(prepared, described=(case.robot, own))
-        other = None if other is None else first.moved(other)
-    stages = {e: spec.stage for e, spec in wanted.catalogue.items()}
-    begun = begin(prepared, wanted.executor)
-    # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
-    unseen_by = UnseenStates(prepared, begun, wanted.executor).of if wanted.quantify else lambda f: Unseen
-    found = attribute(prepared, stages, begun)
-    predicting = unseen_by(found)
-    rivals = Rivals.of(prepared, found.posterior, found.distinguishability)
-    proposals = propose(prepared, rivals, found.posterior, wanted.executor) if wanted.experiments else ()
-    tested = evaluate_holdout(found, other) if other is not None else None
-    where = locate(found, stages)
-    held_out = predicting()
-    exactly = found.decision.verdict != "unknown"
-    found = replace(found, decision=behaves_like(found.decision, found.best.named, found.posterior, held_out.shrink))
-    words = case.robot.actuators.words
-    names = {e: spec.name(words) for e, spec in wanted.catalogue.items()}
-    fitted, values = None, None
-    if found.decision.effects and predicted is None and where.of == "tip":
-        fitted = confirmed(found, first, wanted.catalogue)
-        values = {name: v.value for name, v in fitted.parameters.items()}
-        values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
-    shown = detail(found, fitted, held_out.errors, tested, names)
-    scale, tense = calibration(found, values), found.tense(values)
-    far = tuple(sentences.far_off(scale.stiffness, words)) if scale is not None and predicted is None else ()
-    alone, size, carried = alone_as_good(scale, found), sizes(prepared, found.best), assemble.budget_section(found)
-    named = {e: sentences.with_id(e, names) for e in found.decision.effects}
-    as_good = [sentences.with_id(e, names) for e in alone]
-    why: tuple[Finding, ...] = ()
-    if named:
-        why = tuple(doubts(named, size, carried, held_out.shrink, fitted, where.noise_floor_mm, as_good))
-        why += () if exactly else (finding("law_of_another_form", effect=" and ".join(named.values())),)
-        found = replace(found, decision=doubted(found.decision, why, len(alone)))
-    unsure = bool(far or first.numbers or tense)
-    which = assemble.attribute_section(found, where.significant, held_out.rms_mm, why, fitted, unsure)
-    facts = sentences.Facts(
-        found.decision, which.conclusion, where, carried, held_out.shrink, held_out.waterfall,
-        which.rivals, next((x.do for x in proposals if x.separates), None), found.best.named, found.asking,
-        found.misfit.outlier_trial, tuple(map(words.fill, lacking(first.states))), simulator(found), scale, first.named, names,
-        words, fitted,
-    )  # fmt: skip
-    text = sentences.statement(facts)
-    if first.changes:
-        shown["first_calibration"] = first.detail()
-        text = f"Calibrated first: {'; '.join(map(str, first.changes))}. {'Beyond that: ' if first.with_order else ''}{text}"
-    if "stiffness" in shown and where.of == "tip":
-        text += f" {sentences.stiffness_sentence(shown['stiffness'], found.decision)}"
-    if first.with_order:
-        which = assemble.beside(which, ORDER, first.robot)
-    if settled is not None and which.verdict == "none":
-        which, text = assemble.beside(which, THRUST, first.robot), f"{settled.finding}. Beyond that: {text}"
-    findings = (
-        *first.concerns,
-        *findings,
-        *([settled.finding] if settled is not None else ()),
-        *why,
-        *far,
-        *sentences.beyond_tolerance(prepared.problem.parameters, tense, first.robot),
-        *sentences.scatter(prepared.noise_components.excess_scatter),
-        *sentences.against(size, found.decision.effects, found.asking, names, words),
-        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
-    )
-    changed = first.named or sentences.changed_by(facts)
-    beyond = first.at_bound or (scale is not None and scale.at_bound)
-    by_calibration = sentences.closed_by_calibration(facts)
-    closed = None if held_out.shrink is None else held_out.shrink.share_closed
-    answer = Diagnosis(
-        statement=text + (f" {shown['holdout']['statement']}" if tested is not None else ""),
-        data=assemble.data_section(prepared, case.table),
-        locate=where,
-        attribute=which,
-        shrink=held_out.shrink,
-        next_experiment=proposals,
-        findings=findings,
-        detail=shown,
-        budget=facts.budget,
-        waterfall=held_out.waterfall,
-        calibration=scale,
-        fitted=fitted,
-        headline=first.headline
-        or headline(
-            which, wanted.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), first.robot
-        ),
-    )
-    return Examined(answer, rivals, first)
+    if edited.changes:
+        prepared = replace(prepared, described=(case.robot, campaign))
+        held_out = None if held_out is None else edited.moved(held_out)
+    return prepared, settled, edited, findings, held_out
 
 
-def confirmed(f: Attribution, first: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
+def confirmed(f: Attribution, edited: Edited, catalogue: Mapping[str, EffectSpec]) -> FittedRobot:
     """The robot with what is named alone, fitted by the code of `lab fit --with` from where the diagnosis found it and from its
     own starts."""
     p, theta = f.prepared, f.prepared.common(f.best.fit.theta)
     start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
-    known = p.noise_components
-    made = fit_described(first.robot, first.states, f.decision.effects, catalogue, start=start, noise_components=known)
-    values = {n: Value(s.value, s.sd, s.unit, n not in made.undetermined) for n, s in made.parameters.items()}
-    return FittedRobot(made.effects, values, made.fitted_mm, made.calibrated_mm)
+    noise = p.noise_components
+    fit = fit_described(edited.robot, edited.states, f.decision.effects, catalogue, start=start, noise_components=noise)
+    values = {n: Value(s.value, s.sd, s.unit, n not in fit.undetermined) for n, s in fit.parameters.items()}
+    return FittedRobot(fit.effects, values, fit.fitted_mm, fit.calibrated_mm)

@@ -89,13 +89,10 @@ class Fitted:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-able."""
-        posterior = self.robot.posterior
+        """JSON-able; lengths in mm."""
+        posterior, plain = self.robot.posterior, ("effects", "undetermined", "states", "trials", "calibrated_mm", "fitted_mm")
         return {
-            **{
-                name: getattr(self, name)
-                for name in ("effects", "undetermined", "states", "trials", "calibrated_mm", "fitted_mm")
-            },
+            **{name: getattr(self, name) for name in plain},
             "parameters": {n: p.model_dump() for n, p in self.parameters.items()},
             "in_sample": True,
             "findings": [asdict(f) for f in self.findings],
@@ -129,25 +126,25 @@ def fit_effects(
     case_states, findings = states(case)
     if case_states.pushed.all():
         raise BadCase("effects are fitted to tips, and no row has one: record a bending or elongation run")
-    kept = {id: stated for id, stated in case.robot.effects.items() if id not in named}
-    changed: dict[str, Any] = {"effects": kept, "tolerances": {}, "posterior": None, "residual": None}
-    robot = case.robot.model_copy(update=changed | ({"thrust": None} if THRUST in named else {}))
+    other_effects = {id: stated for id, stated in case.robot.effects.items() if id not in named}
+    cleared: dict[str, Any] = {"effects": other_effects, "tolerances": {}, "posterior": None, "residual": None}
+    robot = case.robot.model_copy(update=cleared | ({"thrust": None} if THRUST in named else {}))
     # edits leave a robot with effects as it is
-    settled, first = settled_and_edited(robot, case_states, catalogue, named)
-    robot, case_states = first.robot, first.states
+    settled, edited = settled_and_edited(robot, case_states, catalogue, named)
+    robot, case_states = edited.robot, edited.states
     # an order that was found is part of the robot now, as is thrust on the walls
-    found_before = tuple(id for id in named if id in robot.effects)
-    named = tuple(id for id in named if id not in found_before)
+    settled_before = tuple(id for id in named if id in robot.effects)
+    named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*first.concerns, *findings, *([settled.finding] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *([settled.finding] if settled is not None else ()))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
-    return replace(fit, effects=(*found_before, *named), findings=(*findings, *fit.findings))
+    return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 
 
 def fit_described(
     robot: Robot,
-    own: Campaign,
+    campaign: Campaign,
     named: tuple[str, ...],
     catalogue: Mapping[str, EffectSpec],
     progress: Progress = no_progress,
@@ -159,7 +156,7 @@ def fit_described(
     `noise_components`: of these states, where they are known."""
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     some = {id: spec for id, spec in catalogue.items() if id in considered}
-    p = prepare(robot, own, catalogue=some, noise_components=noise_components)
+    p = prepare(robot, campaign, catalogue=some, noise_components=noise_components)
     progress("step 1 of 4: starting points", 0.0)
     search = Search(p.problem)
     progress("step 2 of 4: calibration", 0.0)
@@ -167,24 +164,24 @@ def fit_described(
     progress("step 3 of 4: effects", 0.0)
     fitted = search.fitted(named, [_point(p, start)] if start else [])
     progress("step 4 of 4: tolerances", 0.0)
-    main = own.main
-    written, ours = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
-    ours[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
+    main = campaign.main
+    written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
+    lasting[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
     before, missed = (
-        p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), ours)
+        p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), lasting)
     )
-    after = rms(missed)
-    stated, posterior, unseen = _posterior(p, fitted, after)
+    rms_after = rms(missed)
+    stated, posterior, undetermined = _posterior(p, fitted, rms_after)
     described, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
-        pressure, length = with_vented_at_zero(own)[main], own.spine_length[main]
-        learnt, left_out = learn_residual(described, own.trial[main], pressure, length, missed)
+        pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
+        learnt, left_out = learn_residual(described, campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
     parameters = p.problem.parameters
     findings = tuple(beyond_tolerance(parameters, parameters.tense(fitted.fit.theta), robot))
     return Fitted(
-        described, named, stated, len(own), len(np.unique(own.trial)), 1e3 * rms(before),
-        p.area_factor(baseline.theta), 1e3 * after, findings, unseen, None if left_out is None else 1e3 * left_out,
+        described, named, stated, len(campaign), len(np.unique(campaign.trial)), 1e3 * rms(before),
+        p.area_factor(baseline.theta), 1e3 * rms_after, findings, undetermined, None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
 
@@ -199,8 +196,8 @@ def _point(p: Prepared, start: Mapping[str, float]) -> Array:
     return theta
 
 
-def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
-    """Written parameters, robot.yaml's `posterior`, and names of what the data do not determine; `left` (m) rms after the fit."""
+def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
+    """Written parameters, robot.yaml's `posterior`, and names of what the data do not determine; `rms_after` (m) the fit."""
     parameters = p.problem.parameters
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
@@ -208,27 +205,27 @@ def _posterior(p: Prepared, c: Candidate, left: float) -> tuple[dict[str, Stated
     covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect)
     sd = parameters.sd * np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
-    place = _lasting(p, c.named)
+    index_of = _lasting(p, c.named)
     stated = {}
-    for name, i in place.items():
-        value, spread = float(c.fit.theta[i]), float(sd[i])
+    for name, i in index_of.items():
+        value, value_sd = float(c.fit.theta[i]), float(sd[i])
         if name == AREA_FACTOR:
-            value, spread = area * (1 + value), area * spread
-        stated[name] = Stated(value=_rounded(value), sd=_rounded(spread), unit=parameters.infos[i].unit)
-    columns = list(place.values())
+            value, value_sd = area * (1 + value), area * value_sd
+        stated[name] = Stated(value=_rounded(value), sd=_rounded(value_sd), unit=parameters.infos[i].unit)
+    columns = list(index_of.values())
     scale = np.sqrt(np.diag(covariance))[columns]
     # rounding must leave the correlations positive definite
     correlation = (1 - 1e-6) * covariance[np.ix_(columns, columns)] / np.outer(scale, scale)
     posterior = {
-        "parameters": list(place),
+        "parameters": list(index_of),
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": _rounded(law_error),
-        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, left) / 3)))),
+        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, rms_after) / 3)))),
         "noise": _noise(p),
     }
-    wide = sd > UNDETERMINED_SHARE * parameters.sd
-    return stated, posterior, tuple(n for n, i in place.items() if parameters.effects[i] in c.named and wide[i])
+    undetermined = sd > UNDETERMINED_SHARE * parameters.sd
+    return stated, posterior, tuple(n for n, i in index_of.items() if parameters.effects[i] in c.named and undetermined[i])
 
 
 def _beyond_noise(p: Prepared, left: float) -> float:
@@ -278,6 +275,7 @@ def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tu
 def _written(
     robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Stated], posterior: Mapping[str, Any]
 ) -> Robot:
+    """The robot with what was fitted (`stated`) as effects where `named`, else as tolerances, and with its posterior."""
     tables: dict[str, dict[str, dict[str, Any]]] = {"effects": {}, "tolerances": {}}
     for name, s in stated.items():
         id, _, parameter = name.partition(".")

@@ -39,8 +39,8 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     Returns the residual, and how far the tip is off with it (m, rms), each trial left out of it (not of the fit of the robot).
     Raises `BadCase` for fewer states than scales need.
     """
-    seen = np.isfinite(missed).all(axis=1)
-    trial, pressure, length, missed = trial[seen], pressure[seen], length[seen], missed[seen]
+    finite = np.isfinite(missed).all(axis=1)
+    trial, pressure, length, missed = trial[finite], pressure[finite], length[finite], missed[finite]
     trials = len(np.unique(trial))
     if len(missed) < LEAST_STATES or trials < 2:
         raise BadCase(
@@ -48,12 +48,12 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
             "two trials: record more, or leave --residual out"
         )
     # robot.yaml holds this many; of more, whole trials evenly
-    kept = _some(trial, 1000)
-    trial, pressure, length, missed = trial[kept], pressure[kept], length[kept], missed[kept]
+    chosen = _some(trial, 1000)
+    trial, pressure, length, missed = trial[chosen], pressure[chosen], length[chosen], missed[chosen]
     u = section_sums(robot, pressure)
     ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(u, axis=1), length))
-    kept = _some(trial, 400)
-    scales = _scales(u[kept], length[kept], trial[kept], missed[kept], ranges)
+    chosen = _some(trial, 400)
+    scales = _scales(u[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
     table = np.column_stack([trial, u, length, missed])
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),

@@ -143,33 +143,33 @@ def investigate(
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
     rounds: list[Round] = []
-    done: set[str] = set()
+    ids_done: set[str] = set()
     spent = 0.0
     while True:
         examined = examine(case, options)
         if rounds:
             rounds[-1] = replace(rounds[-1], bits=bits_gained(rounds[-1].diagnosis, examined.diagnosis))
-        here = Round(examined.diagnosis, spent)
-        diagnosed(here)
-        if settled(examined.diagnosis) or len(done) >= experiments:
-            reason = "settled" if settled(examined.diagnosis) else f"{len(done)} experiments were done"
-            return Investigation((*rounds, here), reason)
+        this_round = Round(examined.diagnosis, spent)
+        diagnosed(this_round)
+        if settled(examined.diagnosis) or len(ids_done) >= experiments:
+            reason = "settled" if settled(examined.diagnosis) else f"{len(ids_done)} experiments were done"
+            return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
         for proposal in examined.diagnosis.next_experiment:
-            if proposal.id in done or proposal.expected_bits < LEAST_BITS:
+            if proposal.id in ids_done or proposal.expected_bits < LEAST_BITS:
                 continue
             try:
-                foretold, more = _performed(examined.rivals, proposal, laboratory, minutes - spent)
+                foretold, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
-            rounds.append(replace(here, foretold=foretold, judged=judge(examined, case, more), refused=refused))
-            done.add(proposal.id)
-            spent, case = spent + proposal.cost_min, more
+            rounds.append(replace(this_round, foretold=foretold, judged=judge(examined, case, extended), refused=refused))
+            ids_done.add(proposal.id)
+            spent, case = spent + proposal.cost_min, extended
             break
         else:
             ended = "nothing that can be done is expected to tell more" if refused else "no experiment is expected to tell more"
-            return Investigation((*rounds, replace(here, refused=refused)), ended)
+            return Investigation((*rounds, replace(this_round, refused=refused)), ended)
 
 
 def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Foretold, CaseLike]:
@@ -193,11 +193,12 @@ def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
     return Foretold(proposal, tuple(made))
 
 
-def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Tested, ...]:
-    """How what was foretold from `case` came out in the rows that `more` has behind it; none where they hold no tips."""
-    rivals, p = before.rivals, before.rivals.prepared
+def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:
+    """How each rival's prediction, made from `case`, came out in the rows that `extended` has behind those; none without tips."""
+    rivals, p = examined.rivals, examined.rivals.prepared
+    new_rows = extended.table.take(np.arange(len(case.table), len(extended.table)))
     try:
-        read = before.first.moved(states(Case(p.robot, more.table.take(np.arange(len(case.table), len(more.table)))))[0])
+        read = examined.first.moved(states(Case(p.robot, new_rows))[0])
     except BadCase:
         return ()
     read = read.take(~read.pushed)
@@ -206,11 +207,11 @@ def judge(before: Examined, case: CaseLike, more: CaseLike) -> tuple[Tested, ...
     if predictions is None:
         return ()
     observed = p.forward.on(design_from_columns(p.robot, table)).observe(table)
-    density = [float(q.log_density(np.nan_to_num(observed[None, :]))[0]) for q in predictions]
+    log_p = [float(q.log_density(np.nan_to_num(observed[None, :]))[0]) for q in predictions]
     contrasts = p.noise_components.contrasts
     return tuple(
-        Tested(c.named, 1e3 * rms(read.tip - q.tip[0]), q.p_value(observed, contrasts), float((its - max(density)) / np.log(2)))
-        for c, q, its in zip(rivals.candidates, predictions, density, strict=True)
+        Tested(c.named, 1e3 * rms(read.tip - q.tip[0]), q.p_value(observed, contrasts), float((own - max(log_p)) / np.log(2)))
+        for c, q, own in zip(rivals.candidates, predictions, log_p, strict=True)
     )
 
 
@@ -230,6 +231,7 @@ def _mm(values: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _round(r: Round) -> dict[str, Any]:
+    """A round as plain values for JSON."""
     attribution = r.diagnosis.attribute
     out: dict[str, Any] = {
         "verdict": attribution.verdict,

@@ -100,6 +100,8 @@ EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 6, 3
 """Edits fitted to convergence, and those that others are tried beside."""
+EDIT_SAMPLES = 16
+"""Tables whose judgement is remembered: each is judged when it is read, and again by what is done with it."""
 WALLS_GAIN, ON_WALLS = 0.3, 0.9
 """Share of the rms with thrust on the cap below which the side walls take it, and share on the walls from which they take all of
 it: less is no convention but an effect."""

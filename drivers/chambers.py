@@ -46,18 +46,18 @@ class ChamberMap:
                     f"chamber {chamber} is not connected to any channel, but {pressure:g} Pa is requested; connected are "
                     f"{self._connected()}"
                 )
-        result = []
+        setpoints = []
         for channel, group in enumerate(self.channels):
-            wanted = {chamber: float(chamber_pressures.get(chamber, 0.0)) for chamber in group}
-            if len(set(wanted.values())) > 1:
-                pattern = ", ".join(f"chamber {c}: {p:g} Pa" for c, p in wanted.items())
+            pressures = {chamber: float(chamber_pressures.get(chamber, 0.0)) for chamber in group}
+            if len(set(pressures.values())) > 1:
+                pattern = ", ".join(f"chamber {c}: {p:g} Pa" for c, p in pressures.items())
                 raise ValueError(
                     f"channel {channel + 1} feeds chambers {', '.join(map(str, group))} with one pressure, but the "
                     f"pattern requires {pattern} (0 where a chamber is not named); give all of them the same pressure, or "
                     "rewire"
                 )
-            result.append(wanted[group[0]])
-        return tuple(result)
+            setpoints.append(pressures[group[0]])
+        return tuple(setpoints)
 
     def by_chamber(self, channel_values: Sequence[float]) -> tuple[float, ...]:
         """One value a chamber from one value a channel; 0 for a chamber that is not connected.

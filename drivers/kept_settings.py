@@ -44,10 +44,10 @@ class KeptSettings:
             if setting.write is None:
                 raise self._refused(setting, found, needed)
             setting.write(needed)
-            if (held := setting.read()) != needed:
+            if (kept := setting.read()) != needed:
                 raise DeviceFault(
                     self.instrument,
-                    f"{setting.name} was set to {needed}, but the {self.device} holds {held}; check that no other host writes "
+                    f"{setting.name} was set to {needed}, but the {self.device} holds {kept}; check that no other host writes "
                     "to it",
                 )
 

@@ -75,7 +75,7 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
 def _case_of_frame(
     frame: Any, *others: Any, robot: Place | Robot | None, columns: Mapping[str, Any] | None, keys: Mapping[str, Any]
 ) -> Case:
-    """The case of a DataFrame; raises ConfigError."""
+    """The case of a DataFrame and its robot (the second argument, or `robot`); raises ConfigError."""
     from .imports.frame import trials_of  # with pandas
 
     if not hasattr(frame, "iloc") or not hasattr(frame, "columns"):
@@ -194,8 +194,7 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
 
     `options` (`from diagnosis.diagnose import Options`): `Options(quantify=False)` leaves out errors on unseen states,
     `experiments=False` what to do next; `holdout=lab.case(..)` is a campaign on which the answer is tested; `catalogue` are the
-    effects that are weighed.
-    """
+    effects that are weighed."""
     return _diagnose(measured, options)
 
 
@@ -203,8 +202,7 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
     """The instruments of a rig.yaml, connected: a context that leaves the rig vented, stopped and released, confirmed by
     reading back.
 
-    `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError.
-    """
+    `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError."""
     rig = Rig(load_rig(Path(path)))
     try:
         failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))
@@ -219,19 +217,18 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
 def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     """Run a protocol (its name, or a .yaml or .py file) on an opened rig; returns the recording.
 
-    `parameters` in SI units. The rig is vented and at rest afterwards, whatever happens. Raises what ended the run.
-    """
+    `parameters` in SI units. The rig is vented and at rest afterwards, whatever happens. Raises what ended the run."""
     from .console import Screen
     from .verbs.run import execute, job, source_of
 
     where = rig.file.path
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
-    given = source_of(protocol)
-    asked = job(protocol, where, [], replace(given, data={**given.table, **parameters}), rig=rig.read)
+    source = source_of(protocol)
+    run_job = job(protocol, where, [], replace(source, data={**source.table, **parameters}), rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    done = execute(rig, asked, folder, Screen(asked.experiment.name, rig.clock.speed, quiet=True))
-    if done.error is not None:
-        raise done.error
-    return done.file
+    outcome = execute(rig, run_job, folder, Screen(run_job.experiment.name, rig.clock.speed, quiet=True))
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.file

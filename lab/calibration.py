@@ -68,20 +68,20 @@ def _one_for_all(f: Fitted) -> AreaFit:
 
 
 def calibrate(case: Case, progress: Progress = no_progress) -> Calibration:
-    """Everything that this data can calibrate. Raises DiagnosisError, ModelError."""
+    """Calibrate moduli of spine and body from pushes, and area factors from tips. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)
     if spine and robot.spine is not None:
         modulus = {**robot.spine.modulus, **{k: e.value for k, e in spine.items()}}
         robot = robot.model_copy(update={"spine": robot.spine.model_copy(update={"modulus": dict(sorted(modulus.items()))})})
     body = _body_modulus(case)
-    one, by_length = None, dict[float, AreaFit]()
+    one_for_all, by_length = None, dict[float, AreaFit]()
     if case.table.with_tip.any():
         condition, tip, trial = case.tips
-        one = _one_for_all(fit_effects(case, (), progress=progress))
+        one_for_all = _one_for_all(fit_effects(case, (), progress=progress))
         by_length = fit_area_factor_by_length(robot, condition, tip, trial)
         robot = robot.with_area_factor({k: a.factor.value for k, a in by_length.items()})
-    return Calibration(robot, spine, body, one, by_length)
+    return Calibration(robot, spine, body, one_for_all, by_length)
 
 
 def _spine_modulus(case: Case) -> dict[float, Estimate]:

@@ -50,8 +50,7 @@ def expected(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, interv
     """Every measured state predicted with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
     trial.
 
-    `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`.
-    """
+    `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)

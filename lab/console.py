@@ -84,9 +84,8 @@ def answer(result: object, one_line: bool = False) -> None:
 
 
 def plain_failures() -> None:
-    """From now on the logs of libraries and the traceback of a mistake in this program are printed plain, too, and a
-    character that the terminal's encoding does not have is written out. Output that was closed before goes nowhere: its
-    number must not become that of a recording."""
+    """From now on print logs of libraries and tracebacks plain, too, and write out characters that the terminal's encoding does
+    not have. A standard stream that is closed is opened on the null device: else a recording would get its descriptor."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             with contextlib.suppress(OSError):

@@ -140,8 +140,7 @@ class DriverOnFake:
         """Change one character of every answer, and leave its checksum as it is.
 
         `place` counts the characters back from the end of what the checksum covers. With `one`, only answers to the first
-        request are changed, so that nothing but its checksum tells, where the fake notes its requests.
-        """
+        request are changed, so that nothing but its checksum tells, where the fake notes its requests."""
         covered = next((part.checked for part in self.parts if isinstance(part, PtyFake) and part.checked), None)
         if covered is None:
             pytest.skip(
@@ -160,8 +159,7 @@ class DriverOnFake:
     def rewritten(self, change: Callable[[bytes, bytes], bytes]) -> Iterator[list[bytes]]:
         """Change all that the fake sends on its serial lines; gives what arrives instead where it differs.
 
-        `change` takes an answer and the newest request that its line has noted, empty where there is none.
-        """
+        `change` takes an answer and the newest request that its line has noted, empty where there is none."""
         changed: list[bytes] = []
         lines: list[Any] = [part for part in self.parts if isinstance(part, PtyFake)]
         if not lines:
@@ -326,7 +324,7 @@ def other(words: list[bytes]) -> Callable[[bytes, bytes], bytes]:
 
 
 def must_not_open(driver: Any, line: str, remedy: str, sent: Sequence[bytes] = ()) -> None:
-    """Fails when the driver opens, or ends by what is none of the drivers' errors; `sent`: the answers that were changed."""
+    """Fails when the driver opens, or raises anything but one of the drivers' errors; `sent`: the answers that were changed."""
     wrong = ""
     try:
         wrong = f"returned {driver.open()}, needed an error of drivers.errors"
@@ -380,12 +378,12 @@ def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: DriverOnFake
         assert until(lambda: answers(quick.open))
         with unit.falsified(place, one=True) as sent:
             try:
-                given = call(quick)
+                result = call(quick)
             except InstrumentError as error:
                 assert error.instrument == "it", f"{error!r} is for {error.instrument!r}, needed 'it'"
             else:
                 assert not sent, (
-                    f"a call returned {given} on the answers {sent}, in each of which one character was changed; verify the "
+                    f"a call returned {result} on the answers {sent}, in each of which one character was changed; verify the "
                     "checksum of each answer, then raise BadReply"
                 )
         quick.close()
@@ -421,11 +419,11 @@ def test_it_does_not_open_another_device(unit: DriverOnFake) -> None:
 @units()
 def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
     port = next((part.port for part in unit.parts if isinstance(part, PtyFake)), "")
-    before = handles(port)
+    open_before = handles(port)
     unit.driver.open()
     unit.driver.close()
-    assert handles(port) <= before, (
-        f"after close() {port} is open {handles(port)} times in this process, before open() it was {before} times; close it"
+    assert handles(port) <= open_before, (
+        f"after close() {port} is open {handles(port)} times in this process, before open() it was {open_before} times; close it"
     )
     second = unit.another()
     try:
@@ -461,18 +459,18 @@ def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: DriverOnFake) -
     driver = unit.strict()
     unit.silence()
     kind = StaleReading if unit.disturbed else InstrumentError  # an ended connection may be told as such
-    seen: Any = None
+    outcome: Any = None
 
     def stale() -> bool:
-        nonlocal seen
+        nonlocal outcome
         try:
-            seen = driver.latest()
+            outcome = driver.latest()
         except InstrumentError as error:
-            seen = error
-        return isinstance(seen, kind)
+            outcome = error
+        return isinstance(outcome, kind)
 
     assert until(stale, unit.config.max_age + SLACK), (
-        f"{SLACK:g} s after the line had been silent for max_age = {unit.config.max_age:g} s, latest() gave {seen!r}; "
+        f"{SLACK:g} s after the line had been silent for max_age = {unit.config.max_age:g} s, latest() gave {outcome!r}; "
         f"needed {kind.__name__}: compare the age of the newest sample, in host time, with max_age"
     )
 
@@ -497,13 +495,13 @@ def test_a_stream_hands_over_no_answer_whose_checksum_is_wrong(unit: DriverOnFak
 
 def hands_over_none(unit: DriverOnFake, line: contextlib.AbstractContextManager[list[bytes]], what: str, remedy: str) -> None:
     """Fails when a stream still hands over samples on a disturbed line, or a thread of its driver ends."""
-    seen = (0, 0)  # samples, and the disturbed answers that were sent when the newest was
+    sample_count, sent_by_then = 0, 0  # samples, and the disturbed answers that had been sent when the newest came
 
     def refused() -> bool:
-        nonlocal seen
-        if seen[0] != len(unit.samples):
-            seen = len(unit.samples), len(sent)
-        return len(sent) - seen[1] >= REFUSED
+        nonlocal sample_count, sent_by_then
+        if sample_count != len(unit.samples):
+            sample_count, sent_by_then = len(unit.samples), len(sent)
+        return len(sent) - sent_by_then >= REFUSED
 
     with crashes() as crashed, line as sent:
         within = unit.config.max_age + SLACK

@@ -174,7 +174,7 @@ def given_labels(a: argparse.Namespace) -> dict[str, str]:
     from .files.config import ConfigError
 
     named = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
-    place = "--tag "
+    place = "--tag "  # what a message names while tags are read
     try:
         tags = [split(text) for text in a.tag]
         place = ""

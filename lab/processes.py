@@ -57,8 +57,7 @@ class Processes:
         """`do` for every item, in order. Raises what `do` raises.
 
         The processes begin at once, this one when it asks for a result. `do` is read by each process once, however much it holds:
-        a method's object is sent as it is when it is first asked.
-        """
+        a method's object is sent as it is when it is first asked."""
         if self._lost:
             return map(do, items)
         if do != self._do:  # two methods are the same where their objects are
@@ -73,11 +72,13 @@ class Processes:
         return self._pool.submit(_done, file, item).result()
 
     def _together(self, do: Callable[[A], B], items: Sequence[A], begun: list[Future[B]]) -> Iterator[B]:
+        """The results in order; while one is awaited, this process does the next items that no other has taken."""
         try:
             for place, item in enumerate(items):
                 while not begun[place].done():
+                    # what can be cancelled nobody has begun
                     free = next((k for k in range(place, len(items)) if begun[k].cancel()), None)
-                    if free is None:
+                    if free is None:  # all others are being done elsewhere: wait for this one
                         break
                     begun[free] = _here(do, items[free])
                 try:
@@ -110,47 +111,46 @@ FEW_ROWS = 25
 
 @contextmanager
 def for_case(cores: int) -> Iterator[Callable[[int], Processes | None]]:
-    """Processes for a case that is still to be read, with this one as many as there are cores. They start at once; what it yields
-    is called with the number of rows, and gives them, or None where one process is as quick.
+    """Start processes for a case that is still to be read, `cores` with this one. Yields a function that takes the number of rows
+    of the case and returns the processes, or None where one process is as quick.
 
-    What the rod's kernels are not compiled for yet on this machine is compiled here and there side by side.
-    """
+    Kernels of the rod that are not compiled yet on this machine are compiled meanwhile, here and in the processes."""
     if cores == 1:
         yield lambda rows: None
         return
-    with processes(cores - 1, ("derivatives",)) as others:
+    with processes(cores - 1, ("derivatives",)) as workers:
 
         def of(rows: int) -> Processes | None:
             if warm_up(("rods",)):
-                others.begun()
-            return others if rows >= FEW_ROWS else None
+                workers.begun()
+            return workers if rows >= FEW_ROWS else None
 
         yield of
 
 
 @contextmanager
 def processes(count: int, ahead: Sequence[str] = (), niceness: int = 0) -> Iterator[Processes]:
-    """So many besides this one, this much behind it in line; a person's Ctrl-C ends this process, which then ends them. `ahead`:
-    parts of `model.warm_up`, which they see to in turn."""
-    before = os.environ.get(ONE_THREAD)
+    """Start `count` processes besides this one, `niceness` behind it in line; a person's Ctrl-C ends this process, which then
+    ends them. `ahead`: parts of `model.warm_up`, shared out among them, to do before any work."""
+    threads_before = os.environ.get(ONE_THREAD)
     os.environ[ONE_THREAD] = "1"
     # a fresh interpreter each: threads and compiled code of this one are not inherited
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin, initargs=(niceness,))
     try:
         first = [pool.submit(warm_up, tuple(ahead[k::count])) for k in range(count)]
     finally:
-        if before is None:
+        if threads_before is None:
             del os.environ[ONE_THREAD]
         else:
-            os.environ[ONE_THREAD] = before
-    others = list(pool._processes.values())
+            os.environ[ONE_THREAD] = threads_before
+    workers = list(pool._processes.values())  # the pool itself cannot end one that hangs
     feeders = ThreadPoolExecutor(count)
     with TemporaryDirectory(prefix="softlab-") as folder:
         try:
             yield Processes(pool, feeders, Path(folder), first)
         finally:
-            for other in others:
-                other.terminate()
+            for worker in workers:
+                worker.terminate()
             feeders.shutdown(wait=False, cancel_futures=True)
             with suppress(BrokenProcessPool):
                 pool.shutdown(wait=True, cancel_futures=True)

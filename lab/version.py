@@ -30,7 +30,7 @@ def installed(package: str = NAME) -> str:
 
 
 def source() -> dict[str, str]:
-    """Commit of this software and whether its files were changed; empty where it was installed without git."""
+    """Commit of this software, empty where it was installed without git, and whether its files were changed (yes, no)."""
     folder = Path(__file__).parent
 
     def ask(*arguments: str) -> str:
@@ -77,19 +77,19 @@ REMEDY = (
 
 
 def strangers() -> str:
-    """What stands where a package of this software should, and what to do; empty where all are its own."""
+    """Complaints about packages of this software that are missing, hidden or overwritten; empty where all are its own."""
     home = Path(__file__).resolve().parent.parent
     written = _written()
-    found = []
+    problems = []
     for name, first in FIRST.items():
-        place, own = _place(name), home / first
+        place, ours = _place(name), home / first
         if place is None:
-            found.append(f"the package {name} of {NAME} is missing from {home}: install {NAME} again")
-        elif place != own:
-            found.append(f"another package called {name}, {place}, hides the one of {NAME}, {own}: {REMEDY}")
+            problems.append(f"the package {name} of {NAME} is missing from {home}: install {NAME} again")
+        elif place != ours:
+            problems.append(f"another package called {name}, {place}, hides the one of {NAME}, {ours}: {REMEDY}")
         elif name in written and _digest(place) != written[name]:
-            found.append(f"another package has written into {place}, which is {NAME}'s: {REMEDY}")
-    return "\n".join(found)
+            problems.append(f"another package has written into {place}, which is {NAME}'s: {REMEDY}")
+    return "\n".join(problems)
 
 
 def _place(name: str) -> Path | None:

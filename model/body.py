@@ -91,56 +91,60 @@ def annulus_second_moment(outer_radius: Number, inner_radius: Number | float = 0
 
 
 def body_of(robot: Robot) -> Body:
-    """The pieces of a robot's body; a uniform one has a single piece. Pieces end where sections do, chambers and tendons."""
+    """Cut a robot's body into pieces where sections and actuators end, tapering sections finer; a uniform one is one piece."""
     edges, values = [0.0], []
-    ends = np.array(robot.actuators.ends or (robot.length,) * len(robot.actuators.azimuths_deg))
+    ends = np.array(robot.actuators.ends or (robot.length,) * len(robot.actuators.azimuths_deg))  # m, of the actuators
     start = 0.0
     for part in robot.sections or (Section(length=robot.length),):
         cuts = max(1, math.ceil(PIECES * part.length / robot.length)) if part.tapers else 1
-        shares = [k / cuts for k in range(cuts)] + [(end - start) / part.length for end in ends]
-        shares = [*sorted({round(x, 9) for x in shares if 0.0 <= x < 1.0 - 1e-9}), 1.0]
+        inner = [k / cuts for k in range(cuts)] + [(end - start) / part.length for end in ends]
+        shares = [*sorted({round(x, 9) for x in inner if 0.0 <= x < 1.0 - 1e-9}), 1.0]  # of the section, where pieces meet
         for low, high in itertools.pairwise(shares):
             edges.append(start + high * part.length)
             values.append(_piece(robot, part, low + (high - low) * NODES))
         start += part.length
     edges[-1] = robot.length
     stretch, bend, twist, weight, outer, chamber, path = np.array(values).T
-    reached = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
-    area = reached * chamber[:, None]
+    acts = np.array(edges)[:-1, None] < ends[None, :] - 1e-9
+    area = acts * chamber[:, None]
     at_tip = area[-1] if robot.tendons is None else np.zeros(len(ends))
     return Body(np.array(edges), stretch, bend, twist, weight, outer, area, path, at_tip)
 
 
 def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
-    """The fields of `Body` over the shares (m,) of a section: mean compliances, and means of all that is not stiffness."""
+    """The fields of `Body`, area to path_radius, of a piece that lies at shares 0..1 (m,) of a section: means over the piece, of
+    stiffnesses by their compliances."""
 
     def along(name: str, otherwise: float | Array) -> Array:
+        """The section's own value at the shares, `otherwise` where it has none."""
         stated = part.at(name, share)
         return np.broadcast_to(otherwise, share.shape) if stated is None else stated
 
-    def known(name: str, otherwise: Array) -> Array:
-        """A stiffness or mass that the section or the robot gives, over what makes it one of geometry; else that."""
-        drawn = any(getattr(part, n) is not None for n in ("outer_radius", "inner_radius", own_material[name]))
-        given = getattr(robot, name)
-        over = robot.density if name == "mass_per_length" else robot.youngs_modulus
-        return along(name, otherwise * over if given is None or drawn else given) / over
+    def referred(name: str, from_geometry: Array) -> Array:
+        """Stiffness / E or mass per length / density: the section's own, else the robot's unless the section has its own radii or
+        material, else `from_geometry`."""
+        redrawn = any(getattr(part, n) is not None for n in ("outer_radius", "inner_radius", material[name]))
+        of_robot = getattr(robot, name)
+        unit = robot.density if name == "mass_per_length" else robot.youngs_modulus
+        return along(name, from_geometry * unit if of_robot is None or redrawn else of_robot) / unit
 
-    own_material = dict.fromkeys(("bending_stiffness", "axial_stiffness", "torsional_stiffness"), "youngs_modulus")
-    own_material["mass_per_length"] = "density"
+    material = dict.fromkeys(("bending_stiffness", "axial_stiffness", "torsional_stiffness"), "youngs_modulus")
+    material["mass_per_length"] = "density"
     outer, inner = along("outer_radius", robot.outer_radius), along("inner_radius", robot.inner_radius)
     modulus = along("youngs_modulus", robot.youngs_modulus) / robot.youngs_modulus
     area, second = math.pi * (outer**2 - inner**2), annulus_second_moment(outer, inner)
-    axial = known("axial_stiffness", modulus * area)
-    bending = known("bending_stiffness", modulus * second)
-    torsion = known("torsional_stiffness", 2 * bending)
-    dense = along("density", robot.density) / robot.density if robot.density > 0 else np.ones(share.shape)
-    line = known("mass_per_length", dense * area) if robot.density > 0 else area
-    stated = part.at("chamber_radius", share)
-    chamber = np.full(share.shape, robot.actuators.area) if stated is None else math.pi * stated**2
+    axial = referred("axial_stiffness", modulus * area)
+    bending = referred("bending_stiffness", modulus * second)
+    torsion = referred("torsional_stiffness", 2 * bending)
+    weighing = area
+    if robot.density > 0:
+        weighing = referred("mass_per_length", along("density", robot.density) / robot.density * area)
+    chamber_radius = part.at("chamber_radius", share)
+    chamber = np.full(share.shape, robot.actuators.area) if chamber_radius is None else math.pi * chamber_radius**2
     path = along("path_radius", robot.actuators.path_radius)
     stretch, bend, twist = (1 / float(WEIGHTS @ (1 / x)) for x in (axial, bending, torsion))
-    # What chambers do to a section goes with its compliance, so theirs are means weighted by it.
+    # Chambers act on a section in proportion to its compliance, so their areas and radii are means weighted by it.
     pushed = stretch * float(WEIGHTS @ (chamber / axial))
     arm = bend * float(WEIGHTS @ (chamber * path / bending))
     radius = arm / pushed if pushed else float(WEIGHTS @ path)
-    return (stretch, bend, twist, float(WEIGHTS @ line), float(WEIGHTS @ outer), pushed, radius)
+    return (stretch, bend, twist, float(WEIGHTS @ weighing), float(WEIGHTS @ outer), pushed, radius)

@@ -32,17 +32,17 @@ def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | No
     readings or no spread in deflection, `BadCondition` on shapes.
     """
     n = np.size(deflection)
-    columns = readings(n, deflection=deflection, force=force)
+    data = readings(n, deflection=deflection, force=force)
     labels = np.zeros(n) if trial is None else np.asarray(trial)
     if labels.shape != (n,):
         raise BadCondition(f"trial: shape {labels.shape}, must be ({n},)")
-    names = np.unique(labels)
-    dy, df = (columns[name] - _trial_means(columns[name], labels, names) for name in ("deflection", "force"))
+    trials = np.unique(labels)
+    dy, df = (data[name] - _trial_means(data[name], labels, trials) for name in ("deflection", "force"))
     spread = float(dy @ dy)
     if not spread > 0:
         raise NotIdentified("deflection: all readings of a trial are at the same place, no slope can be fitted")
     slope = float(dy @ df) / spread
-    return estimate(slope, dy, df - slope * dy, 1 + names.size, labels if trial is not None else None)
+    return estimate(slope, dy, df - slope * dy, 1 + trials.size, labels if trial is not None else None)
 
 
 def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> Estimate:
@@ -85,7 +85,7 @@ class AreaFit:
 
 
 def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None) -> AreaFit:
-    """One factor for all states that brings the tips closest to the measured ones (n, 3) m, base frame.
+    """Fit one area factor for all states, by least squares on the measured tips (n, 3) m, base frame.
 
     `trial` (n,) lets the readings of a trial err together. Raises `NotIdentified` when the tips do not depend on
     the factor or it runs into its bounds, `SolveFailed` when a state has no equilibrium at the fitted value.
@@ -106,15 +106,15 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
     if not np.any(condition.pressure):
         raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
 
-    def distance(x: Array) -> Array:
+    def residuals(x: Array) -> Array:
         result = solve(rods_of(robot.with_area_factor(float(x[0])), condition), FINE)
-        # A state that snaps at a trial value counts as one robot length off, which turns the search around.
+        # A state without equilibrium at a trial value counts as one robot length off: the search turns back.
         return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
     start = float(np.mean(robot.area_factor_at(condition.spine_length)))
-    solution = least_squares(distance, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
+    solution = least_squares(residuals, [start], bounds=(LEAST_FACTOR, MOST_FACTOR), diff_step=1e-5, xtol=1e-10, ftol=1e-12)
     value = float(solution.x[0])
-    # The search keeps inside its bounds, so a value that wants out ends just short of them.
+    # The search stays inside its bounds: a value that would leave them ends just short of one.
     if not 1.01 * LEAST_FACTOR < value < 0.99 * MOST_FACTOR:
         raise NotIdentified(
             f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
@@ -122,8 +122,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         )
     predicted = solve(rods_of(robot.with_area_factor(value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
-    factor = estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels)
-    return AreaFit(factor)
+    return AreaFit(estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels))
 
 
 def fit_area_factor_by_length(
@@ -134,8 +133,8 @@ def fit_area_factor_by_length(
     measured = readings(n, tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
     return {
-        length: fit_area_factor(robot, condition[own], measured[own], None if trials is None else trials[own])
-        for length, own in condition.by_spine_length()
+        length: fit_area_factor(robot, condition[rows], measured[rows], None if trials is None else trials[rows])
+        for length, rows in condition.by_spine_length()
     }
 
 
@@ -150,8 +149,7 @@ def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, tria
     >>> fit_body_modulus(robot, [0.0, 0.01, 0.02], [0.0, 0.05, 0.1]).value > 0
     True
     """
-    slope = fit_stiffness(deflection, force, trial)
-    return youngs_modulus(slope, robot.length, body_second_moment(robot))
+    return youngs_modulus(fit_stiffness(deflection, force, trial), robot.length, body_second_moment(robot))
 
 
 def fit_spine_modulus(
@@ -163,12 +161,12 @@ def fit_spine_modulus(
 ) -> dict[float, Estimate]:
     """Apparent E (Pa) of the bare spine of `radius` (m) for each spine length (m), eq. 9: Table II."""
     n = np.size(deflection)
-    columns = readings(n, spine_length=spine_length, deflection=deflection, force=force)
-    lengths = np.round(columns["spine_length"], 4)
+    data = readings(n, spine_length=spine_length, deflection=deflection, force=force)
+    lengths = np.round(data["spine_length"], 4)
     moduli = {}
     for length in np.unique(lengths):
         of_length = lengths == length
         trials = None if trial is None else np.asarray(trial)[of_length]
-        slope = fit_stiffness(columns["deflection"][of_length], columns["force"][of_length], trials)
+        slope = fit_stiffness(data["deflection"][of_length], data["force"][of_length], trials)
         moduli[float(length)] = youngs_modulus(slope, float(length), annulus_second_moment(radius))
     return moduli

@@ -95,11 +95,11 @@ class States:
     def pace(self) -> float | None:
         """s, geometric mean of the median time from reading to reading and the median duration of a trial, between which a memory
         shows; None where no time passes."""
-        own = self[~self.stiffness]
-        first = np.diff(own.trial, prepend=-1) != 0
-        step = np.abs(np.where(first[:, None], own.pressure, np.diff(own.pressure, axis=0, prepend=0.0))).max(axis=1)
-        reached = step / np.where(own.rate > 0, own.rate, np.inf) + np.maximum(own.hold, 0.0)
-        gap = np.diff(own.t, prepend=np.nan)
+        moving = self[~self.stiffness]
+        first = np.diff(moving.trial, prepend=-1) != 0
+        step = np.abs(np.where(first[:, None], moving.pressure, np.diff(moving.pressure, axis=0, prepend=0.0))).max(axis=1)
+        reached = step / np.where(moving.rate > 0, moving.rate, np.inf) + np.maximum(moving.hold, 0.0)
+        gap = np.diff(moving.t, prepend=np.nan)
         passed = np.where(~first & (gap > 0), gap, reached)
         if not (passed > 0).any():
             return None
@@ -157,13 +157,13 @@ def conditions(
     >>> len(states), states.pressure.shape
     (3, (3, 9))
     """
-    p, pull = np.atleast_2d(_floats("pressure", pressure)), np.atleast_2d(_floats("force", force))
+    p, force_on_tip = np.atleast_2d(_floats("pressure", pressure)), np.atleast_2d(_floats("force", force))
     rows = {
         "spine_length": _floats("spine_length", spine_length),
         "tip_mass": _floats("tip_mass", robot.tip_mass if tip_mass is None else tip_mass),
         "roll": _floats("roll", roll),
     }
-    n = max(len(p), len(pull), *(value.size for value in rows.values()))
+    n = max(len(p), len(force_on_tip), *(value.size for value in rows.values()))
     full = {}
     for name, value in rows.items():
         if value.ndim > 1 or value.size not in (1, n):
@@ -171,9 +171,9 @@ def conditions(
         full[name] = np.broadcast_to(value.reshape(-1), (n,)).copy()
     if p.ndim != 2 or len(p) not in (1, n):
         raise BadCondition(f"pressure: shape {p.shape}, must be (chambers,) or ({n}, chambers)")
-    if pull.ndim != 2 or pull.shape[1] != 3 or len(pull) not in (1, n):
-        raise BadCondition(f"force: shape {pull.shape}, must be (3,) or ({n}, 3)")
-    full |= {"pressure": np.broadcast_to(p, (n, p.shape[1])).copy(), "force": np.broadcast_to(pull, (n, 3)).copy()}
+    if force_on_tip.ndim != 2 or force_on_tip.shape[1] != 3 or len(force_on_tip) not in (1, n):
+        raise BadCondition(f"force: shape {force_on_tip.shape}, must be (3,) or ({n}, 3)")
+    full |= {"pressure": np.broadcast_to(p, (n, p.shape[1])).copy(), "force": np.broadcast_to(force_on_tip, (n, 3)).copy()}
     for name, value in full.items():
         _refuse(name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
     _refuse("spine_length", "m", full["spine_length"], full["spine_length"] < 0, "must not be negative")
@@ -181,12 +181,12 @@ def conditions(
     wrong = (full["pressure"] < LOWEST_PRESSURE) | (full["pressure"] > HIGHEST_PRESSURE)
     limits = f"must be within {LOWEST_PRESSURE:g} and {HIGHEST_PRESSURE:g} Pa gauge: check the unit"
     _refuse("pressure", "Pa", full["pressure"], wrong, limits)
-    number, no, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
+    numbers, never, zero = np.arange(n), np.zeros(n, bool), np.zeros(n)
     states = States(
-        trial=number, trial_id=number, stiffness=no, body=no, unload=no, repeat=np.ones(n, np.int64), t=np.full(n, np.nan),
-        rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64), progress=np.full(n, 0.5),
-        vacuum=np.full(n, vacuum), nominal_vacuum=vacuum, used=full["pressure"] > USED * (robot.max_pressure or 0.0),
-        deflection=zero, channels=TIP, **full,
+        trial=numbers, trial_id=numbers, stiffness=never, body=never, unload=never, repeat=np.ones(n, np.int64),
+        t=np.full(n, np.nan), rate=np.full(n, rate), hold=np.full(n, hold), sitting=np.zeros(n, np.int64),
+        progress=np.full(n, 0.5), vacuum=np.full(n, vacuum), nominal_vacuum=vacuum,
+        used=full["pressure"] > USED * (robot.max_pressure or 0.0), deflection=zero, channels=TIP, **full,
     )  # fmt: skip
     states.check(robot)
     return states

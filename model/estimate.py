@@ -42,11 +42,10 @@ def estimate(
 ) -> Estimate:
     """Standard error of one least-squares parameter.
 
-    `sensitivity` (n,) is d(prediction)/d(value) with all other fitted numbers projected out, `residual` (n,)
-    measured minus predicted, `fitted` how many numbers were fitted. With `trial` (n,) of at least three trials the
-    readings of one trial may err together (cluster-robust form with its small-sample factor); otherwise each
-    reading is taken to err alone. Raises `NotIdentified` when the readings do not depend on the value or are too
-    few.
+    `sensitivity` (n,) is d(prediction)/d(value) with all other fitted numbers projected out, `residual` (n,) measured minus
+    predicted, `fitted` how many numbers were fitted. With `trial` (n,) of at least three trials the readings of one trial may err
+    together (cluster-robust form with its small-sample factor); otherwise each reading is taken to err alone. Raises
+    `NotIdentified` when the readings do not depend on the value or are too few.
     """
     n = residual.size
     if n <= fitted:

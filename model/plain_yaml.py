@@ -54,6 +54,7 @@ class _Loader(yaml.SafeLoader):
         super().__init__(text)
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A node and all in it; raises `BadYaml` for an alias or tag, and beyond the limits of size and depth."""
         event = self.peek_event()  # type: ignore[no-untyped-call]
         line = event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent):
@@ -91,14 +92,15 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
 
 
 def _value(loader: _Loader, node: yaml.Node) -> object:
+    """The plain value of a node; a list or table with all that it holds."""
     if isinstance(node, yaml.SequenceNode):
         return [_value(loader, item) for item in node.value]
     if isinstance(node, yaml.MappingNode):
         table: dict[object, object] = {}
         for key_node, value_node in node.value:
-            # `on`, `no` and the like are names here
-            named = key_node.tag.endswith((":bool", ":null")) and key_node.value
-            key = named or _value(loader, key_node)
+            # as keys, `on`, `no` and the like are names
+            name = key_node.tag.endswith((":bool", ":null")) and key_node.value
+            key = name or _value(loader, key_node)
             if not isinstance(key, Hashable):
                 raise BadYaml("a table or list cannot be a key", _line(key_node))
             if key in table:
@@ -109,6 +111,7 @@ def _value(loader: _Loader, node: yaml.Node) -> object:
 
 
 def _scalar(loader: _Loader, node: yaml.ScalarNode) -> object:
+    """The text, number, true, false or None of a node."""
     text = node.value
     kind = node.tag.rpartition(":")[2]
     if kind == "str":

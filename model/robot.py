@@ -64,6 +64,7 @@ Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 LengthKey = Annotated[FiniteFloat, Field(ge=0, le=5, json_schema_extra={"unit": "m"})]
 Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e12, json_schema_extra={"unit": "Pa"})]
+Gravity = Annotated[FiniteFloat, Field(ge=-30, le=30)]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
 
@@ -147,11 +148,7 @@ class Robot(BaseModel):
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
-    gravity: tuple[
-        Annotated[FiniteFloat, Field(ge=-30, le=30)],
-        Annotated[FiniteFloat, Field(ge=-30, le=30)],
-        Annotated[FiniteFloat, Field(ge=-30, le=30)],
-    ] = Field(json_schema_extra={"unit": "m/s^2"})
+    gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})
     bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"})
     """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""
     axial_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N"})
@@ -207,6 +204,7 @@ class Robot(BaseModel):
         return self
 
     def _body_problems(self) -> list[str]:
+        """One line for each contradiction between sections, radii, densities and actuators."""
         kind = "chambers" if self.tendons is None else "tendons"
         actuators, count = self.actuators, len(self.actuators.azimuths_deg)
         radii = {
@@ -380,18 +378,11 @@ def _line(error: Any) -> str:
 
 
 def _unit_of(loc: tuple[int | str, ...]) -> str:
-    """The unit of the field an error points at, followed through the nested models."""
+    """The unit of the field at a place of a validation error (keys and indices from the robot down); empty for none."""
     nested: dict[str, type[BaseModel]] = {
-        "chambers": Chambers,
-        "tendons": Tendons,
-        "spine": Spine,
-        "base_to_world": Pose,
-        "posterior": Posterior,
-        "noise": Noise,
-        "residual": Residual,
-        "uncertainty": Uncertainty,
-        "sections": Section,
-    }
+        "chambers": Chambers, "tendons": Tendons, "spine": Spine, "base_to_world": Pose, "posterior": Posterior, "noise": Noise,
+        "residual": Residual, "uncertainty": Uncertainty, "sections": Section,
+    }  # fmt: skip
     owner: type[BaseModel] = Robot
     if "[key]" in loc:
         return "m"

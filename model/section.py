@@ -47,8 +47,7 @@ def body_mass(robot: Robot) -> float:
 def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
     """E_eq (Pa) of the part that holds the spine, eq. 10, at spine length (m).
 
-    Volumes are taken over that part: V_c the annulus, V_s the spine, V_total their sum. At length 0 it is the
-    body's own.
+    Volumes are taken over that part: V_c the annulus, V_s the spine, V_total their sum. At length 0 it is the body's own.
     """
     length, body = np.asarray(spine_length, float), body_area(robot)
     if robot.spine is None:
@@ -59,16 +58,13 @@ def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:
 
 
 def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None = None) -> Rods:
-    """The rods of all states without any effect but what `thrust` states, after checking that the states fit the robot; raises
-    `BadCondition`.
+    """The rods of all states without any effect but what `thrust` states; raises `BadCondition` for states that do not fit.
 
-    `variants`: fields of `model.effects.quantities`, (v, n or 1, ..), in place of the robot's own; the rods of one variant follow
-    those of another. Elements are those of `model.effects.layout`, their sections, loads and actuation those of
-    `model.effects.compose`.
+    `variants`: fields of `model.effects.quantities`, (v, n or 1, ..), in place of the robot's own; the n rods of one variant come
+    behind those of the one before. Elements are those of `model.effects.layout`, their values those of `model.effects.compose`.
     """
-    from model.effects.compose import (
-        rod_columns,  # the compiler comes with it; who asks for a section alone waits for neither
-    )
+    # the compiler comes with these: who asks for a section alone does not wait for it
+    from model.effects.compose import rod_columns
     from model.effects.layout import layout_of
     from model.effects.quantities import baseline
     from model.effects.solver import plain_rods

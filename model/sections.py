@@ -53,14 +53,14 @@ class Section(BaseModel):
 def section_problems(
     sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None
 ) -> Iterator[str]:
-    """What does not fit together: `radii` (m) are the robot's, by the fields of `Section`; `spine` the spine's radius (m)."""
+    """One line for each misfit of sections, length (m), `radii` (m, the robot's by fields of `Section`) and spine radius (m)."""
     uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine))
     yield from uniform
     if uniform or not sections:
         return
-    whole = sum(part.length for part in sections)
-    if abs(whole - length) > 1e-6 * length:
-        yield f"sections: lengths add up to {whole:g} m, must be length {length:g} m"
+    total = sum(part.length for part in sections)
+    if abs(total - length) > 1e-6 * length:
+        yield f"sections: lengths add up to {total:g} m, must be length {length:g} m"
     for i, part in enumerate(sections):
         along = {name: part.at(name, np.array([0.0, 1.0])) for name in radii}
         of_section = {name: np.full(2, radii[name]) if x is None else x for name, x in along.items()}
@@ -68,7 +68,7 @@ def section_problems(
 
 
 def _crossing(place: str, radii: Mapping[str, Array], spine: float | None) -> Iterator[str]:
-    """Radii (m) that cross: of the wall, the chambers in it and the spine."""
+    """One line for each pair of radii (m) that cross: of the wall, the chambers in it and the spine; `place` begins it."""
     outer, inner, chamber, path = (radii[k] for k in ("outer_radius", "inner_radius", "chamber_radius", "path_radius"))
     if (inner >= outer).any():
         worst = int(np.argmax(inner - outer))

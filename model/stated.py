@@ -91,6 +91,7 @@ class Posterior(BaseModel):
 
     @model_validator(mode="after")
     def _is_a_correlation(self) -> Posterior:
+        """Refuse names that repeat and what is no positive definite lower triangle with ones on its diagonal."""
         k = len(self.parameters)
         if len(set(self.parameters)) < k:
             twice = next(name for name in self.parameters if self.parameters.count(name) > 1)
@@ -101,13 +102,13 @@ class Posterior(BaseModel):
                 f"correlation: rows of {lengths[:8]} numbers, must be a lower triangle of {k} rows with 1, 2 .. {k} numbers, "
                 "as there are parameters"
             )
-        odd = [i for i, row in enumerate(self.correlation) if row[-1] != 1]
-        if odd:
-            raise ValueError(f"correlation: {self.correlation[odd[0]][-1]:g} of {self.parameters[odd[0]]} with itself, must be 1")
-        least = float(np.linalg.eigvalsh(self.matrix).min())
-        if least < LEAST_EIGENVALUE:
+        bad = [i for i, row in enumerate(self.correlation) if row[-1] != 1]
+        if bad:
+            raise ValueError(f"correlation: {self.correlation[bad[0]][-1]:g} of {self.parameters[bad[0]]} with itself, must be 1")
+        smallest = float(np.linalg.eigvalsh(self.matrix).min())
+        if smallest < LEAST_EIGENVALUE:
             raise ValueError(
-                f"correlation: not positive definite (least eigenvalue {least:.2g}, must be at least {LEAST_EIGENVALUE:g}): "
+                f"correlation: not positive definite (least eigenvalue {smallest:.2g}, must be at least {LEAST_EIGENVALUE:g}): "
                 "let lab fit write it again, or leave parameters out"
             )
         return self
@@ -145,7 +146,7 @@ class Residual(BaseModel):
 
 
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:
-    """What contradicts itself between the three."""
+    """One line for each contradiction between effects, tolerances and posterior."""
     issues = [f"{both}: stands in effects and in tolerances, keep one" for both in sorted(set(effects) & set(tolerances))]
     issues += [
         f"{key}.{id}: states no parameter, leave it out"

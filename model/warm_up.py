@@ -30,20 +30,20 @@ def rods() -> None:
 
 
 def derivatives() -> None:
-    """What diagnoses differentiate, without solving anything: of a rod that is said to be straight; and what else they need, the
-    laws with memory and the paper's own integration."""
+    """What diagnoses need besides: derivatives (of a rod that is taken to be straight, so that nothing is solved), the laws with
+    memory and the paper's own integration."""
     first, at_once = np.zeros(1, np.int64), np.zeros(1)
     path, drive = (history.Path(first, first, np.array([True]), at_once, at_once, at_once), np.zeros((1, 1, history.DRIVES)))
     path.lag(drive, 1.0)
     path.sliding(np.zeros((1, 1, 2)), np.ones((1, 1)))
     path.held(np.zeros((1, 1, 1)), np.zeros((1, 1, 2, 2)))
     path.extremes(drive, np.zeros((1, 1, history.CELLS)), at_once, at_once, 1.0)
-    one = _one()
-    rod.solve(one, rod.PAPER)
+    batch = _one()
+    rod.solve(batch, rod.PAPER)
     values = np.zeros((1, RESULT))
     values[0, AT_ORIENTATION] = 1.0
     straight = Solution(values, np.zeros(1, np.int8), no_shape(1))
-    rod.sensitivities(one, straight, np.zeros((1, 1, one.form.width)), strain=True)
+    rod.sensitivities(batch, straight, np.zeros((1, 1, batch.form.width)), strain=True)
 
 
 PARTS: Mapping[str, Callable[[], None]] = {"rods": rods, "derivatives": derivatives}

@@ -53,7 +53,7 @@ def release(bench: Bench, jam: Jam) -> float:
     valve.set(False)
     readings: list[tuple[float, float]] = []
 
-    def recently() -> list[tuple[float, float]]:
+    def recently() -> list[tuple[float, float]]:  # those of the last `jam.rest` s, at least REST_READINGS
         first = next(i for i, (t, _) in enumerate(readings) if t >= readings[-1][0] - jam.rest)
         return readings[max(0, min(first, len(readings) - REST_READINGS)) :]
 
@@ -66,16 +66,16 @@ def release(bench: Bench, jam: Jam) -> float:
         drift = fmean(recent[half:]) - fmean(recent[:half])
         return fmean(recent) if abs(drift) < jam.released_below / 5 and min(recent) > LOWEST_AMBIENT else None
 
-    def stood() -> str:
+    def describe() -> str:
         times, recent = zip(*recently(), strict=True)
-        moved, lowest = max(recent) - min(recent), min(recent)
+        variation, lowest = max(recent) - min(recent), min(recent)
         return (
-            f"the gauge still varied by {moved / 1e3:.2f} kPa in {times[-1] - times[0]:.3g} s (its drift must be below "
+            f"the gauge still varied by {variation / 1e3:.2f} kPa in {times[-1] - times[0]:.3g} s (its drift must be below "
             f"{jam.released_below / 5e3:.2f} kPa) and read {lowest / 1e3:.1f} kPa absolute (must be above "
             f"{LOWEST_AMBIENT / 1e3:.1f} kPa)"
         )
 
-    return bench.wait("valve and gauge: vacuum released", at_rest, jam.within, stood)
+    return bench.wait("valve and gauge: vacuum released", at_rest, jam.within, describe)
 
 
 def jam(bench: Bench, ambient: float, vacuum: float, rules: Jam) -> float:
@@ -111,7 +111,7 @@ def grow(bench: Bench, length: float, motion: SpineMotion) -> None:
     bench.wait(
         f"spine: at {goal * 1e3:.0f} mm",
         lambda: True if (s := unit.read()) and not s.moving and abs(s.length - goal) <= motion.tolerance else None,
-        5.0 + 3.0 * abs(goal - start) / motion.speed,
+        5.0 + 3.0 * abs(goal - start) / motion.speed,  # s: three times what the way takes
         lambda: (
             f"{'still moving, ' if (s := unit.read()).moving else ''}{abs(s.length - goal) * 1e3:.1f} mm from its goal, "
             f"tolerance {motion.tolerance * 1e3:.1f} mm"
@@ -141,16 +141,16 @@ def keep_jammed(bench: Bench, jam: Callable[[], object]) -> None:
 
 def jam_lost(bench: Bench) -> bool:
     """Whether the spine was soft at any time since it was jammed."""
-    kept = bench.jammed
-    if kept is None or kept.soft:
-        return kept is not None
-    since = kept.vacuum.begin(bench.clock.now())
-    said = left_band(bench.recorder.buffers.window("/vacuum", since, math.inf), kept.ambient, kept.vacuum)
-    if since > kept.vacuum.since:  # a long pause
-        said = said or f"whether it kept its vacuum is known since {since:.0f} s only"
-    if not said:
+    jammed = bench.jammed
+    if jammed is None or jammed.soft:
+        return jammed is not None
+    since = jammed.vacuum.begin(bench.clock.now())
+    reason = left_band(bench.recorder.buffers.window("/vacuum", since, math.inf), jammed.ambient, jammed.vacuum)
+    if since > jammed.vacuum.since:  # a long pause: readings from before `since` are gone
+        reason = reason or f"whether it kept its vacuum is known since {since:.0f} s only"
+    if not reason:
         return False
-    bench.say(f"The spine must be jammed anew: {said}")
+    bench.say(f"The spine must be jammed anew: {reason}")
     return True
 
 
@@ -163,11 +163,11 @@ def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
     regulators = bench.need(bench.pressure, "pressure")
     start = regulators.read().setpoint
     duration = max((abs(b - a) for a, b in zip(start, target, strict=True)), default=0.0) / rate
-    done, now = 0.0, bench.clock.now()
+    ramped, now = 0.0, bench.clock.now()
     while True:
-        before, now = now, bench.clock.now()
-        done += min(now - before, LONGEST_CREDIT)
-        share = min(1.0, done / duration) if duration > 0 else 1.0
+        previous, now = now, bench.clock.now()
+        ramped += min(now - previous, LONGEST_CREDIT)  # s; after a standstill of this computer nothing jumps
+        share = min(1.0, ramped / duration) if duration > 0 else 1.0
         wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
         confirmed = regulators.set(wanted)
         bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED

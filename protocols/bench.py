@@ -170,8 +170,8 @@ class Bench:
             self.recorder.check()
             self.clock.sleep(min(left, 0.2))
 
-    def wait(self, what: str, done: Callable[[], T | None], within: float, stood: Callable[[], str] | None = None) -> T:
-        """Wait until `done` returns something; NotReached after `within` s of rig time, with what `stood` says."""
+    def wait(self, what: str, done: Callable[[], T | None], within: float, describe: Callable[[], str] | None = None) -> T:
+        """Wait until `done` returns something; NotReached after `within` s of rig time, with the text of `describe`."""
         deadline, patience = self.clock.now() - self.stood() + within, timing.now() + min(within, self.patience)
         while True:
             self.recorder.check()
@@ -179,6 +179,6 @@ class Bench:
             if result is not None:
                 return result
             if self.clock.now() - self.stood() > deadline and timing.now() > patience:
-                far = f": {stood()}" if stood is not None else ""
-                raise NotReached(f"{what}: not reached within {within:g} s{far}")
+                reached = f": {describe()}" if describe is not None else ""
+                raise NotReached(f"{what}: not reached within {within:g} s{reached}")
             self.clock.sleep(min(0.05, within / 20))

@@ -20,13 +20,13 @@ from recordings.trials import TrialRow, Vector3
 from .actions import home, vent
 from .bench import Bench, Setup
 from .experiment import Ask, Plan, Reading, Step, Trials, settled
-from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
+from .parameters import PREPARING, Chamber, Jam, Parameters, Pressure, RobotFacts, Settle, SpineLength, SpineMotion, Vacuum
 from .suspension import through_pauses
 from .visits import Branch, Sweep, Walk, around, in_one_jamming, planned_rest, setpoints, signed
 
-FARTHER = 1.5
-"""Times the deflection of the load branch that a tip may have at the same pressure when unloading: hysteresis and creep make
-up to a fifth more, a spine of 20 cm that goes soft nearly twice as much, a longer one more."""
+FARTHER, LEAST_FARTHER = 1.5, 0.01
+"""Times, and m more than, the deflection of the load branch that a tip may have at the same pressure when unloading: hysteresis
+and creep make up to a fifth more, a spine of 20 cm that goes soft nearly twice as much, a longer one more."""
 
 
 @dataclass
@@ -46,7 +46,7 @@ class Shapes:
         self.loaded.clear()
 
     def take(self, branch: Literal["load", "unload"], pressure: float, row: TrialRow) -> bool:
-        """Compare a state that was read with the others; returns whether the spine must have gone soft in between."""
+        """Keep a tip of the load branch, compare one of the unload branch with it: whether the spine has gone soft between."""
         if row.tip is None:
             return False
         if branch == "load":
@@ -55,13 +55,12 @@ class Shapes:
             self.loaded[pressure] = row.tip
         if branch == "load" or not pressure or self.straight is None or pressure not in self.loaded:
             return False
-        before, now = math.dist(self.loaded[pressure], self.straight), math.dist(row.tip, self.straight)
-        # m
-        if now - before < 0.01 or now < FARTHER * before:
+        loading, unloading = math.dist(self.loaded[pressure], self.straight), math.dist(row.tip, self.straight)
+        if unloading - loading < LEAST_FARTHER or unloading < FARTHER * loading:
             return False
         self.seen = (
-            f"at {pressure / 1e3:g} kPa the tip is deflected by {now * 1e3:.0f} mm when unloading and was by "
-            f"{before * 1e3:.0f} mm when loading, limit {FARTHER:g} times as much"
+            f"at {pressure / 1e3:g} kPa the tip is deflected by {unloading * 1e3:.0f} mm when unloading and was by "
+            f"{loading * 1e3:.0f} mm when loading, limit {FARTHER:g} times as much"
         )
         return True
 
@@ -104,13 +103,13 @@ class Bending(Parameters):
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """Its tip mass; the first channel's chambers where the paper's group is not connected; no spine where there is none."""
-        found: dict[str, Any] = {"tip_mass": robot.tip_mass}
+        defaults: dict[str, Any] = {"tip_mass": robot.tip_mass}
         if not robot.spine:
-            found |= {"spine_lengths": [0.0], "vacuums": [0.0]}
+            defaults |= {"spine_lengths": [0.0], "vacuums": [0.0]}
         connected = {c for group in robot.channels for c in group}
         if connected and not connected >= set(cls.model_fields["chambers"].default):
-            found["chambers"] = list(robot.channels[0])
-        return found
+            defaults["chambers"] = list(robot.channels[0])
+        return defaults
 
     @model_validator(mode="after")
     def _orders(self) -> Bending:
@@ -154,30 +153,28 @@ def _reach(spine: float, vacuum: float) -> str:
 def plan(p: Bending, name: str = "bending") -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
+    stay = {
+        "settled": planned_rest(p.settle) + p.settle.average, "sweep": 0.0, "hold": p.hold_times[-1] if p.hold_times else 0.0,
+    }[p.reading]  # fmt: skip
     length, prepared = 0.0, None
     for repeat, vacuum, spine in _sweeps(p):
         reach, setup = f"{_reach(spine, vacuum)}, repeat {repeat}", _setup(p, vacuum)
         steps.append(
             Step(
                 f"{'vent, release, grow and jam: ' if spine or vacuum else 'vent, '}{reach}",
-                8.0 + abs(spine - length) / p.spine.speed + p.spine.settle,
+                PREPARING + abs(spine - length) / p.spine.speed + p.spine.settle,
                 Ask(spine_length=spine, spine_speed=p.spine.speed, vacuum=vacuum, setup=setup if setup != prepared else None),
             )
         )
-        length, before, prepared = spine, 0.0, setup
+        length, previous, prepared = spine, 0.0, setup
         for level in levels(p):
-            climb = abs(level.pressure - before) / p.rate
-            stay = {
-                "settled": planned_rest(p.settle) + p.settle.average,
-                "sweep": 0.0,
-                "hold": p.hold_times[-1] if p.hold_times else 0,
-            }
+            ramping = abs(level.pressure - previous) / p.rate
             ask = Ask(pressures=tuple(_chambers(p, level.pressure)), pressure_rate=p.rate)
-            rate = signed(p.rate, level.pressure - before)
+            rate = signed(p.rate, level.pressure - previous)
             reads = tuple(Reading(level.branch, hold, rate, repeat) for hold in _holds(p, level))
-            before = level.pressure
+            previous = level.pressure
             label = f"{level.pressure / 1e3:g} kPa {level.branch}, {reach}"
-            steps.append(Step(label, climb + stay[p.reading], ask, reads))
+            steps.append(Step(label, ramping + stay, ask, reads))
     limits = {
         "pressure_pa": max(p.pressures), "pressure_rate_pa_s": p.rate, "spine_length_m": max(p.spine_lengths),
         "spine_speed_m_s": p.spine.speed, "vacuum_pa": max(p.vacuums), "tip_mass_kg": p.tip_mass,
@@ -202,8 +199,7 @@ def _setup(p: Bending, vacuum: float) -> Setup:
 
 def run(bench: Bench, p: Bending, trials: Trials) -> None:
     """Do the sweep. Raises ProtocolError; the caller always lands the rig safe."""
-    # A pattern that the wiring cannot make fails before anything moves.
-    setpoints(bench, _chambers(p, max(p.pressures)))
+    setpoints(bench, _chambers(p, max(p.pressures)))  # a pattern that the wiring cannot make fails before anything moves
     vent(bench)
     for vacuum, sweeps in itertools.groupby(trials.remaining(_sweeps(p), 1 + len(levels(p))), lambda s: s[1]):
         bench.operator.prepare(_setup(p, vacuum))
@@ -218,13 +214,13 @@ def run(bench: Bench, p: Bending, trials: Trials) -> None:
 def _visit_all(p: Bending, shapes: Shapes, walk: Walk) -> None:
     """Visit all levels once: stop and read at each, or read without stopping between the turning points."""
     shapes.begin()
-    held: list[Settled | Window] = [around(h, p.settle.average) for h in p.hold_times]
-    rules = held if p.reading == "hold" else [settled(p.settle)]
-    for (branch, ramped), some in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
+    holds: list[Settled | Window] = [around(h, p.settle.average) for h in p.hold_times]
+    rules = holds if p.reading == "hold" else [settled(p.settle)]
+    for (branch, ramped), group in itertools.groupby(levels(p), key=lambda level: (level.branch, level.pressure > 0)):
         if ramped and p.reading == "sweep":
-            _read_on_the_fly(p, shapes, walk, list(some), branch)
+            _read_on_the_fly(p, shapes, walk, list(group), branch)
             continue
-        for level in some:
+        for level in group:
             walk.visit(
                 _chambers(p, level.pressure), branch, rules, _chambers(p, max(p.pressures)),
                 partial(_judge, shapes, walk, level),
@@ -234,21 +230,21 @@ def _visit_all(p: Bending, shapes: Shapes, walk: Walk) -> None:
         walk.bench.say(f'Trial {walk.trial.number} is marked (doubt "soft"): {shapes.seen}')
 
 
-def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel], branch: Branch) -> None:
+def _read_on_the_fly(p: Bending, shapes: Shapes, walk: Walk, levels_left: list[SweepLevel], branch: Branch) -> None:
     """One ramp past all levels of a branch; each is read where the measured pressure crosses it."""
     walk.bench.check_stop()
     back = partial(walk.come_back, branch, _chambers(p, max(p.pressures)))
-    through_pauses(walk.bench, partial(_pass, p, shapes, walk, left), back)
+    through_pauses(walk.bench, partial(_pass, p, shapes, walk, levels_left), back)
 
 
-def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel]) -> None:
-    """One ramp to the last level; takes those that were read off the list."""
-    rising = left[0].branch == "load"
-    end = left[-1].pressure
+def _pass(p: Bending, shapes: Shapes, walk: Walk, levels_left: list[SweepLevel]) -> None:
+    """One ramp past `levels_left` to the last of them; each is removed once it is read."""
+    rising = levels_left[0].branch == "load"
+    end = levels_left[-1].pressure
     begin = walk.bench.clock.now()
     arrived = walk.ramp(_chambers(p, end))
-    while left:
-        level = left[0]
+    while levels_left:
+        level = levels_left[0]
         # The pressure approaches the ramp's end without crossing it: the last level is read just before.
         short = p.settle.band if level.pressure == end else 0.0
         pressure = level.pressure - short if rising else level.pressure + short
@@ -256,7 +252,7 @@ def _pass(p: Bending, shapes: Shapes, walk: Walk, left: list[SweepLevel]) -> Non
         rule = Crossing(pressure, tuple(c - 1 for c in p.chambers), rising, p.settle.average, 2, within)
         rate = p.rate if rising else -p.rate
         _judge(shapes, walk, level, walk.read(rule, _chambers(p, level.pressure), level.branch, begin, arrived, rate))
-        left.pop(0)
+        levels_left.pop(0)
         walk.trials.step_done()
 
 

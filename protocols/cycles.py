@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from .actions import home, ramp, set_spine, vent
 from .bench import Bench, Setup
 from .experiment import Ask, Plan, Step, Trials
-from .parameters import Chamber, Jam, Parameters, Pressure, RobotFacts, SpineMotion
+from .parameters import PREPARING, Chamber, Jam, Parameters, Pressure, RobotFacts, SpineMotion
 from .suspension import through_pauses
 
 
@@ -42,8 +42,8 @@ class Cycles(Parameters):
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """Its tip mass, its channels, and no vacuum where there is no spine."""
-        found: dict[str, Any] = {"tip_mass": robot.tip_mass} | ({} if robot.spine else {"vacuum": 0.0})
-        return found | ({"chambers": [list(group) for group in robot.channels]} if robot.channels else {})
+        defaults: dict[str, Any] = {"tip_mass": robot.tip_mass} | ({} if robot.spine else {"vacuum": 0.0})
+        return defaults | ({"chambers": [list(group) for group in robot.channels]} if robot.channels else {})
 
     @model_validator(mode="after")
     def _one_each(self) -> Cycles:
@@ -67,7 +67,7 @@ def _ends(p: Cycles) -> list[dict[int, float]]:
 def plan(p: Cycles) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     first = Ask(spine_length=0.0, spine_speed=p.spine.speed, vacuum=0.0, setup=_setup(p))
-    steps = [Step("vent, release and draw the spine back", 8.0 + p.spine.settle, first)]
+    steps = [Step("vent, release and draw the spine back", PREPARING + p.spine.settle, first)]
     for end in _ends(p):
         top = max(end.values())
         up = tuple(end.get(c, 0.0) for c in range(1, max(end) + 1))
@@ -99,15 +99,15 @@ def run(bench: Bench, p: Cycles, trials: Trials) -> None:
     trial = trials.begin(repeat=1, spine=0.0, ambient=ambient, tip_mass=p.tip_mass, roll_deg=p.roll_deg)
     for end in _ends(p):
         bench.say(f"{p.cycles} cycles of chambers {', '.join(map(str, end))} to {max(end.values()) / 1e3:g} kPa")
-        for wanted in (end, {}) * p.cycles:
+        for pressures in (end, {}) * p.cycles:
             bench.check_stop()
-            through_pauses(bench, partial(_go, bench, p, wanted))
+            through_pauses(bench, partial(_go, bench, p, pressures))
             trials.step_done()
     vent(bench)
     trials.end(trial)
 
 
-def _go(bench: Bench, p: Cycles, wanted: dict[int, float]) -> None:
+def _go(bench: Bench, p: Cycles, pressures: dict[int, float]) -> None:
     """Ramp to these pressures (Pa by chamber, 0 where none is named) and hold them."""
-    ramp(bench, bench.chambers.setpoints(wanted), p.rate)
+    ramp(bench, bench.chambers.setpoints(pressures), p.rate)
     bench.pause(p.hold)

@@ -1,7 +1,4 @@
-"""Elongation: all chambers at once, per spine length; the robot gets longer instead of bending.
-
-The bending sweep with other chambers and the paper's lower pressures.
-"""
+"""Elongation: the bending sweep with all chambers at once, by which the robot gets longer; the pressures are the paper's."""
 
 from __future__ import annotations
 
@@ -32,8 +29,8 @@ class Elongation(Bending):
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
         """All chambers that are connected; no spine where there is none."""
-        found = super().defaults_for(robot)
-        return {**found, "chambers": sorted(c for group in robot.channels for c in group)} if robot.channels else found
+        defaults = super().defaults_for(robot)
+        return {**defaults, "chambers": sorted(c for group in robot.channels for c in group)} if robot.channels else defaults
 
 
 PARAMETERS = Elongation

@@ -236,29 +236,30 @@ class Trials:
             vacuum=None if jammed is None else jammed.vacuum, least_force=least_force,
             bodies=self.bench.bodies if "/tip" in topics else None,
         )  # fmt: skip
-        before = None if self._step in self._void else self._latest.get(self._step)
+        reading = None if self._step in self._void else self._latest.get(self._step)  # counts if no newer one succeeds
         try:
-            before = self._read(state, wait, repeatable)
+            reading = self._read(state, wait, repeatable)
             while self._wanted_again(rule):
-                before = self._read(replace(state, t_start=self.bench.clock.now()), wait, repeatable)
+                reading = self._read(replace(state, t_start=self.bench.clock.now()), wait, repeatable)
         except (Suspended, NotPushing):
             self._step -= 1  # it will be read again
             raise
         except NotReached as e:
-            if before is None:
+            if reading is None:
                 raise
             self.bench.say(f"{e}; the reading before it counts")
+        _, row = reading
         if jammed is not None:
-            self.bench.jammed = replace(jammed, vacuum=replace(jammed.vacuum, since=before[1].t))
+            self.bench.jammed = replace(jammed, vacuum=replace(jammed.vacuum, since=row.t))
         if state.bodies is not None:
-            self.bench.bodies = replace(self.bench.bodies or state.bodies, since=before[1].t)
+            self.bench.bodies = replace(self.bench.bodies or state.bodies, since=row.t)
         if self.journal is not None:
             self.bench.recorder.sync()
             self.journal.step(trial.number, self._step)
-        return before[1]
+        return row
 
     def _read(self, state: State, wait: float, repeatable: bool) -> Concluded:
-        """One reading of a state, recorded."""
+        """Record a state and the row it concludes, once more where a body is misplaced or, `repeatable`, a stream pauses."""
         judged = ", ".join(map(_instrument, state.topics))
         misplaced = False
         for tries_left in reversed(range(READINGS)):
@@ -295,16 +296,16 @@ class Trials:
         if state.bodies is None or state.branch != "load" or any(state.targets) or not isinstance(state.rule, Settled):
             return
         hangs = (state.spine_length, state.vacuum is None, state.tip_mass, state.roll_deg, state.specimen)
-        before = self._rest.get(hangs)
-        if before is not None and before.trial != row.trial and (difference := elsewhere(before, row)):
+        first = self._rest.get(hangs)
+        if first is not None and first.trial != row.trial and (difference := elsewhere(first, row)):
             raise Misplaced(
-                f"trial {row.trial} step {row.step}: {difference} of trial {before.trial}; the cameras may have taken one body "
+                f"trial {row.trial} step {row.step}: {difference} of trial {first.trial}; the cameras may have taken one body "
                 "for another, or the robot or a camera was moved"
             )
         self._rest.setdefault(hangs, row)
-        places = [math.hypot(*place) for place in row.markers]
-        if len(state.bodies.arcs) == 1 and all(map(math.isfinite, places)):
-            self.bench.bodies = replace(state.bodies, arcs=(*state.bodies.arcs, *places))
+        distances = [math.hypot(*marker) for marker in row.markers]  # from the base: a body at rest is about straight
+        if len(state.bodies.arcs) == 1 and all(map(math.isfinite, distances)):  # only the tip's arc length is known yet
+            self.bench.bodies = replace(state.bodies, arcs=(*state.bodies.arcs, *distances))
 
     def _wanted_again(self, rule: Settled | Window | Crossing) -> bool:
         """Whether a person wants the state that was just read to be read once more."""
@@ -316,23 +317,24 @@ class Trials:
         return True
 
     def _concluded(self, state: State, judged: str, wait: float) -> TrialRow:
+        """Wait up to `wait` s for the samples that conclude a state; `judged`: its instruments, for the error NotReached."""
         buffers, concluded_up_to = self.bench.recorder.buffers, -math.inf
 
         def look() -> TrialRow | None:
             nonlocal concluded_up_to
             self.bench.steering.check_skip()
-            before, concluded_up_to = concluded_up_to, min(buffers.newest(topic) for topic in state.topics)
-            return conclude(buffers, state) if concluded_up_to > before else None  # it depends on nothing newer
+            previous, concluded_up_to = concluded_up_to, min(buffers.newest(topic) for topic in state.topics)
+            return conclude(buffers, state) if concluded_up_to > previous else None  # it depends on nothing newer
 
-        def stood() -> str:
+        def describe() -> str:
             now = self.bench.clock.now()
             newest = {_instrument(topic): self.bench.recorder.buffers.newest(topic) for topic in state.topics}
             silent = {name: t for name, t in newest.items() if t <= max(state.t_start, now - SLOW_OLDEST)}
-            others = ", ".join(f"{name} at {t:.2f} s" for name, t in newest.items() if name not in silent)
-            told = [f"{name}: {_silence(now - t)}" for name, t in silent.items()]
-            return "; ".join([*told, *([f"newest samples{' of the others' * bool(told)}: {others}"] if others else [])])
+            alive = ", ".join(f"{name} at {t:.2f} s" for name, t in newest.items() if name not in silent)
+            parts = [f"{name}: {_silence(now - t)}" for name, t in silent.items()]
+            return "; ".join([*parts, *([f"newest samples{' of the others' * bool(parts)}: {alive}"] if alive else [])])
 
-        return self.bench.wait(f"trial {state.trial} state {state.step}, judged from {judged}", look, wait, stood)
+        return self.bench.wait(f"trial {state.trial} state {state.step}, judged from {judged}", look, wait, describe)
 
     def zero(self, zeros: Zeros, moved: Drift) -> None:
         """Record how the force zero moved during a trial."""

@@ -35,6 +35,8 @@ class Parameters(BaseModel):
         return {}
 
 
+PREPARING = 8.0
+"""Planned s of venting, releasing and jamming, without the spine's way."""
 SpineLength = Annotated[float, Field(ge=0, le=0.35)]
 Pressure = Annotated[float, Field(ge=1e3, le=300e3)]
 Vacuum = Annotated[float, Field(ge=0, le=95e3)]

@@ -28,7 +28,7 @@ def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict
     parameters' own. Raises BadProtocol for a chamber that the robot has not.
     """
     asked = parameters.model_dump()
-    load = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
+    mount = {name: float(asked[name]) for name in ("tip_mass", "roll_deg") if isinstance(asked.get(name), (int, float))}
     states_stated = any(step.reads for step in plan.steps)
     rows: list[dict[str, Any]] = []
     trial, state, time = 0, 0, 0.0
@@ -36,22 +36,22 @@ def planned_rows(plan: Plan, parameters: Parameters, chambers: int) -> list[dict
     for step in plan.steps:
         ask = step.ask
         if ask.setup is not None:
-            load = {"tip_mass": ask.setup.tip_mass, "roll_deg": ask.setup.roll_deg}
+            mount = {"tip_mass": ask.setup.tip_mass, "roll_deg": ask.setup.roll_deg}
         if ask.spine_length is not None:
             trial, state, spine = trial + 1, 0, ask.spine_length
             vacuum, pressure = ask.vacuum or 0.0, np.zeros(chambers)
-        before = pressure
+        previous = pressure
         if ask.pressures:
             pressure = _padded(plan, ask, chambers)
-        reads = step.reads if states_stated else _read(step, before, pressure, rows, trial)
-        before_first = step.seconds - (reads[-1].hold if reads else 0.0)
+        reads = step.reads if states_stated else _default_reading(step, previous, pressure, rows, trial)
+        ramp_end = time + step.seconds - (reads[-1].hold if reads else 0.0)  # the step ends with its last reading
         for reading in reads:
             state += 1
             rows.append(
                 {
                     "trial": max(trial, 1), "step": state, "protocol": plan.protocol, "repeat": reading.repeat,
-                    "branch": reading.branch, "t": time + before_first + reading.hold, "rate": reading.rate, "hold": reading.hold,
-                    "spine_length": spine, "vacuum": vacuum, **load, **{f"p{c + 1}": float(x) for c, x in enumerate(pressure)},
+                    "branch": reading.branch, "t": ramp_end + reading.hold, "rate": reading.rate, "hold": reading.hold,
+                    "spine_length": spine, "vacuum": vacuum, **mount, **{f"p{c + 1}": float(x) for c, x in enumerate(pressure)},
                     **({} if ask.push is None else {"specimen": ask.push.specimen, "deflection": ask.push.deflection}),
                 }
             )  # fmt: skip
@@ -65,9 +65,9 @@ def unlike(planned: Sequence[Mapping[str, Any]], read: Sequence[TrialRow]) -> st
     Trial, repeat, branch, spine length and pressures count; no pressures where a state is read while ramping.
     """
     plan, run = [_state(row) for row in planned], [_state(row.cells()) for row in read]
-    for number, (wanted, found) in enumerate(zip(plan, run, strict=False), 1):
-        if wanted != found:
-            return f"state {number} is planned as {wanted}; run reads {found}"
+    for number, (planned_state, read_state) in enumerate(zip(plan, run, strict=False), 1):
+        if planned_state != read_state:
+            return f"state {number} is planned as {planned_state}; run reads {read_state}"
     return "" if len(plan) == len(run) else f"{len(plan)} states are planned; run reads {len(run)}"
 
 
@@ -87,16 +87,16 @@ def _padded(plan: Plan, ask: Ask, chambers: int) -> NDArray[np.float64]:
     return np.array([*ask.pressures, *(0.0,) * (chambers - len(ask.pressures))])
 
 
-def _read(
-    step: Step, before: NDArray[np.float64], pressure: NDArray[np.float64], rows: Sequence[dict[str, Any]], trial: int
+def _default_reading(
+    step: Step, previous: NDArray[np.float64], pressure: NDArray[np.float64], rows: Sequence[dict[str, Any]], trial: int
 ) -> tuple[Reading, ...]:
-    """Readings of a plan that does not state them: one at each step that ramps pressures."""
+    """Readings of a step whose plan states none: one if it ramps from the pressures `previous` (Pa), else none."""
     rate = step.ask.pressure_rate
     if not step.ask.pressures or not rate:
         return ()
-    change = float(np.abs(pressure - before).max())
+    change = float(np.abs(pressure - previous).max())
     stays_down = bool(rows) and not change and rows[-1]["trial"] == trial and rows[-1]["branch"] == "unload"
-    falls = bool(pressure.sum() < before.sum()) or stays_down
+    falls = bool(pressure.sum() < previous.sum()) or stays_down
     return (Reading("unload" if falls else "load", max(step.seconds - change / rate, 0.0), rate),)
 
 
@@ -110,15 +110,14 @@ def cycles(plan: Plan, chambers: int) -> tuple[NDArray[np.int64], NDArray[np.flo
 
     Each trial begins vented. Raises BadProtocol for a chamber that the robot has not.
     """
-    count, highest = np.zeros(chambers, np.int64), np.zeros(chambers)
-    before = np.zeros(chambers)
+    count, highest, previous = np.zeros(chambers, np.int64), np.zeros(chambers), np.zeros(chambers)
     for step in plan.steps:
         if step.ask.spine_length is not None:
-            before = np.zeros(chambers)
+            previous = np.zeros(chambers)
         if not step.ask.pressures:
             continue
         pressure = _padded(plan, step.ask, chambers)
-        count += (before <= VENTED) & (pressure > VENTED)
+        count += (previous <= VENTED) & (pressure > VENTED)
         highest = np.maximum(highest, pressure)
-        before = pressure
+        previous = pressure
     return count, highest

@@ -145,11 +145,11 @@ class ProbeMotion:
         buffers, begin = self.bench.recorder.buffers, self.bench.clock.now() if since is None else since
         samples = max(self.p.zero_samples, 10)
 
-        def come() -> float | None:
+        def complete() -> float | None:  # rig time of the last sample that is needed
             force, arm = (buffers.window(topic, begin, math.inf)["t"] for topic in ("/force", "/arm"))
             return max(float(force[samples - 1]), float(arm[0])) if len(force) >= samples and len(arm) else None
 
-        span = begin, self.bench.wait(f"force and arm: {samples} samples", come, 30.0 + samples / 10)
+        span = begin, self.bench.wait(f"force and arm: {samples} samples", complete, 30.0 + samples / 10)
         read = self.bench.wait("force and arm: the sample after those", lambda: unloaded(buffers, self.stand.push, span), 30.0)
         return ZeroReading(span, read)
 
@@ -165,23 +165,22 @@ class ProbeMotion:
         zero = self.read_unloaded(since)
         depth = self.near
         self.go(along, depth, p.speed)
-        free = 0.0
-        """What the sensor shows in the air: it may drift."""
+        free = 0.0  # N that the sensor shows in the air: it may drift
         while True:
-            shown = self.pushing()
-            free = min(free, shown)
-            if shown - free >= p.contact_force:
-                held = self.held(along, depth)
-                # of the contact force must go away with the probe; else the sensor has drifted and nothing was touched
-                if held >= 0.5 * p.contact_force:
+            force = self.pushing()
+            free = min(free, force)
+            if force - free >= p.contact_force:
+                resistance = self.resistance(along, depth)
+                # half of the contact force must go away with the probe; else the sensor has drifted and nothing was touched
+                if resistance >= 0.5 * p.contact_force:
                     break
-                free = shown
+                free = force
             if depth > self.radius:
                 self._give_up(depth)
             depth += p.approach_step
             self.go(along, depth, p.push_speed)
         touched_at, offset = self._sensed(p.min_samples)
-        return Contact(depth, held, offset, touched_at, zero)
+        return Contact(depth, resistance, offset, touched_at, zero)
 
     def _give_up(self, depth: float) -> None:
         """Nothing was touched up to this depth: away from what may become stiff while a person puts it right, and say so."""
@@ -194,20 +193,20 @@ class ProbeMotion:
             raise NotReached(f"force: {none}")
         raise Suspended(DeviceFault("force", f"{none}, and that it is jammed, whatever the gauge shows"))
 
-    def held(self, along: float, depth: float) -> float:
+    def resistance(self, along: float, depth: float) -> float:
         """Force (N) with which the specimen pushes back at this depth: what goes away when the probe does.
 
         It is read before and after the probe was away, so a constant drift of the sensor is not in it.
         """
-        before = self.pushing(HELD_SAMPLES)
+        touching = self.pushing(HELD_SAMPLES)
         self.go(along, self.near, self.p.push_speed)
         free = self.pushing(HELD_SAMPLES)
         self.go(along, depth, self.p.push_speed)
-        return (before + self.pushing(HELD_SAMPLES)) / 2 - free
+        return (touching + self.pushing(HELD_SAMPLES)) / 2 - free
 
 
 def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:
-    """Poses (m, rotation vector rad) from start to goal in parts short enough for the arm's limits; the last is goal."""
+    """Poses (m, rotation vector rad) from start to goal in parts within `LONGEST_MOVE` and `LARGEST_TURN`."""
     first = rotation_from_vector(start[3:])
     turn = vector_from_rotation(rotation_from_vector(goal[3:]) @ first.T)
     way = np.subtract(goal[:3], start[:3])

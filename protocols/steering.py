@@ -23,7 +23,7 @@ from .errors import BadRequest, Skipped
 
 LONGEST = 500
 """Characters of a note."""
-SAID = {
+ANSWERS = {
     "pause": "Pausing after this state", "go on": "Going on", "repeat": "This state is read once more",
     "skip": "Leaving this trial out", "finish": "Ending after this step",
 }  # fmt: skip
@@ -66,12 +66,13 @@ class Steering:
         text = checked(kind, text)
         with self._lock:
             answer = self._taken(kind, by, text)
-        if kind == "finish" and answer == SAID[kind]:
+        if kind == "finish" and answer == ANSWERS[kind]:
             self._finish()
         self._say(f"{answer} ({by})")
         return answer
 
     def _taken(self, kind: str, by: str, text: str) -> str:
+        """Open a request or carry it out, and record it; returns its fate, for people. `_lock` is held."""
         if self._keep is None:
             return "No run goes on"
         if kind == "note":
@@ -86,7 +87,7 @@ class Steering:
             return "This was asked before"
         self._open[kind] = by
         self._record(kind, by)
-        return SAID[kind]
+        return ANSWERS[kind]
 
     def _record(self, kind: str, by: str, text: str = "", done: bool = False) -> None:
         if self._keep is not None:

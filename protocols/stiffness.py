@@ -1,8 +1,7 @@
 """Stiffness trial: the arm pushes the tip of a cantilever step by step and the sensor reads the force.
 
 For each length: un-jam, grow, jam, zero the sensor, approach until contact, step the deflection, read force, retreat.
-The slope of force over deflection gives Young's modulus: eq. 9 for the spine, eq. 8 for the body. The spine lengths are the
-paper's.
+The slope of force over deflection gives Young's modulus: eq. 9 (spine), eq. 8 (body). The spine lengths are the paper's.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from .actions import home, keep_jammed, set_spine, vent
 from .bench import Bench, Setup
 from .errors import NotPushing, ProtocolError, TooMuchForce
 from .experiment import Ask, Plan, Push, Reading, Step, Trial, Trials
-from .parameters import Jam, SpineLength, SpineMotion, Vacuum
+from .parameters import PREPARING, Jam, SpineLength, SpineMotion, Vacuum
 from .probe import Contact, ProbeMotion, Probing
 from .suspension import through_jams, through_pauses
 
@@ -76,22 +75,26 @@ class Stiffness(Probing):
 
 PARAMETERS = Stiffness
 NEEDS = ("spine", "valve", "gauge", "force", "arm")
+APPROACHING, STEPPING = 15.0, 0.5
+"""Planned s of zeroing and approaching, and of moving to the next deflection."""
 
 
 def plan(p: Stiffness) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
-    before = 0.0
+    previous = 0.0
     for repeat, spine in itertools.product(range(1, p.repeats + 1), p.spine_lengths):
         label = f"{p.specimen} {spine * 100:g} cm, repeat {repeat}"
         grow, approach, deflect = _asks(p, spine)
         if not steps:
             grow = replace(grow, setup=_setup(p))
         reads = (Reading("load", p.dwell + p.average / 2, 0.0, repeat),)
-        steps.append(Step(f"release, grow, jam: {label}", 8.0 + abs(spine - before) / p.spine.speed + p.spine.settle, grow))
-        steps.append(Step(f"zero and approach: {label}", 15.0, approach))
-        steps += [Step(f"deflection {i}: {label}", p.dwell + p.average + 0.5, deflect(i), reads) for i in range(1, p.steps + 1)]
-        before = spine
+        growing = abs(spine - previous) / p.spine.speed + p.spine.settle
+        steps.append(Step(f"release, grow, jam: {label}", PREPARING + growing, grow))
+        steps.append(Step(f"zero and approach: {label}", APPROACHING, approach))
+        pushing = STEPPING + p.dwell + p.average
+        steps += [Step(f"deflection {i}: {label}", pushing, deflect(i), reads) for i in range(1, p.steps + 1)]
+        previous = spine
     limits = {
         "force_n": p.max_force, "arm_speed_m_s": p.speed, "spine_length_m": max(p.spine_lengths),
         "deflection_m": max(p.deflection_ratio * p.cantilever(x) for x in p.spine_lengths), "vacuum_pa": p.vacuum,
@@ -113,9 +116,9 @@ def _asks(p: Stiffness, spine: float) -> tuple[Ask, Ask, Callable[[int], Ask]]:
     approach = replace(free, probe=((length, None), (length, nearest), (length, farthest)))
 
     def deflect(i: int) -> Ask:
-        way = p.deflection_ratio * length * i / p.steps
-        push = Push(p.specimen, spine, length, way, p.max_force)
-        return replace(free, arm_speed=p.push_speed, probe=((length, way - p.radius),), push=push)
+        deflection = p.deflection_ratio * length * i / p.steps
+        push = Push(p.specimen, spine, length, deflection, p.max_force)
+        return replace(free, arm_speed=p.push_speed, probe=((length, deflection - p.radius),), push=push)
 
     return grow, approach, deflect
 
@@ -156,6 +159,8 @@ def _grow(bench: Bench, p: Stiffness, probe: ProbeMotion, spine: float) -> float
 TOPICS = ("/force", "/arm", "/spine", "/vacuum")
 MIN_POSES = 3
 """Poses of the arm that a reading averages at least."""
+SOFT_SHARE = 0.5
+"""Of the expected force, below which a spine is soft: granules that yield lose a few percent a deflection, it nearly all."""
 
 
 @dataclass(frozen=True)
@@ -178,17 +183,16 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushin
     probe, length = work.probe, work.length
     contact = through_pauses(bench, partial(probe.approach, length), partial(work.come_back, probe.near))
     trials.step_done()
-    tcp = probe.state.latest().tcp_pose
+    x, y, z, *_ = probe.state.latest().tcp_pose
     # Deflection counts from here, so force does: how far the last step went past the first touch is in both.
-    origin = Probe(direction=probe.stand.push, origin=(tcp[0], tcp[1], tcp[2]), force_offset=contact.offset)
-    trial = replace(trial, probe=origin)
+    trial = replace(trial, probe=Probe(direction=probe.stand.push, origin=(x, y, z), force_offset=contact.offset))
+    # s that hold enough samples of the force and poses of the arm
     average = max(p.average, p.min_samples / _sample_rate(bench), (MIN_POSES + 1) * _longest_gap(bench))
     row: TrialRow | None = None
     for i in range(1, p.steps + 1):
-        way = p.deflection_ratio * length * i / p.steps
-        expected = contact.force + _expected_rise(row, way)
-
-        deflect = partial(_deflect, bench, p, trial, trials, work, contact, way, expected, average)
+        deflection = p.deflection_ratio * length * i / p.steps
+        expected_force = contact.force + _expected_rise(row, deflection)
+        deflect = partial(_deflect, bench, p, trial, trials, work, contact, deflection, expected_force, average)
         try:
             row = through_pauses(bench, deflect, partial(work.come_back, contact.depth - p.clearance))
         except TooMuchForce as e:
@@ -203,69 +207,68 @@ def _push(bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushin
 
 
 def _deflect(
-    bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing, contact: Contact, way: float, expected: float,
-    average: float,
+    bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing, contact: Contact, deflection: float,
+    expected_force: float, average: float,
 ) -> TrialRow:  # fmt: skip
-    """Read the state at one deflection (`way`, m from the first contact); `expected`: N with which it should push back."""
-    depth = contact.depth + way
+    """Read the state at one deflection (m from the first contact), averaged over `average` s; Suspended when a jammed specimen
+    that should push back with `expected_force` N is soft."""
+    depth = contact.depth + deflection
 
-    def read(least: float | None) -> TrialRow:
+    def read(least_rise: float | None) -> TrialRow:
         work.probe.go(work.length, depth, p.push_speed)
         at_rest = bench.clock.now()
         return trials.read(
             trial, Window(p.dwell, average, MIN_POSES), branch="load", t_start=at_rest, ramp_end=at_rest, rate=0.0,
-            targets=(), topics=TOPICS, wait=p.dwell + average + 20.0, repeatable=True, least_force=least,
+            targets=(), topics=TOPICS, wait=p.dwell + average + 20.0, repeatable=True, least_force=least_rise,
         )  # fmt: skip
 
     if bench.jammed is None:
         return read(None)
-    # granules that yield lose a few percent from one deflection to the next, a spine that goes soft loses nearly all
-    least = 0.5 * expected
+    least_force = SOFT_SHARE * expected_force
     try:
-        return read(least - contact.force)
+        return read(least_force - contact.force)  # a state's force counts from the contact
     except NotPushing as e:
-        _feel(trial, trials, work, depth, least, e)
+        _raise_if_soft(trial, trials, work, depth, least_force, e)
         return read(None)
 
 
-def _expected_rise(row: TrialRow | None, way: float) -> float:
-    """N above the first contact at a deflection of `way` (m), in proportion to the state before; 0 where there is none."""
+def _expected_rise(row: TrialRow | None, deflection: float) -> float:
+    """N above the first contact at a deflection (m), in proportion to the state before, `row`; 0 where there is none."""
     if row is None or not row.deflection or not row.force:
         return 0.0
-    return max(0.0, row.force * way / row.deflection)
+    return max(0.0, row.force * deflection / row.deflection)
 
 
-def _feel(trial: Trial, trials: Trials, work: Pushing, depth: float, least: float, why: NotPushing) -> None:
-    """Find out by the way back whether a specimen is soft or the sensor drifts; raises Suspended below `least` N."""
-    held = work.probe.held(work.length, depth)
-    if held >= least:
-        work.probe.bench.say(f"{why}; but it pushes back with {held:.2f} N: the sensor drifts, and the state is read again")
+def _raise_if_soft(trial: Trial, trials: Trials, work: Pushing, depth: float, least_force: float, why: NotPushing) -> None:
+    """Lift the probe off and back: raises Suspended below `least_force` N; above, the sensor's drift caused `why`."""
+    resistance = work.probe.resistance(work.length, depth)
+    if resistance >= least_force:
+        work.probe.bench.say(f"{why}; but it pushes back with {resistance:.2f} N: the sensor drifts, and the state is read again")
         return
     work.probe.retreat()  # it may become stiff while a person puts it right
-    raise trials.soft(trial, f"it pushes back with {held:.2f} N, expected are {least:.2f} N or more")
+    raise trials.soft(trial, f"it pushes back with {resistance:.2f} N, expected are {least_force:.2f} N or more")
 
 
 def _retreat(bench: Bench, trial: Trial, trials: Trials, work: Pushing, contact: Contact) -> None:
     """Away from the specimen, where the sensor's zero is read again. Raises Suspended where the force hardly rose."""
     probe = work.probe
     probe.retreat()
-    before, start, end = probe.before, contact.zero, probe.read_unloaded()
-    moved = drift(before.read, start.read, end.read)
-    zeros = Zeros(trial.number, probe.stand.push, before.span, start.span, end.span, contact.at)
-    trials.zero(zeros, moved)
+    unjammed, start, end = probe.before, contact.zero, probe.read_unloaded()
+    zeros = Zeros(trial.number, probe.stand.push, unjammed.span, start.span, end.span, contact.at)
+    trials.zero(zeros, drift(unjammed.read, start.read, end.read))
     last = trials.rows[-1] if trials.rows else None
     if bench.jammed is None or last is None or last.trial != trial.number or last.force is None or last.doubt:
         return
-    # five standard errors
-    if last.force < (least := 5.0 * math.hypot(start.read.error, end.read.error)):
-        raise trials.soft(trial, f"the force rose by {last.force:.2f} N, expected are more than {least:.2f} N")
+    least_rise = 5.0 * math.hypot(start.read.error, end.read.error)  # five standard errors of the zero
+    if last.force < least_rise:
+        raise trials.soft(trial, f"the force rose by {last.force:.2f} N, expected are more than {least_rise:.2f} N")
 
 
 def _longest_gap(bench: Bench) -> float:
     """s of rig time between two poses of the arm, the longest of the last five seconds; 0 where there are none yet."""
     now = bench.clock.now()
-    at = [*bench.recorder.buffers.window("/arm", now - 5.0, now)["t"], now]
-    return float(max((b - a for a, b in itertools.pairwise(at)), default=0.0))
+    times = [*bench.recorder.buffers.window("/arm", now - 5.0, now)["t"], now]
+    return float(max((b - a for a, b in itertools.pairwise(times)), default=0.0))
 
 
 def _sample_rate(bench: Bench) -> float:

@@ -45,14 +45,14 @@ def through_pauses(bench: Bench, work: Callable[[], T], back: Callable[[], None]
 
 def through_jams(trials: Trials, trial: Trial, work: Callable[[], None]) -> None:
     """Read the states of a trial, all of them again after a new jamming. Raises NotReached if jamming is lost repeatedly."""
-    for again in reversed(range(TRIES + 1)):
+    for tries_left in reversed(range(TRIES + 1)):
         try:
             work()
             return
         except JamLost as e:
-            if not again:
+            if not tries_left:
                 raise NotReached(
                     f"trial {trial.number}: {e} {TRIES} times, and lost each time; check pump, valve, hoses and gauge"
                 ) from e
-            trials.bench.say(f"Trial {trial.number} begins again: {e}")
+            trials.bench.say(f"Trial {trial.number} begins tries_left: {e}")
             trials.begin_again(trial)

@@ -27,6 +27,8 @@ Branch = Literal["load", "unload"]
 TOPICS = ("/pressure", "/tip", "/spine", "/vacuum")
 AVERAGE, LEAST_AVERAGE = 0.2, 1.0
 """Share of its hold over which a state at a fixed time is averaged, and the shortest average, s."""
+PREPARING_VISITS = 10.0
+"""Planned s of venting and jamming, without the spine's way."""
 
 
 @dataclass(frozen=True)
@@ -70,21 +72,21 @@ def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) 
     s = sweep or Sweep()
     steps: list[Step] = []
     for repeat in range(1, s.repeats + 1):
-        grown = Ask(
+        prepare = Ask(
             spine_length=s.spine_length, spine_speed=s.spine.speed if s.spine_length else None, vacuum=s.vacuum,
             setup=s.setup if repeat == 1 else None,
         )  # fmt: skip
-        steps.append(Step(f"vent and prepare, repeat {repeat}", 10.0 + s.spine_length / s.spine.speed, grown))
-        before: tuple[float, ...] = ()
+        steps.append(Step(f"vent and prepare, repeat {repeat}", PREPARING_VISITS + s.spine_length / s.spine.speed, prepare))
+        previous: tuple[float, ...] = ()
         for visit, branch in zip(visits, _branches(visits), strict=True):
             pressures = visit.by_chamber
-            change = change_of(before, pressures)
+            change = change_of(previous, pressures)
             hold = planned_rest(s.settle) if visit.hold is None else visit.hold
             average = s.settle.average if visit.hold is None else _average(visit.hold)
             reads = (Reading(branch, hold, signed(s.rate, change), repeat),)
             label = f"{max(pressures) / 1e3:g} kPa {branch}, repeat {repeat}"
             steps.append(Step(label, abs(change) / s.rate + hold + average, Ask(pressures, s.rate), reads))
-            before = pressures
+            previous = pressures
     highest = max((max(v.by_chamber) for v in visits), default=0.0)
     return Plan(protocol, steps, {"pressure_pa": highest, "spine_length_m": s.spine_length})
 
@@ -92,13 +94,13 @@ def plan_of(protocol: str, visits: Sequence[Visit], sweep: Sweep | None = None) 
 def go_through(bench: Bench, trials: Trials, visits: Sequence[Visit], sweep: Sweep | None = None) -> None:
     """Visit all states in each repeat."""
     s = sweep or Sweep()
-    left = trials.remaining(range(1, s.repeats + 1), 1 + len(visits))
-    if not left:
+    repeats = trials.remaining(range(1, s.repeats + 1), 1 + len(visits))
+    if not repeats:
         return
     vent(bench)
     bench.operator.prepare(s.setup)
     home(bench)
-    for repeat in left:
+    for repeat in repeats:
         bench.check_stop()
         bench.say(f"Repeat {repeat} of {s.repeats}")
         in_one_jamming(bench, trials, repeat, s, partial(_visit_all, visits))
@@ -136,14 +138,14 @@ class Walk:
         highest: Sequence[float],
         judge: Callable[[TrialRow], None] | None = None,
     ) -> None:
-        """Ramp there and read a state by each of the rules, passing each row to `judge`. After a pause a state of the unload
-        branch is reached by way of `highest`."""
+        """Ramp to `pressures` and read a state by each of the rules, passing each row to `judge`. After a pause a state of the
+        unload branch is reached by way of `highest`."""
         rules_left = list(rules)
 
         def work() -> None:
-            before = self.bench.need(self.bench.pressure, "pressure").read().setpoint
+            previous = self.bench.need(self.bench.pressure, "pressure").read().setpoint
             arrived = self.ramp(pressures)
-            rate = signed(self.sweep.rate, change_of(before, setpoints(self.bench, pressures)))
+            rate = signed(self.sweep.rate, change_of(previous, setpoints(self.bench, pressures)))
             while rules_left:
                 row = self.read(rules_left[0], pressures, branch, arrived, arrived, rate)
                 if judge is not None:
@@ -192,14 +194,12 @@ def change_of(before: Sequence[float], after: Sequence[float]) -> float:
 
 def signed(rate: float, change: float) -> float:
     """Pa/s of a ramp that changes the pressure by `change` Pa; 0 where it changes nothing."""
-    # Pa; a smaller change of the set-points is no ramp
-    return 0.0 if abs(change) < 1e3 else math.copysign(rate, change)
+    return 0.0 if abs(change) < 1e3 else math.copysign(rate, change)  # Pa; a smaller change of the set-points is no ramp
 
 
 def planned_rest(rules: Settle) -> float:
     """s from the ramp's end in which a robot has usually settled."""
-    # regulators and silicone follow the ramp for about 2.25 s, then the window begins
-    return 2.25 + max(rules.still, rules.average) / 2
+    return 2.25 + max(rules.still, rules.average) / 2  # they follow the ramp for about 2.25 s, then the window begins
 
 
 def around(hold: float, average: float) -> Window:
@@ -220,12 +220,12 @@ def _visit_all(visits: Sequence[Visit], walk: Walk) -> None:
 
 
 def _branches(visits: Sequence[Visit]) -> list[Branch]:
-    """Of each visit: unload where the pressures have fallen, and as long as they stay."""
-    found: list[Branch] = []
-    before = 0.0
+    """Branch of each visit: unload where the sum of the pressures has fallen, and as long as it stays."""
+    branches: list[Branch] = []
+    previous = 0.0
     for visit in visits:
         total = sum(visit.by_chamber)
-        same = found[-1] if found else "load"
-        found.append("load" if total > before else "unload" if total < before else same)
-        before = total
-    return found
+        unchanged = branches[-1] if branches else "load"
+        branches.append("load" if total > previous else "unload" if total < previous else unchanged)
+        previous = total
+    return branches

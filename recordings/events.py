@@ -55,13 +55,13 @@ class EventType:
 
 
 def _ours(name: str, topic: str, fields: str) -> EventType:
-    """`fields`: name, type (several: `*`) and unit of each, with commas between them."""
+    """A message of our own. `fields`: name, type (several: `*`) and unit of each, with commas between them."""
     file = FileDescriptorProto(name=f"{PACKAGE}/{name}.proto", package=PACKAGE, syntax="proto2")
     message, units = file.message_type.add(name=name), dict[str, str]()
     for number, (field, kind, *unit) in enumerate(map(str.split, fields.split(",")), 1):
         label = FieldDescriptorProto.LABEL_REPEATED if kind.endswith("*") else FieldDescriptorProto.LABEL_OPTIONAL
-        of = FieldDescriptorProto.Type.Value(f"TYPE_{kind.removesuffix('*').upper()}")
-        message.field.add(name=field, number=number, label=label, type=of)
+        field_type = FieldDescriptorProto.Type.Value(f"TYPE_{kind.removesuffix('*').upper()}")
+        message.field.add(name=field, number=number, label=label, type=field_type)
         units |= {f"unit.{field}": text for text in unit}
     pool = DescriptorPool()
     pool.Add(file)  # type: ignore[no-untyped-call]

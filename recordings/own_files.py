@@ -85,15 +85,15 @@ def folder_in(folder: Path, name: str) -> Path:
 
 def displaced(path: str, handle: int, size: int) -> str:
     """How the open file no longer stands at its absolute path with the `size` bytes that were written; empty while it does."""
-    own = os.fstat(handle)
+    opened_file = os.fstat(handle)
     try:
-        there = os.stat(path)
+        at_path = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
-        return "was renamed or moved" if own.st_nlink else "was deleted"
+        return "was renamed or moved" if opened_file.st_nlink else "was deleted"
     except OSError as error:
         return f"cannot be reached ({error.strerror})"
-    if not os.path.samestat(there, own):
+    if not os.path.samestat(at_path, opened_file):
         return "was replaced by another file"
-    if own.st_size < size:
-        return f"was truncated to {own.st_size} of {size} bytes"
-    return "was written to by another program" if own.st_size > size else ""
+    if opened_file.st_size < size:
+        return f"was truncated to {opened_file.st_size} of {size} bytes"
+    return "was written to by another program" if opened_file.st_size > size else ""

@@ -195,19 +195,20 @@ def checked(
 
 def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
     """What each row of columns (n,) of a table lacks; empty for a row that has all."""
-    bodies, protocols = highest(columns), columns.get("protocol")
+    counts, protocols = highest(columns), columns.get("protocol")  # of chambers and markers
     pushed = protocols == "stiffness" if protocols is not None else np.zeros(len(next(iter(columns.values()))), bool)
+    # rows with values in the same columns lack the same
     patterns, of_row = np.unique(np.column_stack([pushed, *map(present, columns.values())]), axis=0, return_inverse=True)
-    found = []
-    for of_stiffness, *there in patterns.tolist():
-        given = frozenset(compress(columns, there))
-        lacking = incomplete(given, *bodies)
+    by_pattern = []
+    for of_stiffness, *has_value in patterns.tolist():
+        given = frozenset(compress(columns, has_value))
+        lacking = incomplete(given, *counts)
         if not lacking and not of_stiffness and "x" not in given:
             lacking = "a row of another protocol than stiffness needs the tip's x, y, z"
         if not lacking and of_stiffness and not {"specimen", "force", "deflection"} <= given:
             lacking = "a stiffness row needs specimen, force and deflection"
-        found.append(lacking)
-    return [found[k] for k in of_row.ravel().tolist()]
+        by_pattern.append(lacking)
+    return [by_pattern[k] for k in of_row.ravel().tolist()]
 
 
 def _wrong(name: str, value: Cell, limits: bool) -> str:

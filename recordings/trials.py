@@ -56,7 +56,7 @@ LARGEST_INTEGER = 2**53
 
 @lru_cache(maxsize=4096)
 def column_order(name: str) -> tuple[int, int, int] | None:
-    """Where a column stands in the table; None for a name that is no column of it."""
+    """Sort key of a column (group, number or place in it, axis); None for a name that is no column of the table."""
     for place, group in ((0, HEAD), (2, TIP), (3, ORIENTATION), (5, TAIL)):
         if name in group:
             return (place, group.index(name), 0)
@@ -150,7 +150,7 @@ class TrialRow:
         values["clipped"] = 1 if self.clipped else None
         groups = [(pressure_columns(len(self.pressures)), self.pressures), (TIP, self.tip), (ORIENTATION, self.orientation)]
         groups += zip(marker_columns(len(self.markers)), self.markers, strict=True)
-        values |= {name: value for names, own in groups if own is not None for name, value in zip(names, own, strict=True)}
+        values |= {name: value for names, group in groups if group is not None for name, value in zip(names, group, strict=True)}
         values |= self.sensors
         values |= {f"sd_{name}": value for name, value in self.sd.items()}
         measured = {name: v for name, v in values.items() if v is not None and v == v}
@@ -278,10 +278,10 @@ class Table:
     @classmethod
     def joined(cls, tables: Iterable[Table]) -> Table:
         """The states of several tables one after the other, trials numbered on."""
-        renumbered, before = [], 0
+        renumbered, last_trial = [], 0
         for table in tables:
-            trial = table.trial + before
-            before = int(trial.max(initial=before))
+            trial = table.trial + last_trial
+            last_trial = int(trial.max(initial=last_trial))
             renumbered.append(table.replaced({"trial": trial}))
         return cls.stacked(renumbered)
 

@@ -48,6 +48,8 @@ PA_PER_UNIT = {
     2: 1.0, 3: 100.0, 4: 1e3, 5: 1e6, 6: 100.0, 7: 1e5, 9: 98_066.5, 10: 6894.757, 13: 133.322, 15: 3386.39, 18: 98.0665,
     20: 249.089, 22: 101_325.0,
 }  # fmt: skip
+ABSOLUTE_LOOP = 34
+"""Control variable of a unit that controls absolute pressure."""
 
 
 @dataclass
@@ -113,8 +115,9 @@ class AlicatDevice(Device):
         """Pressure that its control loop drives to."""
         if self._driven == 0 and not self.zero_active:
             return self.pressure
-        # loop 34 is that for absolute pressure
-        return max(0.0, self._driven - AMBIENT) if self.loop == 34 else self._driven + self.offset
+        if self.loop == ABSOLUTE_LOOP:
+            return max(0.0, self._driven - AMBIENT)
+        return self._driven + self.offset
 
     def take(self, setpoint: float) -> None:
         """A set-point from the serial line: clamped to the range, ignored when it comes from the analog input."""
@@ -286,11 +289,10 @@ class AlicatFake(PtyFake):
         else:
             answer = "?" if self._has("refuse", letter) else self._answer(letter, unit, words)
         if answer != "?":
-            shown = chr(ord(letter) + 1) if self._has("swap", letter) else letter
-            answer = "\r".join(f"{shown} {row}" for row in answer.split("\r"))
-        # a set-point works on the plant before its answer is out
+            shown_letter = chr(ord(letter) + 1) if self._has("swap", letter) else letter
+            answer = "\r".join(f"{shown_letter} {row}" for row in answer.split("\r"))
         if not self.faults.freeze:
-            unit.process(0.0)
+            unit.process(0.0)  # a set-point works on the plant before its answer is out
         timing.sleep(IDLE_BYTES * self.byte_time)
         tail = str(self.faults.extra.get("tail", ""))
         self.send("".join(f"{row}\r{tail}" for row in answer.split("\r")).encode("ascii"))
@@ -331,8 +333,8 @@ class AlicatFake(PtyFake):
         if unit.version >= (7, 11) and (match := re.fullmatch(r"SR(?: (\d+(?:\.\d+)?) ([3-7]))?", words)):
             if match[1] and not keep:
                 unit.ramp = float(match[1]) * PA_PER_UNIT[unit.unit_code] / SECONDS[match[2]]
-            per_second = f"{unit.ramp / PA_PER_UNIT[unit.unit_code]:.1f}"
-            return f"{per_second} {unit.unit_code} 4 {UNIT_NAMES[unit.unit_code]}/s"
+            name, per_second = UNIT_NAMES[unit.unit_code], unit.ramp / PA_PER_UNIT[unit.unit_code]
+            return f"{per_second:.1f} {unit.unit_code} 4 {name}/s"
         if unit.version < (10, 5):
             return self._about(unit, words)
         if match := re.fullmatch(r"LCZA(?: ([01]))?", words):
@@ -371,8 +373,7 @@ class AlicatFake(PtyFake):
         if words == "??D*":
             return unit.frame_format()
         if words == "FPF 6" and unit.version >= (6, 0):
-            full_scale = self._shown(unit, unit.full_scale)
-            return f"{full_scale} {unit.unit_code:02d} {UNIT_NAMES[unit.unit_code]}"
+            return f"{self._shown(unit, unit.full_scale)} {unit.unit_code:02d} {UNIT_NAMES[unit.unit_code]}"
         return "?"
 
     def _manufacturer(self, unit: AlicatDevice) -> str:
@@ -396,6 +397,7 @@ class AlicatFake(PtyFake):
         return self._frame(letter, unit)
 
     def _frame(self, letter: str, unit: AlicatDevice) -> str:
+        """A data frame without the unit's letter: pressure, set-point, status codes."""
         measured = unit.pressure
         codes = ["POV"] if measured > 1.1 * unit.full_scale else []
         codes += {"HP": ["HLD"], "HC": ["HLD"], "EXH": ["EXH"]}.get(unit.held, [])
@@ -403,8 +405,7 @@ class AlicatFake(PtyFake):
         status = self.faults.extra.get("status")
         if isinstance(status, dict) and letter in status:
             codes.append(str(status[letter]))
-        # Pa, standard deviation of a reading
-        reading = self.random.gauss(measured - unit.offset, 100.0)
+        reading = self.random.gauss(measured - unit.offset, 100.0)  # Pa, standard deviation of a reading
         if isinstance(shown := self.faults.extra.get("reading"), float):
             reading = shown
         if self._has("stuck", letter):

@@ -71,8 +71,6 @@ class Refusal(IntEnum):
 
 ALERT = 0x80
 COUNTS = 4096
-POSITION = 132
-"""Register of the present position."""
 RPM = 0.229
 
 
@@ -106,6 +104,12 @@ class Slot:
     high: int = 0
 
 
+MODEL, FIRMWARE, ID, MODE, SECONDARY_ID, PROTOCOL, HOMING_OFFSET = 0, 6, 7, 11, 12, 13, 20
+PWM_LIMIT, CURRENT_LIMIT, HIGHEST, LOWEST, STARTUP, SHUTDOWN = 36, 38, 48, 52, 60, 63
+TORQUE, LEVEL, REGISTERED, HARDWARE_ERROR, P_GAIN, WATCHDOG = 64, 68, 69, 70, 84, 98
+GOAL_PWM, GOAL_CURRENT, GOAL_VELOCITY, ACCELERATION, PROFILE, GOAL = 100, 102, 104, 108, 112, 116
+TICK, MOVING, MOVING_STATUS, CURRENT, VELOCITY, POSITION, TRAJECTORY = 120, 122, 123, 126, 128, 132, 140
+"""Addresses in the control table: kept without power below `TORQUE`; `LEVEL` is the status return level."""
 REGISTERS = {
     0: Slot(2), 2: Slot(4), 6: Slot(1), 7: Slot(1, 0, 252), 8: Slot(1, 0, 7),
     9: Slot(1, 0, 254), 10: Slot(1, 0, 13), 11: Slot(1, 0, 16),
@@ -121,7 +125,9 @@ REGISTERS = {
     126: Slot(2), 128: Slot(4), 132: Slot(4), 136: Slot(4), 140: Slot(4), 144: Slot(2),
     146: Slot(1),
 }  # fmt: skip
-GOALS = (100, 102, 104, 116)
+TRIPPED = 0xFF
+"""Value of the bus watchdog once it has tripped."""
+GOALS = (GOAL_PWM, GOAL_CURRENT, GOAL_VELOCITY, GOAL)
 """Read-only while the bus watchdog is tripped."""
 MODES = (0, 1, 3, 4, 5, 16)
 
@@ -156,14 +162,13 @@ class DrumMotor(Drum):
         self._offset = 1234 - round(start_length * self._per_metre)
         self.table = bytearray(TABLE_END)
         self._trajectory = float(self.counts)
-        self._overloaded_for = 0.0
-        self._tick = 0.0
+        self._overloaded_for = self._tick = 0.0
         self._defaults(model)
 
     @property
     def counts(self) -> int:
         """Present position: what the encoder counts, and the homing offset."""
-        return self._offset + round(self.length * self._per_metre) + self.get(20)
+        return self._offset + round(self.length * self._per_metre) + self.get(HOMING_OFFSET)
 
     def place(self, counts: int) -> None:
         """Back door: let the encoder count from somewhere else (standing still)."""
@@ -182,18 +187,18 @@ class DrumMotor(Drum):
 
     def wrote(self, address: int) -> None:
         """Consequences of a write into a register."""
-        if address == 64 and self.get(64):
+        if address == TORQUE and self.get(TORQUE):
             self._trajectory = float(self.counts)
-        if address == 11:
-            self.put(102, self.get(38))
-        if address == 20:
+        if address == MODE:
+            self.put(GOAL_CURRENT, self.get(CURRENT_LIMIT))
+        if address == HOMING_OFFSET:
             self._hold()
 
     def fail(self, bits: int) -> None:
         """Set hardware error bits; those that the shutdown names drop the torque."""
-        self.put(70, self.get(70) | bits)
-        if bits & self.table[63]:
-            self.put(64, 0)
+        self.put(HARDWARE_ERROR, self.get(HARDWARE_ERROR) | bits)
+        if bits & self.table[SHUTDOWN]:
+            self.put(TORQUE, 0)
 
     def forget_turns(self) -> None:
         """The encoder knows the angle within a turn only."""
@@ -203,20 +208,20 @@ class DrumMotor(Drum):
     def reset(self, keep: tuple[int, ...]) -> None:
         """All registers as they come from the factory, but for those at `keep`; then a restart."""
         kept = {address: self.get(address) for address in keep}
-        self._defaults(self.get(0))
+        self._defaults(self.get(MODEL))
         for address, value in kept.items():
             self.put(address, value)
         self.restart()
 
     def restart(self) -> None:
         """Volatile registers back to their start values; the turns are forgotten."""
-        for address in (64, 69, 70, 98, 104, 108, 112):
+        for address in (TORQUE, REGISTERED, HARDWARE_ERROR, WATCHDOG, GOAL_VELOCITY, ACCELERATION, PROFILE):
             self.put(address, 0)
-        self.put(64, self.table[60] & 1)
-        self.put(68, 2)
-        self.put(84, MOTOR.p_gain)
-        self.put(100, self.get(36))
-        self.put(102, self.get(38))
+        self.put(TORQUE, self.table[STARTUP] & 1)
+        self.put(LEVEL, 2)
+        self.put(P_GAIN, MOTOR.p_gain)
+        self.put(GOAL_PWM, self.get(PWM_LIMIT))
+        self.put(GOAL_CURRENT, self.get(CURRENT_LIMIT))
         self._overloaded_for = 0.0
         self.forget_turns()
 
@@ -224,49 +229,50 @@ class DrumMotor(Drum):
         """Advance by dt seconds of rig time; the bus watchdog counts host time."""
         self._check_watchdog()
         start = self.length
+        # what the control table asks of the motion; nobody writes there between two steps
+        self._goal, self._homing = self.get(GOAL), self.get(HOMING_OFFSET)
+        self._profile = min(self.get(PROFILE) * RPM or MOTOR.no_load_speed, MOTOR.no_load_speed) / 60 * COUNTS
+        full_power = MOTOR.stall_current * min(abs(self.get(GOAL_PWM)), self.get(PWM_LIMIT)) / MOTOR.full_pwm
+        self._allowed = min(abs(self.get(GOAL_CURRENT)), self.get(CURRENT_LIMIT), full_power)
+        self._gain = MOTOR.stiffness * self.get(P_GAIN) / MOTOR.p_gain
         super().process(dt)
+        self.put(CURRENT, round(self._current))
         self._tick += 1000 * dt
         velocity = (self.length - start) * self._per_metre / dt if dt > 0 else 0.0
-        self.put(120, int(self._tick) % 32768)
-        self.put(122, abs(velocity) > 10)
-        self.put(123, (abs(self.get(116) - self.counts) < 20) | (abs(self.get(116) - self._trajectory) > 1) << 1)
-        self.put(128, round(velocity / COUNTS * 60 / RPM))
-        self.put(132, self.counts)
-        self.put(140, round(self._trajectory))
+        self.put(TICK, int(self._tick) % 32768)
+        self.put(MOVING, abs(velocity) > 10)
+        self.put(MOVING_STATUS, (abs(self.get(GOAL) - self.counts) < 20) | (abs(self.get(GOAL) - self._trajectory) > 1) << 1)
+        self.put(VELOCITY, round(velocity / COUNTS * 60 / RPM))
+        self.put(POSITION, self.counts)
+        self.put(TRAJECTORY, round(self._trajectory))
 
     def _step(self, dt: float) -> None:
-        if not self.get(64):
-            self._trajectory = float(self.counts)
-            self.put(126, 0)
+        """Move the trajectory towards the goal, the shaft after it, and set the current that this takes."""
+        if not self.table[TORQUE]:
+            self._trajectory, self._current = float(self.counts), 0.0
             return
-        profile = self.get(112) or round(MOTOR.no_load_speed / RPM)
-        reach = min(profile * RPM, MOTOR.no_load_speed) / 60 * COUNTS * dt
-        self._trajectory += min(max(self.get(116) - self._trajectory, -reach), reach)
-        position = self._offset + self.length * self._per_metre + self.get(20)
-        error = self._trajectory - position
+        reach = self._profile * dt
+        self._trajectory += min(max(self._goal - self._trajectory, -reach), reach)
+        error = self._trajectory - (self._offset + self.length * self._per_metre + self._homing)
         fastest = MOTOR.no_load_speed / 60 * COUNTS
         velocity = min(max(error / MOTOR.lag, -fastest), fastest)
         self._turn(velocity * dt)
-        pwm = min(abs(self.get(100)), self.get(36))
-        allowed = min(abs(self.get(102)), self.get(38), MOTOR.stall_current * pwm / MOTOR.full_pwm)
-        stiffness = MOTOR.stiffness * self.get(84) / MOTOR.p_gain
-        push = 0.0 if self.stuck or abs(error) < 2 else stiffness * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
-        current = min(max(push, -allowed), allowed)
-        self.put(126, round(current))
-        self._overloaded_for = self._overloaded_for + dt if abs(current) >= MOTOR.overload_current else 0.0
+        push = 0.0 if self.stuck or abs(error) < 2 else self._gain * error + (MOTOR.friction if error > 0 else -MOTOR.friction)
+        self._current = min(max(push, -self._allowed), self._allowed)
+        self._overloaded_for = self._overloaded_for + dt if abs(self._current) >= MOTOR.overload_current else 0.0
         if self._overloaded_for > MOTOR.overload_time:
             self.fail(1 << 5)  # overload
 
     def _check_watchdog(self) -> None:
-        limit, silent = self.table[98], self.silence.now()
-        if self.get(64) and 1 <= limit <= 127 and silent > 0.02 * limit:
-            self.table[98] = 0xFF
+        limit, silent = self.table[WATCHDOG], self.silence.now()
+        if self.get(TORQUE) and 1 <= limit <= 127 and silent > 0.02 * limit:  # units of 20 ms
+            self.table[WATCHDOG] = TRIPPED
             self._hold()
-            self.put(116, self.counts - self.get(20))
+            self.put(GOAL, self.counts - self.get(HOMING_OFFSET))
 
     def _hold(self) -> None:
-        self.put(132, self.counts)
-        self.put(116, self.counts)
+        self.put(POSITION, self.counts)
+        self.put(GOAL, self.counts)
         self._trajectory = float(self.counts)
 
     def _defaults(self, model: int) -> None:
@@ -274,6 +280,7 @@ class DrumMotor(Drum):
                    36: MOTOR.full_pwm, 38: 1193, 44: 200, 48: 4095, 63: 52, 68: 2, 76: 1920, 78: 100, 84: MOTOR.p_gain,
                    100: MOTOR.full_pwm, 102: 1193, 144: 120, 146: 31}  # fmt: skip
         self.table[:] = bytes(TABLE_END)
+        self._current = 0.0
         for address, value in factory.items():
             self.put(address, value)
         self._hold()
@@ -305,7 +312,7 @@ class DynamixelFake(DrumFake):
         """Lengths in m; `direction` 1 when counts grow with the spine; model 1020 is an XM430-W350."""
         self.motor = DrumMotor(plant, metres_per_turn, direction, start_length, mechanical_length, model)
         super().__init__("dynamixel", self.motor, clock, baud, seed)
-        self.motor.table[7] = servo_id
+        self.motor.table[ID] = servo_id
         self._registered: tuple[int, bytes] | None = None
         """Address and data of a write that waits for ACTION."""
 
@@ -323,6 +330,7 @@ class DynamixelFake(DrumFake):
         return lambda: self.motor.place(self.motor.counts - FAR_AWAY)
 
     def feed(self) -> bool:
+        """Take one packet; answer it where it is meant for this servo and sound."""
         start = self.buffer.find(HEADER)
         if start < 0:
             return False
@@ -335,9 +343,9 @@ class DynamixelFake(DrumFake):
         packet, self.buffer = packet[:end], packet[end:]
         self.requests.append(packet)
         table = self.motor.table
-        receiver, to_own_id = packet[4], packet[4] == table[7]
-        secondary = receiver == table[12] and receiver <= LAST_ID
-        if table[13] != 2 or not (to_own_id or secondary or receiver == BROADCAST):
+        receiver, to_own_id = packet[4], packet[4] == table[ID]
+        secondary = receiver == table[SECONDARY_ID] and receiver <= LAST_ID
+        if table[PROTOCOL] != 2 or not (to_own_id or secondary or receiver == BROADCAST):
             return True
         if crc16(packet[:-2]) != int.from_bytes(packet[-2:], "little"):
             if to_own_id:
@@ -356,14 +364,14 @@ class DynamixelFake(DrumFake):
         return value if isinstance(value, int) else 0
 
     def _answer(self, instruction: int, params: bytes, own: bool) -> None:
-        """`own`: by its own id; nothing is said to its secondary one."""
-        level = self.motor.table[68] if own else -1
+        """Do an instruction and answer it, if it came to the servo's `own` id; nothing is said to its secondary one."""
+        level = self.motor.table[LEVEL] if own else -1
         if instruction == Instruction.PING and not params:
             if own:
-                self._status(0, bytes(self.motor.table[0:2]) + bytes(self.motor.table[6:7]))
+                self._status(0, bytes(self.motor.table[0:2]) + bytes([self.motor.table[FIRMWARE]]))
         elif instruction == Instruction.READ and len(params) == 4:
             if level >= ANSWER_READS:
-                self._tell(*struct.unpack("<HH", params))
+                self._send_registers(*struct.unpack("<HH", params))
         elif instruction == Instruction.WRITE and len(params) > 2:
             error = self._write(int.from_bytes(params[:2], "little"), params[2:])
             if level >= ANSWER_ALL:
@@ -372,7 +380,7 @@ class DynamixelFake(DrumFake):
             write = int.from_bytes(params[:2], "little"), params[2:]
             error = self._number("nak") or self._refused(*write)
             self._registered = self._registered if error else write
-            self.motor.put(69, self._registered is not None)
+            self.motor.put(REGISTERED, self._registered is not None)
             if level >= ANSWER_ALL:
                 self._status(error)
         elif instruction in (Instruction.ACTION, Instruction.REBOOT) and not params:
@@ -395,7 +403,7 @@ class DynamixelFake(DrumFake):
 
     def _answer_broadcast(self, instruction: int, params: bytes) -> None:
         """Only a ping and what asks for it by its id is answered."""
-        me, reads = self.motor.table[7], self.motor.table[68] >= ANSWER_READS
+        me, reads = self.motor.table[ID], self.motor.table[LEVEL] >= ANSWER_READS
         if instruction == Instruction.PING and not params:
             self._answer(Instruction.PING, params, True)
         elif instruction in (Instruction.WRITE, Instruction.REG_WRITE, Instruction.ACTION, Instruction.REBOOT):
@@ -403,14 +411,14 @@ class DynamixelFake(DrumFake):
         elif instruction == Instruction.FAST_SYNC_READ and len(params) > 4:
             address, size = struct.unpack("<HH", params[:4])
             if reads:
-                self._tell_fast(params[4:], address, size)
+                self._send_fast(params[4:], address, size)
         elif instruction == Instruction.SYNC_READ and len(params) > 4:
             if reads and me in params[4:]:
-                self._tell(*struct.unpack("<HH", params[:4]))
+                self._send_registers(*struct.unpack("<HH", params[:4]))
         elif instruction == Instruction.BULK_READ and params and len(params) % 5 == 0:
             for i in range(0, len(params), 5):
                 if reads and params[i] == me:
-                    self._tell(*struct.unpack("<HH", params[i + 1 : i + 5]))
+                    self._send_registers(*struct.unpack("<HH", params[i + 1 : i + 5]))
         elif instruction == Instruction.SYNC_WRITE and len(params) > 4:
             address, size = struct.unpack("<HH", params[:4])
             for i in range(4, len(params) - size, size + 1):
@@ -424,45 +432,45 @@ class DynamixelFake(DrumFake):
                     self._write(address, params[i + 5 : i + 5 + size])
                 i += 5 + size
 
-    def _tell(self, address: int, size: int) -> None:
+    def _send_registers(self, address: int, size: int) -> None:
         """Send what stands there, undefined addresses as 0."""
         if size < 1 or address + size > TABLE_END:
             self._status(Refusal.ACCESS)
         else:
-            self._status(0, self._held(address, size))
+            self._status(0, self._content(address, size))
 
-    def _held(self, address: int, size: int) -> bytes:
+    def _content(self, address: int, size: int) -> bytes:
         if address <= POSITION < address + size and (glitch := self._number("glitch")):
             self.faults.extra["glitch"] = glitch - 1
             self.motor.put(POSITION, self.motor.counts - COUNTS)  # until the next step
         return bytes(self.motor.table[address : address + size])
 
-    def _tell_fast(self, servos: bytes, address: int, size: int) -> None:
+    def _send_fast(self, servos: bytes, address: int, size: int) -> None:
         """The first of the servos opens the one packet in which all would answer, without stuffing."""
-        if servos[0] != self.motor.table[7] or size < 1 or address + size > TABLE_END:
+        if servos[0] != self.motor.table[ID] or size < 1 or address + size > TABLE_END:
             return
         length = len(servos) * (size + 4) + 1
-        alert = ALERT if self.motor.get(70) else 0
+        alert = ALERT if self.motor.get(HARDWARE_ERROR) else 0
         head = struct.pack("<BHBBB", BROADCAST, length, Instruction.STATUS, alert, servos[0])
-        packet = HEADER + head + self._held(address, size)
+        packet = HEADER + head + self._content(address, size)
         self.send(packet + struct.pack("<H", crc16(packet)))
 
     def _act(self) -> None:
         """Do what was registered."""
         write, self._registered = self._registered, None
-        self.motor.put(69, 0)
+        self.motor.put(REGISTERED, 0)
         if write is not None:
             self._write(*write)
 
     def _registers(self, address: int, size: int) -> list[int]:
         """Addresses of the whole registers that fill this range exactly; empty when something in it is undefined."""
-        found, at = [], address
+        registers, at = [], address
         while at < address + size:
             if at not in REGISTERS:
                 return []
-            found.append(at)
+            registers.append(at)
             at += REGISTERS[at].size
-        return found if at == address + size else []
+        return registers if at == address + size else []
 
     def _write(self, address: int, data: bytes) -> int:
         """Check everything, then write; returns the error number."""
@@ -486,25 +494,26 @@ class DynamixelFake(DrumFake):
         return 0
 
     def _refusal(self, address: int, kind: Slot, value: int) -> int:
+        """Why a value may not be written into a register; 0 where it may."""
         motor = self.motor
-        # registers below 64 are EEPROM
-        if kind.low > kind.high or (address < 64 and motor.get(64)):
+        # registers before the torque are EEPROM
+        if kind.low > kind.high or (address < TORQUE and motor.get(TORQUE)):
             return Refusal.ACCESS
-        if not kind.low <= value <= kind.high or (address == 11 and value not in MODES):
+        if not kind.low <= value <= kind.high or (address == MODE and value not in MODES):
             return Refusal.RANGE
-        if address in GOALS and motor.table[98] == 0xFF:
+        if address in GOALS and motor.table[WATCHDOG] == TRIPPED:
             return Refusal.RANGE
-        if address == 102 and abs(value) > motor.get(38):
+        if address == GOAL_CURRENT and abs(value) > motor.get(CURRENT_LIMIT):
             return Refusal.LIMIT
-        if address == 116 and motor.get(11) == 3 and not motor.get(52) <= value <= motor.get(48):
+        if address == GOAL and motor.get(MODE) == 3 and not motor.get(LOWEST) <= value <= motor.get(HIGHEST):
             return Refusal.LIMIT
-        if address == 64 and value and motor.get(70):
+        if address == TORQUE and value and motor.get(HARDWARE_ERROR):
             return Refusal.ACCESS
         return 0
 
     def _status(self, error: int, params: bytes = b"") -> None:
         motor = self.motor
-        body = stuffed(bytes([Instruction.STATUS, error | (ALERT if motor.get(70) else 0)]) + params)
-        sender = motor.table[7] + bool(self.faults.extra.get("wrong_id"))
+        body = stuffed(bytes([Instruction.STATUS, error | (ALERT if motor.get(HARDWARE_ERROR) else 0)]) + params)
+        sender = motor.table[ID] + bool(self.faults.extra.get("wrong_id"))
         packet = HEADER + bytes([sender]) + struct.pack("<H", len(body) + 2) + body
         self.send(packet + struct.pack("<H", crc16(packet)))

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from .virtual_robot import VirtualRobot
 
 ACCIDENTS = ("leak", "burst", "supply_low", "valve_stuck", "jam_slip", "contact_lost", "marker_lost")
-LEFT, LOW_SUPPLY, SLIP = 0.7, 60e3, 8e-3
-"""Share of the set-point that a leak leaves; Pa; m."""
+LEAK_SHARE, LOW_SUPPLY, SLIP = 0.7, 60e3, 8e-3
+"""Share of the set-point that a leak leaves; Pa that a low supply reaches; m by which a jammed spine slips."""
 
 
 class Accidents:
@@ -65,11 +65,11 @@ class Accidents:
             robot.advance(plant, dt)
             return
         regulator, valve = plant.regulator.copy(), plant.valve_on
-        hurt = [c - 1 for c in self._wiring[0]]
+        damaged = [c - 1 for c in self._wiring[0]]
         if "supply_low" in self._now:
             plant.regulator = np.minimum(plant.regulator, LOW_SUPPLY)
         if {"leak", "burst"} & self._now:
-            plant.regulator[hurt] *= 0.0 if "burst" in self._now else LEFT
+            plant.regulator[damaged] *= 0.0 if "burst" in self._now else LEAK_SHARE
         if "valve_stuck" in self._now:
             self._valve = valve if self._valve is None else self._valve
             plant.valve_on = self._valve
@@ -157,6 +157,7 @@ class FaultSwitch:
             self._plant.tip_visible = True
 
     def _serial(self, line: PtyFake, fault: str) -> None:
+        """Switch a fault of a serial fake on: the fake's own way if it has one, else the common one."""
         if fault == "disconnect":
             line.unplug()
         elif fault == "reset":
@@ -171,6 +172,7 @@ class FaultSwitch:
             setattr(line.faults, name, value)
 
     def _mocap(self, fake: MotiveFake, fault: str) -> None:
+        """Switch a fault of the cameras on."""
         faults, own_faults = fake.faults, MotiveFake.own_faults
         if fault == "reset":
             faults.extra["restart"] = True
@@ -188,6 +190,7 @@ class FaultSwitch:
             setattr(faults, name, value)
 
     def _arm(self, ur: UrProcess, fault: str) -> None:
+        """Switch a fault of the arm on, by its controller's back door."""
         actions: dict[str, Callable[[], Any]] = {
             "silence": lambda: ur.backdoor("freeze", seconds=1e6),
             "delay": lambda: ur.backdoor("lag", seconds=LATE),

@@ -38,6 +38,8 @@ PERIOD = 0.01
 """s of host time between two frames."""
 SILENCE = 0.002
 """s without a byte that end a Modbus request: 3.5 characters."""
+READ, WRITE = 3, 16
+"""Modbus functions: holding registers."""
 COUNTS = np.array([100.0, 100.0, 100.0, 1000.0, 1000.0, 1000.0])
 """Counts per N and per N m."""
 
@@ -91,8 +93,8 @@ class Ft300sDevice(Device):
 
     def counts(self) -> NDArray[np.int16]:
         """A reading as the sensor sends it: noise, then int16 that saturate."""
-        noisy = self.wrench() + self.noise * self.rng.standard_normal(6)
-        return np.clip(np.rint(noisy * COUNTS), -32768, 32767).astype(np.int16)
+        counts = (self.wrench() + self.noise * self.rng.standard_normal(6)) * COUNTS
+        return np.clip(np.rint(counts), -32768, 32767).astype(np.int16)
 
     def register(self, address: int, letters: str) -> int | None:
         """One holding register; None where there is none."""
@@ -217,40 +219,42 @@ class Ft300sFake(PtyFake):
         refusal = self.faults.extra.get("exception")
         if isinstance(refusal, int):
             self._refuse(function, refusal)
-        elif function == 3:
+        elif function == READ:
             self._read(data)
-        elif function == 16:
+        elif function == WRITE:
             self._write(data)
         else:
             self._refuse(function, Illegal.FUNCTION)
 
     def _read(self, data: bytes) -> None:
+        """Answer a read of holding registers."""
         if len(data) != 4:
             return
         first, count = struct.unpack(">HH", data)
         if not 1 <= count <= 125:
-            self._refuse(3, Illegal.VALUE)
+            self._refuse(READ, Illegal.VALUE)
             return
         letters = str(self.faults.extra.get("foreign", self.device.letters))
-        found = [self.device.register(first + i, letters) for i in range(count)]
-        values = [v for v in found if v is not None]
+        registers = [self.device.register(first + i, letters) for i in range(count)]
+        values = [value for value in registers if value is not None]
         if len(values) < count:
-            self._refuse(3, Illegal.ADDRESS)
+            self._refuse(READ, Illegal.ADDRESS)
             return
-        self._answer(bytes((3, 2 * count)) + struct.pack(f">{count}H", *values))
+        self._answer(bytes((READ, 2 * count)) + struct.pack(f">{count}H", *values))
 
     def _write(self, data: bytes) -> None:
+        """Answer a write of registers: the one that starts and ends the stream."""
         if len(data) < 5 or len(data) != 5 + data[4]:
             return
         first, count, size = struct.unpack(">HHB", data[:5])
         if size != 2 * count or count < 1:
-            self._refuse(16, Illegal.VALUE)
+            self._refuse(WRITE, Illegal.VALUE)
         elif (first, count) != (410, 1):
-            self._refuse(16, Illegal.ADDRESS)
+            self._refuse(WRITE, Illegal.ADDRESS)
         elif data[5:] not in (b"\x02\x00", b"\x00\x00"):
-            self._refuse(16, Illegal.VALUE)
+            self._refuse(WRITE, Illegal.VALUE)
         else:
-            self._answer(bytes((16,)) + data[:4])
+            self._answer(bytes((WRITE,)) + data[:4])
             self.device.streaming = data[5:] == b"\x02\x00"
             self._due = timing.now() + PERIOD
 

@@ -107,7 +107,7 @@ MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 
 POSE = 32
 """Bytes of a body's number, position and orientation in a frame."""
-OWN_MARKER = struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
+BODY_MARKER = struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
 """One marker of the body itself, which follows its pose before NatNet 3.0."""
 
 
@@ -140,8 +140,8 @@ def shaken(q: Array, half: Array) -> Array:
     scale = 1 / math.sqrt(1 + a * a + b * b + c * c)
     real = w - x * a - y * b - z * c
     scale = math.copysign(scale, real)
-    turned = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, real)
-    return scale * np.array(turned)
+    product = (x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, real)
+    return scale * np.array(product)
 
 
 @dataclass
@@ -263,6 +263,7 @@ class MotiveFake(timing.Thread):
         return s
 
     def _send(self, via: socket.socket, client: tuple[str, int], message: int, payload: bytes) -> None:
+        """Put a datagram on its way, through the faults."""
         f = self.faults
         if f.silent:
             return
@@ -294,7 +295,7 @@ class MotiveFake(timing.Thread):
         message, size = struct.unpack("<HH", data[:4])
         payload = data[4 : 4 + size]
         if len(data) not in (4 + size, size) and not (size == 0 and data[4:] == b"\0"):
-            return
+            return  # its length is not what its header says
         if message == Message.KEEPALIVE:
             self.keep_alives += 1
             if client in self.clients:
@@ -311,8 +312,7 @@ class MotiveFake(timing.Thread):
         if message == Message.CONNECT:
             self.clients[client] = timing.now()
             self._want(client, payload[ASKED_VERSION : ASKED_VERSION + 2])
-        answer = self._answer(message, payload, client)
-        self._send(self._command, client, *answer)
+        self._send(self._command, client, *self._answer(message, payload, client))
 
     def _want(self, client: tuple[str, int], version: bytes) -> bool:
         """Send a client this bitstream from now on, or the server's own; False where there is no such."""
@@ -322,6 +322,7 @@ class MotiveFake(timing.Thread):
         return client in self.versions
 
     def _answer(self, message: int, payload: bytes, client: tuple[str, int]) -> tuple[int, bytes]:
+        """Kind and content of the datagram that answers a request."""
         if self.faults.extra.get("refuse"):
             return Message.UNRECOGNIZED, b""
         if message == Message.CONNECT:
@@ -359,6 +360,7 @@ class MotiveFake(timing.Thread):
         return b"Motive".ljust(256, b"\0") + versions + (tail if self.version >= (3, 0) else b"")
 
     def _definitions(self, version: Version) -> bytes:
+        """The model definitions as NatNet `version` has them."""
         definitions = list(self.other_definitions)
         for body in self._bodies:
             name = f"Other{body.id}" if self.faults.extra.get("foreign") else body.name
@@ -376,19 +378,20 @@ class MotiveFake(timing.Thread):
 
     # -- frames
     def _stream(self, now: float) -> None:
+        """Count a frame and send it to the group, or to each client in its bitstream, at host time `now`."""
         extra = self.faults.extra
         forget = extra.pop("forget", False)
         self.clients = {c: t for c, t in self.clients.items() if now - t < CLIENT_TIMEOUT and not forget}
         if not (self.clients or self._group):
             self.frame += 1
             return
-        wanted = {self.versions.get(c, self.version) for c in self.clients} | {self.version}
-        if not (extra.get("replay") and self._last_frames.keys() >= wanted):
+        versions = {self.versions.get(c, self.version) for c in self.clients} | {self.version}
+        if not (extra.get("replay") and self._last_frames.keys() >= versions):
             self.frame = 1 if extra.pop("restart", False) else self.frame + 1
             if not self.faults.freeze:
                 self._look()
-            changed = bool(extra.pop("changed", False))
-            self._last_frames = {version: self._frame_payload(version, changed) for version in wanted}
+            bodies_changed = bool(extra.pop("changed", False))
+            self._last_frames = {version: self._frame_payload(version, bodies_changed) for version in versions}
         drop = extra.get("drop", 0)
         if isinstance(drop, int) and drop > 0:
             extra["drop"] = drop - 1
@@ -423,11 +426,12 @@ class MotiveFake(timing.Thread):
         body.position = self._rotation.T @ (position - self._origin) + self.noise * noise[3:]
         body.quaternion = shaken(turn, 0.5 * self.angle_noise * noise[:3])
 
-    def _frame_payload(self, version: Version, changed: bool = False) -> bytes:
+    def _frame_payload(self, version: Version, bodies_changed: bool = False) -> bytes:
+        """A frame of mocap data as NatNet `version` has it; `bodies_changed`: it says that the list of bodies has changed."""
         shown = [b for b in self._bodies if not (b.id == TIP and self.faults.extra.get("no_body"))]
         encoded = [self._body(body) for body in shown]
         if version < (3, 0):
-            encoded = [one[:POSE] + OWN_MARKER + one[POSE:] for one in encoded]
+            encoded = [body[:POSE] + BODY_MARKER + body[POSE:] for body in encoded]
         bodies = b"".join(encoded)
         sections = [(0, b""), (0, b""), (len(shown), bodies), (0, b"")]
         # marker sets, unlabelled markers, rigid bodies, skeletons; then assets, labelled markers, plates, devices
@@ -437,15 +441,15 @@ class MotiveFake(timing.Thread):
             size = struct.pack("<i", len(content)) if version >= (4, 1) else b""
             payload += struct.pack("<i", count) + size + content
         payload += b"" if version >= (3, 0) else struct.pack("<f", 0.0)  # latency
-        stamp = self.clock.now() * self.faults.skew
-        payload += struct.pack("<IId" if version >= (2, 7) else "<IIf", 0, 0, stamp)
+        payload += struct.pack("<IId" if version >= (2, 7) else "<IIf", 0, 0, self.clock.now() * self.faults.skew)
         if version >= (3, 0):
             ticks = self._ticks()
             behind = int(float(self.faults.extra.get("behind", 0.001)) * TICKS)  # type: ignore[arg-type]
-            payload += struct.pack("<QQQ", ticks, ticks + 20_000, ticks + 20_000 + behind)
+            received = ticks + 20_000  # 2 ms after the exposure
+            payload += struct.pack("<QQQ", ticks, received, received + behind)
         if version >= (4, 1):
             payload += struct.pack("<II", 0, 0)
-        return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | changed << 1, 0)
+        return payload + struct.pack("<hI", (self.mode == Mode.RECORDING) | bodies_changed << 1, 0)
 
     def _taken_for(self, body: StreamedBody) -> StreamedBody:
         """The body whose pose is sent under the name of this one."""
@@ -463,8 +467,7 @@ class MotiveFake(timing.Thread):
                 position = np.full(3, 1e6)
             if extra.get("zeros") and not seen.tracked:
                 position, quaternion = np.zeros(3), np.zeros(4)
-        pose = struct.pack("<i3f4f", body.number, *position, *quaternion)
-        return pose + struct.pack("<fh", self.noise, int(seen.tracked))
+        return struct.pack("<i3f4ffh", body.number, *position, *quaternion, self.noise, int(seen.tracked))
 
     def _ticks(self) -> int:
         return int(self.clock.now() * TICKS)

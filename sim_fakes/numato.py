@@ -51,6 +51,7 @@ class NumatoFake(PtyFake):
         self.coils = [False] * len(self.coils)
 
     def feed(self) -> bool:
+        """Take one command; answer with its echo, a value if there is one, and the prompt."""
         line, end, rest = self.buffer.partition(b"\r")
         if not end:
             return False

@@ -91,16 +91,17 @@ class PfeifferFake(PtyFake):
         return lambda: None
 
     def feed(self) -> bool:
+        """Take one telegram; answer it where address and checksum are right."""
         line, end, rest = self.buffer.partition(b"\r")
         if not end:
             return False
         self.buffer = rest
         self.requests.append(line)
         text = line.decode("ascii", "replace")
-        match = re.fullmatch(r"(\d{3})00(\d{3})02=\?(\d{3})", text)
+        match = re.fullmatch(r"(\d{3})00(\d{3})02=\?(\d{3})", text)  # a query
         if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
             self._answer(int(match[2]))
-        match = re.fullmatch(r"(\d{3})1074206(\d{6})(\d{3})", text)
+        match = re.fullmatch(r"(\d{3})1074206(\d{6})(\d{3})", text)  # a new correction factor, parameter 742
         if match and int(match[1]) == self.address and match[3] == checksum(text[:-3]):
             if self.correction is not None and not self.faults.extra.get("keeps_correction"):
                 self.correction = int(match[2])

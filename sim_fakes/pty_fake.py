@@ -141,7 +141,7 @@ class PtyFake(timing.Thread):
         self._running = True
         self.plug()
         self._quiet_until = 0.0
-        self._before = b""
+        self._last_answer = b""
         self._last_process = clock.now()
 
     @property
@@ -209,9 +209,9 @@ class PtyFake(timing.Thread):
         if f.silent or timing.now() < self._quiet_until:
             return
         if f.replay:
-            answer, self._before = self._before, answer
+            answer, self._last_answer = self._last_answer, answer
         else:
-            self._before = answer
+            self._last_answer = answer
         if f.delay:
             timing.sleep(f.delay)
         if f.corrupt and answer:
@@ -229,6 +229,7 @@ class PtyFake(timing.Thread):
             self._cable.write(piece)
 
     def run(self) -> None:
+        """Advance the device and answer what comes, until stopped."""
         punctual()
         wait: float | None = None
         while self._running:

@@ -149,10 +149,10 @@ class FakeRig:
         self._known = known
         self.tables: dict[str, Callable[[], dict[str, Any]]] = {}
         """What rig.yaml says of each."""
-        of = {**USUAL, **(others or {}), "spine": spine, "pressure": self.regulators.driver}
+        drivers = {**USUAL, **(others or {}), "spine": spine, "pressure": self.regulators.driver}
         for role in ("arm", *(r for r in SEEDS if r != "arm")):
             if spine or role not in OF_SPINE:
-                self._plug(role, role, of[role], seed + SEEDS[role])
+                self._plug(role, role, drivers[role], seed + SEEDS[role])
         for number, (name, driver) in enumerate((sensors or {}).items()):
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
         self.door = BackDoor(self.do)
@@ -170,16 +170,16 @@ class FakeRig:
         fake = self._known.get(driver)
         if fake is None or fake.role != role:
             raise ValueError(f"no fake {driver} for {role}; one of {', '.join(of_role(role, self._known))}")
-        how = self.regulators
+        regulators = self.regulators
         site = Site(
             plant=self.plant,
             clock=self.clock,
             seed=seed,
             host=self.host,
             markers=len(self.truth.markers),
-            hoses=how.hoses(self.wiring),
-            full_scale=how.full_scale or fake.full_scale,
-            regulators=how,
+            hoses=regulators.hoses(self.wiring),
+            full_scale=regulators.full_scale or fake.full_scale,
+            regulators=regulators,
         )
         parts = fake.plug(site)
         self.parts |= {f"{instrument}{i}" if len(parts) > 1 else instrument: part for i, part in enumerate(parts, 1)}

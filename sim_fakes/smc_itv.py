@@ -116,9 +116,8 @@ class SmcItvFake(PtyFake):
             return True
         refuse = self.faults.extra.get("refuse")
         answer = str(refuse) if refuse else self._answer(text)
-        # a set-point works on the plant before its answer is out
         if not self.faults.freeze:
-            self.device.process(0.0)
+            self.device.process(0.0)  # a set-point works on the plant before its answer is out
         self.send(answer.encode("ascii") + b"\r\n")
         return True
 
@@ -145,9 +144,8 @@ class SmcItvFake(PtyFake):
         return str(self.device.setpoint)
 
     def _measured(self) -> int:
-        # Pa, standard deviation of a reading
-        reading = self.random.gauss(self.device.pressure, 200.0) / self.device.full_scale * STEPS
-        counts = max(0, min(STEPS, round(reading)))
+        pressure = self.random.gauss(self.device.pressure, 200.0)  # Pa, standard deviation of a reading
+        counts = max(0, min(STEPS, round(pressure / self.device.full_scale * STEPS)))
         if isinstance(shown := self.faults.extra.get("reading"), int):
             counts = shown
         if self.faults.extra.get("stuck"):

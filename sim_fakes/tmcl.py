@@ -251,7 +251,8 @@ class StepperDrum(Drum):
         super().process(dt)
 
     def _step(self, dt: float) -> None:
-        before = self.steps
+        """Make the steps of dt seconds, turn the shaft by them, and stop at a switch or beyond the largest deviation."""
+        steps_before = self.steps
         if self.searching:
             if self._home_reached():
                 return
@@ -262,9 +263,9 @@ class StepperDrum(Drum):
             self._moving = self.steps != self.target
         else:
             self.steps += self._rotation * dt
-        moved = self.steps - before
+        moved = self.steps - steps_before
         if self._stopped_by_switch and moved * self._direction < 0:
-            self.steps = before
+            self.steps = steps_before
             moved = 0.0
             self.halt()
         self.speed = moved / dt
@@ -336,6 +337,7 @@ class TmclFake(DrumFake):
         return lambda: None
 
     def feed(self) -> bool:
+        """Take one frame of nine bytes; answer it where it is meant for this module."""
         self._heard = timing.now()
         if len(self.buffer) < 9:
             return False
@@ -395,8 +397,9 @@ class TmclFake(DrumFake):
         return TmclStatus.OK, value
 
     def _global(self, command: int, kind: int, bank: int, value: int) -> tuple[int, int]:
+        """Read or write a global parameter; status and value of the answer."""
         drum = self.drum
-        held: dict[int, int] = {
+        values: dict[int, int] = {
             GlobalNumber.SERIAL_ADDRESS: self.address,
             GlobalNumber.HOST_ADDRESS: self.host,
             GlobalNumber.HEARTBEAT: round(1000 * drum.heartbeat),
@@ -405,10 +408,10 @@ class TmclFake(DrumFake):
             GlobalNumber.SECONDARY_ADDRESS: self.secondary_address,
             GlobalNumber.PROGRAM: int(drum.program),
         }
-        if bank != 0 or kind not in held:
+        if bank != 0 or kind not in values:
             return TmclStatus.TYPE, value
         if command == TmclCommand.GGP:
-            return TmclStatus.OK, held[kind]
+            return TmclStatus.OK, values[kind]
         if kind == GlobalNumber.TICK_TIMER:
             drum.ticks = float(value)
         elif kind == GlobalNumber.HEARTBEAT and 0 <= value <= 65535:
@@ -422,6 +425,7 @@ class TmclFake(DrumFake):
         return TmclStatus.OK, value
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
+        """Write an axis parameter; status and value of the answer."""
         if kind not in WRITABLE:
             return TmclStatus.TYPE, value
         low, high = WRITABLE[kind]
@@ -438,6 +442,7 @@ class TmclFake(DrumFake):
         return TmclStatus.OK, value
 
     def _get(self, kind: int) -> tuple[int, int]:
+        """Read an axis parameter; status and value of the answer."""
         drum = self.drum
         if kind == AxisNumber.ERRORS:
             flags, drum.errors = drum.errors, 0

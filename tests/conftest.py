@@ -169,13 +169,17 @@ def shared_clock() -> SimulatedClock:
     return world()
 
 
+REAL_RIG = contextlib.ExitStack()
+"""Ended with the last of the tests marked `real`: at twenty times real speed, it takes a tenth of a processor at rest."""
+
+
 @pytest.fixture(scope="session")
 def real_rig() -> Iterator[FakeRig]:
     """The same on real lines, at twenty times real speed, for tests marked `real`: processes, signals, kills."""
     from sim_fakes.rig import FakeRig
 
-    with FakeRig(speed=20.0, seed=1) as running:
-        yield running
+    with REAL_RIG:
+        yield REAL_RIG.enter_context(FakeRig(speed=20.0, seed=1))
 
 
 @functools.cache
@@ -189,10 +193,13 @@ LIVE_THERE = {"whole_rig", "shared_clock", "house"}
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     names = set(getattr(item, "fixturenames", ()))
     assert not {"whole_rig", "real_rig"} <= names, f"{item.nodeid} asks for a rig of each kind"
     for number, handler in HANDLERS.items():
         signal.signal(number, handler)
     with world() if names & LIVE_THERE and not item.get_closest_marker("real") else contextlib.nullcontext():
-        return (yield)
+        ran = yield
+    if nextitem is not None and group(item.nodeid) == REAL != group(nextitem.nodeid):
+        REAL_RIG.close()
+    return ran

@@ -47,16 +47,18 @@ def attribute_section(
     fitted: FittedRobot | None,
     doubtful: bool = False,
 ) -> Attribute:
-    """Verdict and ranking; `why` it is not certain, `heldout` is the mm rms of hypotheses on unseen states, `significant`
-    whether the gap is above the noise floor anywhere, `fitted` the robot with what is named, whose sizes are stated, `doubtful`
-    whether robot.yaml is so far from the data that no cause is certain."""
+    """Verdict and ranking of the hypotheses, with the doubts `why` what is named is not certain.
+
+    `significant`: whether the gap is above the noise floor anywhere; `heldout`: mm rms of hypotheses on unseen states; `fitted`:
+    the robot with what is named, whose sizes are stated; `doubtful`: robot.yaml is too far from the data for a certain cause.
+    """
     d = f.decision
-    listed, rest = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
+    leading, others = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
     ranked = []
-    for named, probability in (*listed, *(x for x in rest if x[0] in (NONE, UNKNOWN))):
+    for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
         size = values(as_fitted(sizes(f.prepared, candidate), fitted if named == d.effects else None))
-        if d.verdict == "effect":
+        if d.verdict == "effect":  # where that was decided against the ranking, its probabilities are the decision's
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else probability
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     return Attribute(
@@ -82,16 +84,16 @@ def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
 
 def budget_section(f: Attribution) -> tuple[Carries, ...]:
     """What each effect carries of the gap, largest first within named, present and unseen."""
-    p, c = f.prepared.problem.parameters, f.best
-    linear = c.linear(f.prepared.problem)
-    reduced = linear.reduced(c.grid_point.size, c.grid_point.form_error)
-    seen = visible(reduced, p, c.grid_point.spike, linear.effect_size)
+    parameters, best = f.prepared.problem.parameters, f.best
+    linear = best.linear(f.prepared.problem)
+    reduced = linear.reduced(best.grid_point.size, best.grid_point.form_error)
+    detectable = visible(reduced, parameters, best.grid_point.spike, linear.effect_size)
     # the model itself is no better than the unit of its discrepancy
-    least = PRESENT_FLOORS * max(f.prepared.noise_floor, float(np.sqrt(3)) * f.prepared.unit)
+    least_present = PRESENT_FLOORS * max(f.prepared.noise_floor, float(np.sqrt(3)) * f.prepared.unit)
     out = []
-    for effect in p.ids:
-        low, middle, high = (1e3 * x for x in f.budget.interval(effect, 0.025, 0.5, 0.975))
-        role: Role = "named" if effect in f.decision.effects else "present" if effect in seen else "unseen"
-        if role != "present" or middle > 1e3 * least:
-            out.append(Carries(effect, role, middle, low, high))
+    for effect in parameters.ids:
+        low, median, high = (1e3 * x for x in f.budget.interval(effect, 0.025, 0.5, 0.975))
+        role: Role = "named" if effect in f.decision.effects else "present" if effect in detectable else "unseen"
+        if role != "present" or median > 1e3 * least_present:
+            out.append(Carries(effect, role, median, low, high))
     return tuple(sorted(out, key=lambda x: (get_args(Role).index(x.role), -x.mm)))

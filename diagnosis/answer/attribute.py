@@ -130,35 +130,36 @@ def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
 
 
 def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribution:
-    """Log evidence of the catalogue's hypotheses, their probabilities, and the decision; `stages` effect -> stage."""
+    """Weigh what was found against causes outside the catalogue, and decide; `begun`: the hypotheses of the catalogue, ranked,
+    `stages`: effect -> stage."""
     w = begun.weighed
-    leading, best, found = w.leading, w.best, w.whole.candidates
+    leading, best, candidates = w.leading, w.best, w.whole.candidates
     misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
-    # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause.
-    of_stages = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
-    (among,) = begun.relatives()
-    odds = odds_outside(w.search.tried, among, total_gain(of_stages), misfit.excess_scatter, len(p.problem.parameters.ids))
-    ranked = with_unknown(w.known, found[NONE], odds)
+    # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
+    free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
+    (relatives,) = begun.relatives()
+    odds = odds_outside(w.search.tried, relatives, total_gain(free_forms), misfit.excess_scatter, len(p.problem.parameters.ids))
+    ranked = with_unknown(w.known, candidates[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
-    lowest = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
-    decision = without_nothing(decision, sizes(p, best), lowest, ranked.probability(NONE))
+    floors_at_least = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
+    decision = without_nothing(decision, sizes(p, best), floors_at_least, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
-        relatives=alike(among, decision.effects, answered.log_evidence),
+        relatives=alike(relatives, decision.effects, answered.log_evidence),
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
     return Attribution(
         prepared=p,
         posterior=ranked,
-        none=found[NONE],
+        none=candidates[NONE],
         best=replace(best, made=None),
         calibrated=begun.calibrated,
         misfit=misfit,
         decision=decision,
-        distinguishability=_distinguishability(p, found, ranked, best),
+        distinguishability=_distinguishability(p, candidates, ranked, best),
         budget=w.budget,
-        stage_errors=of_stages,
+        stage_errors=free_forms,
     )
 
 

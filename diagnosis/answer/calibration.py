@@ -33,29 +33,30 @@ equilibrium."""
 
 
 def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Calibration | None:
-    """The section `calibration`: the one area factor of the calibrated baseline next to robot.yaml's, or of the robot `fitted`
-    with what is named: EFFECT.PARAMETER -> value."""
+    """The section `calibration`: the area factor of the calibrated baseline, or of the robot `fitted` with what is named
+    (EFFECT.PARAMETER -> value), next to robot.yaml's; None where there is none, as of stiffness trials alone."""
     p = f.prepared
     if p.pushes_only or AREA not in p.problem.parameters.names:
         return None
     if p.baseline is not None:
         return Calibration(p.area_factor(f.calibrated.theta), p.baseline.area_factor)
     robot, states = p.described or (p.robot, p.states)
-    own = ~p.states.pushed
-    given = float(np.mean(robot.area_factor_at(states.spine_length[own])))
+    of_robot = ~p.states.pushed
+    stated_factor = float(np.mean(robot.area_factor_at(states.spine_length[of_robot])))
     theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True)) if fitted is None else fitted
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
     area = p.problem.parameters.infos[p.problem.parameters.names.index(AREA)]
     at_bound = min(abs(theta[AREA] - area.low), abs(theta[AREA] - area.high)) < AT_BOUND
-    found = Calibration(float(p.forward.area_factor[0]) * (1 + theta[AREA]), given, modulus, at_bound=at_bound)
-    # stiffness trials measure the modulus
-    known = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
-    of = origins(robot, found.stiffness if known else found.stiffness / modulus, known)
-    return replace(found, origins=of, alike=alike(f, robot, states))
+    result = Calibration(float(p.forward.area_factor[0]) * (1 + theta[AREA]), stated_factor, modulus, at_bound=at_bound)
+    # stiffness trials measure the modulus, which is then no origin
+    modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
+    possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
+    return replace(result, origins=possible_origins, alike=alike(f, robot, states))
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
-    """Effects of `ALIKE` that leave as little of the tip's errors as the calibrated area factor does, with that of robot.yaml."""
+    """Effects of `ALIKE` of which one alone, with robot.yaml's area factor, leaves the tip errors as small as calibration does;
+    least first, none where the gap is hardly above the noise floor."""
     p = f.prepared
     effects = {id: p.forward.catalogue[id] for id, _ in ALIKE if id in p.forward.catalogue}
     if not effects or robot.stated or rms(p.gap(p.problem.observed - p.given)) < REDUCIBLE_RATIO * p.noise_floor:
@@ -66,16 +67,16 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     infos = possible(forward, robot)
     names = [i.name for i in infos]
     observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
-    most = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
-    found = []
+    most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
+    as_good = []
     for id, name in ALIKE:
         if f"{id}.{name}" not in names:
             continue
         k = names.index(f"{id}.{name}")
-        theta, left = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
-        if left <= most and infos[k].low < theta[k] < infos[k].high:
-            found.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * left))
-    return tuple(sorted(found, key=lambda a: a.left_mm))
+        theta, remaining = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
+        if remaining <= most_left and infos[k].low < theta[k] < infos[k].high:
+            as_good.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * remaining))
+    return tuple(sorted(as_good, key=lambda a: a.left_mm))
 
 
 def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
@@ -88,20 +89,21 @@ def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
 def _alone(
     forward: ForwardModel, infos: Sequence[ParameterInfo], observed: Array, free: list[int], noise: float
 ) -> tuple[Array, float]:
-    """Least-squares parameters (k,) by those in `free`, the first without a prior, and the rms tip distance (m) left."""
+    """Parameters (k,) with those of indices `free` fitted by least squares, the first without a prior; and the rms tip distance
+    (m) that remains, inf where too many states have no equilibrium."""
     sd = np.array([infos[k].sd for k in free])
     low, high = ([getattr(infos[k], side) for k in free] for side in ("low", "high"))
     theta, sd[0] = np.zeros(len(infos)), np.inf
     for _ in range(ALIKE_ROUNDS):
         predicted, slope = forward.linearise(theta, free)
-        missed = observed - predicted
-        seen = np.isfinite(missed) & np.isfinite(slope).all(axis=1)
-        rows = np.vstack([slope[seen] / noise, np.diag(1 / sd)])
-        step = np.linalg.lstsq(rows, np.concatenate([missed[seen] / noise, -theta[free] / sd]), rcond=None)[0]
+        residual = observed - predicted
+        finite = np.isfinite(residual) & np.isfinite(slope).all(axis=1)
+        rows = np.vstack([slope[finite] / noise, np.diag(1 / sd)])
+        step = np.linalg.lstsq(rows, np.concatenate([residual[finite] / noise, -theta[free] / sd]), rcond=None)[0]
         theta[free] = np.clip(theta[free] + step, low, high)
-    missed = observed - forward.predict(theta)
-    left = float(np.sqrt(3 * np.nanmean(missed**2))) if np.isfinite(missed).mean() > 1 - ALIKE_LOST else np.inf
-    return theta, left
+    residual = observed - forward.predict(theta)
+    remaining = float(np.sqrt(3 * np.nanmean(residual**2))) if np.isfinite(residual).mean() > 1 - ALIKE_LOST else np.inf
+    return theta, remaining
 
 
 def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, ...]:
@@ -126,17 +128,17 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
         by_wall = 4 * float(np.hypot(outer**3, inner**3)) / (outer**4 - inner**4)
         powers |= {"youngs_modulus": (1.0, modulus_sd), "outer_radius": (0.25, GEOMETRY_SD * by_wall)}
     d, total = abs(np.log(stiffness)), sum(s**2 for _, s in powers.values())
-    out, solid = [], 1.0
+    out, without_cavities = [], 1.0  # probability that the section is as drawn
     if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0:
         area = robot.chambers.area
         second = len(robot.chambers.azimuths_deg) * area * (area / (4 * np.pi) + path**2 / 2)
         ratio = max(1 - second / body_of(robot).mean_second, TINY)
-        solid = float(expit(np.log(ratio) * (np.log(ratio) / 2 - np.log(stiffness)) / total))
-        out.append(Origin("cavities", ratio, 1 - solid))
+        without_cavities = float(expit(np.log(ratio) * (np.log(ratio) / 2 - np.log(stiffness)) / total))
+        out.append(Origin("cavities", ratio, 1 - without_cavities))
     for name, (power, s) in powers.items():
         w = s**2 / total
         p = float(ndtr(d * (w - 0.5) / (s * np.sqrt(1 - w))))
-        out.append(Origin(name, float(stiffness**power), solid * p))
+        out.append(Origin(name, float(stiffness**power), without_cavities * p))
     return tuple(sorted(out, key=lambda o: -o.probability))
 
 
@@ -146,16 +148,16 @@ def simulator(f: Attribution) -> Simulator | None:
     if p.baseline is None:
         return None
     parameters = p.problem.parameters
-    at = parameters.names.index(SHARE)
-    rod, theirs = fitted.theta.copy(), fitted.theta.copy()
-    rod[at], theirs[at] = 1.0, 0.0
-    own = p.labels.kind == 0
-    difference = (p.problem.forward.predict(theirs) - p.problem.forward.predict(rod))[own]
-    count = len(np.unique(p.labels.state[own]))
-    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != at]
-    slope = p.problem.linearise(fitted.theta, free)[1][own]
-    left = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
-    share = float(fitted.theta[at])
-    differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, left))
+    share_index = parameters.names.index(SHARE)
+    of_rod, of_simulator = fitted.theta.copy(), fitted.theta.copy()
+    of_rod[share_index], of_simulator[share_index] = 1.0, 0.0  # share of the difference that is taken off
+    tips = p.labels.kind == 0
+    difference = (p.problem.forward.predict(of_simulator) - p.problem.forward.predict(of_rod))[tips]
+    count = len(np.unique(p.labels.state[tips]))
+    free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index]
+    slope = p.problem.linearise(fitted.theta, free)[1][tips]
+    beyond_area = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
+    share = float(fitted.theta[share_index])
+    differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))
     of_robot = float(np.mean(p.robot.area_factor_at(p.states.spine_length[~p.states.pushed])))
     return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond, of_robot)

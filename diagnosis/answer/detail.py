@@ -29,38 +29,39 @@ from .size import as_fitted, by_actuator, sizes, values
 def detail(
     f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
 ) -> dict[str, Any]:
-    """The section; `fitted` the robot with what is named, `unseen` errors of states that the fits did not see, `names` effect ->
-    plain name."""
+    """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
+    fit saw, `names`: effect -> plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
-    found = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
-    made: dict[str, Any] = {
+    named_sizes = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
+    section: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),
         "confounding": _confounding(p),
         "actuators": p.robot.actuators.words.kind,
         "calibrated_on": BENCHMARK,
-        "sizes": [asdict(size) | {"impossible": size.impossible} for size in found],
+        "sizes": [asdict(size) | {"impossible": size.impossible} for size in named_sizes],
         "distinguishability": _separations(f),
         "shapes": _worst_shapes(p, f.calibrated.theta, f.best.fit.theta),
         "states": _states(p, calibrated, explained, unseen),
         "names": names,
     }
-    if (own := simulator(f)) is not None:
-        made["baseline"] = asdict(own)
-    each = [by_actuator(p.robot, p.forward.catalogue[e], values(found)) for e in f.decision.effects if e in p.forward.catalogue]
-    made["by_actuator"] = [asdict(e) for e in each if e is not None]
+    if (difference := simulator(f)) is not None:
+        section["baseline"] = asdict(difference)
+    specs = [p.forward.catalogue[e] for e in f.decision.effects if e in p.forward.catalogue]
+    factors = [by_actuator(p.robot, spec, values(named_sizes)) for spec in specs]
+    section["by_actuator"] = [asdict(e) for e in factors if e is not None]
     if p.pushes is not None:
-        made["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
+        section["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
     if holdout is not None:
-        made["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
-    return made
+        section["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
+    return section
 
 
 def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErrors | None) -> dict[str, Any]:
     """Settings and tips, measured and predicted, of the states with a tip; the predictions are of all values (n,)."""
-    own = ~p.states.pushed
-    s = p.states.take(own)
+    of_robot = ~p.states.pushed
+    s = p.states.take(of_robot)
     tips = {"tip": p.states.tip, "calibrated": p.tip(calibrated), "explained": p.tip(explained)}
     if unseen is not None and not p.pushes_only:
         tips |= {
@@ -73,7 +74,7 @@ def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErr
         "pressure": s.highest.tolist(),
         "branch": s.branch.tolist(),
         "chambers": [list(c) for c in s.chambers],
-        **{name: tip[own].tolist() for name, tip in tips.items()},
+        **{name: tip[of_robot].tolist() for name, tip in tips.items()},
     }
 
 
@@ -83,10 +84,10 @@ def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict
         return []
     models = {"calibrated": p.common(calibrated), "explained": p.common(explained)}
     tips = {name: p.tip(p.problem.forward.predict(theta)) for name, theta in models.items()}
-    missed = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
+    distance = np.linalg.norm(p.states.tip - tips["calibrated"], axis=1)
     length = levels(p.states.spine_length, SPINE_GAP)
     worst: dict[tuple[tuple[int, ...], int], int] = {}
-    for i in sorted(np.flatnonzero(np.isfinite(missed)).tolist(), key=lambda i: -missed[i]):
+    for i in sorted(np.flatnonzero(np.isfinite(distance)).tolist(), key=lambda i: -distance[i]):
         worst.setdefault((p.states.chambers[i], int(length[i])), i)
     if not worst:
         return []
@@ -113,7 +114,7 @@ def _stiffness(
     p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: HeldOutErrors | None
 ) -> dict[str, Any]:
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
-    own = p.states.pushed
+    pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
     if unseen is not None:
         errors |= {"unseen: calibrated": unseen.before.deflection, "unseen: explained": unseen.after.deflection}
@@ -122,12 +123,12 @@ def _stiffness(
         "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},
         "floor_mm": pushes.noise_floor * 1e3,
         "floor_from_repeats": pushes.noise_components.contrasts > 0,
-        "trial": p.states.trial[own].tolist(),
-        "specimen": [s or "spine" for s in p.states.trials.get("specimen")[own].tolist()],
-        "spine_length": p.states.spine_length[own].tolist(),
-        "deflection": p.states.deflection[own].tolist(),
-        "stiffness": pushes.stiffness[own].tolist(),
-        **{name: (pushes.stiffness * p.deflection(y))[own].tolist() for name, y in forces.items()},
+        "trial": p.states.trial[pushed].tolist(),
+        "specimen": [s or "spine" for s in p.states.trials.get("specimen")[pushed].tolist()],
+        "spine_length": p.states.spine_length[pushed].tolist(),
+        "deflection": p.states.deflection[pushed].tolist(),
+        "stiffness": pushes.stiffness[pushed].tolist(),
+        **{name: (pushes.stiffness * p.deflection(y))[pushed].tolist() for name, y in forces.items()},
     }
 
 
@@ -168,9 +169,9 @@ def _absorbed(parameters: FitParameters, slope: Array, calibration: Array) -> di
     basis = basis[:, singular > 1e-10 * max(float(singular.max(initial=0.0)), 1e-300)]
     out = {}
     for effect in parameters.ids:
-        own = [i for i, e in enumerate(parameters.effects) if e == effect]
-        moved = slope[:, own] * parameters.sd[own]
+        columns = [i for i, e in enumerate(parameters.effects) if e == effect]
+        moved = slope[:, columns] * parameters.sd[columns]
         squared = float((moved**2).sum())
-        left = moved - basis @ (basis.T @ moved)
-        out[effect] = 1.0 - float((left**2).sum()) / squared if squared > 0 else 1.0
+        beyond = moved - basis @ (basis.T @ moved)
+        out[effect] = 1.0 - float((beyond**2).sum()) / squared if squared > 0 else 1.0
     return out

@@ -62,9 +62,9 @@ class CandidateExperiment:
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment]:
     """Experiments that the campaign does not hold yet."""
-    bent = s.highest[s.highest > s.pressure_gap]
+    pressures_used = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
-    pressures = _three(bent, s.pressure_gap)
+    pressures = _three(pressures_used, s.pressure_gap)
     mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
@@ -77,28 +77,28 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         offered.append(CandidateExperiment(id, do, {**base, **changed}, hands, channels))
 
-    low, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
+    lower, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
     offer("unload", "read the unload branch too", unload=True)
     offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
-    offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=low, chambers=every)
-    if others := _other_chambers(chambers, count, s):
-        offer("other_chambers", f"{words.inflate} {words.group(others)} instead", chambers=others)
+    offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
+    if other_group := _other_chambers(chambers, count, s):
+        offer("other_chambers", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
     offer("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + MASS, 4))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
     offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):
-        shown = ", ".join(f"{x * 100:g}" for x in between)
-        offer("lengths", f"spine lengths in between: {shown} cm", spine_lengths=between)
+        lengths_cm = ", ".join(f"{x * 100:g}" for x in between)
+        offer("lengths", f"spine lengths in between: {lengths_cm} cm", spine_lengths=between)
     if robot.spine is not None:
         offer("vacuum", "sweep the vacuum", vacuums=[round(share * vacuum, -3) for share in (0.5, 0.75, 1.0)])
-    if between := _between(bent, s.pressure_gap):
+    if between := _between(pressures_used, s.pressure_gap):
         offer("pressures", f"{words.pressures} in between", pressures=between)
     if robot.markers:
         names = tuple(f"m{k}{axis}" for k in range(1, len(robot.markers) + 1) for axis in "xyz")
         offer("markers", "put markers along the body", 20.0, names)
-    done = _recorded(s)
-    return [e for e in offered if not done.get(e.id, False)]
+    recorded = _recorded(s)
+    return [e for e in offered if not recorded.get(e.id, False)]
 
 
 def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
@@ -165,34 +165,34 @@ def _states(p: Mapping[str, Any]) -> Iterator[_PlannedState]:
     # s from the ramp's end to the middle of a settled reading
     holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[p.get("reading", "settled")]
     for sweep in _sweeps(p):
-        before = 0.0
+        last_pressure = 0.0
         for pressure, branch in up + down:
-            climb, before, waited = abs(pressure - before) / p["rate"], pressure, 0.0
+            ramp_time, last_pressure, waited = abs(pressure - last_pressure) / p["rate"], pressure, 0.0
             for hold in holds:
-                yield _PlannedState(*sweep, pressure, branch, hold, climb + max(hold - waited, 0.0) + 1.0)
-                climb, waited = 0.0, hold
+                yield _PlannedState(*sweep, pressure, branch, hold, ramp_time + max(hold - waited, 0.0) + 1.0)
+                ramp_time, waited = 0.0, hold
 
 
 def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> Columns:
     """The table of trials that protocol parameters would give; measured channels hold zeros (orientation: no turn)."""
     states = list(_states(p))
     n = len(states)
-    of = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
+    by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
     out: Columns = {
         "trial": np.array([trial[s[:3]] for s in states]),
-        "repeat": of["repeat"],
+        "repeat": by_field["repeat"],
         "protocol": np.array([p["protocol"]] * n),
-        "branch": of["branch"],
-        "t": np.cumsum(of["seconds"]),
+        "branch": by_field["branch"],
+        "t": np.cumsum(by_field["seconds"]),
         "rate": np.full(n, p["rate"]),
-        "hold": of["hold"],
-        "spine_length": of["spine_length"],
-        "vacuum": of["vacuum"],
+        "hold": by_field["hold"],
+        "spine_length": by_field["spine_length"],
+        "vacuum": by_field["vacuum"],
         "tip_mass": np.full(n, p["tip_mass"]),
         "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
     }
-    out |= {f"p{c}": np.where(c in p["chambers"], of["pressure"], 0.0) for c in range(1, chambers + 1)}
+    out |= {f"p{c}": np.where(c in p["chambers"], by_field["pressure"], 0.0) for c in range(1, chambers + 1)}
     return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
 
 
@@ -218,20 +218,20 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
 def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
     """Experiments that are not in the campaign; none after stiffness trials alone.
 
-    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then best bits for their time;
-    where a person sets each state, whose time no rig tells, most bits.
+    Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then those with most bits for
+    their time; where a person sets each state, which takes a time unknown, those with most bits.
     """
     if len(rivals.candidates) < 2 or p.pushes_only:
         return ()
     menu = candidate_experiments(p.robot, p.states.take(~p.states.pushed))
     possible = frozenset(" + ".join(h) or "none" for h, probability in weighed.ranking if probability > RIVAL_WORTH_SEPARATING)
-    found = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
+    proposals = executor.map(partial(_proposal, p, rivals, possible), menu, DiagnosisStep.EXPERIMENTS)
     by_rig = p.robot.actuators.words.by_rig
 
     def worth(x: Proposal) -> float:
         return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
 
-    return tuple(sorted(filter(None, found), key=lambda x: (not x.separates, -worth(x))))
+    return tuple(sorted(filter(None, proposals), key=lambda x: (not x.separates, -worth(x))))
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], e: CandidateExperiment) -> Proposal | None:

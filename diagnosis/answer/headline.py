@@ -98,37 +98,37 @@ def headline(
     unknown. `robot`: its actuators are named by number.
     """
     speech = Speech(catalogue, words, robot)
-    sure = f"(p = {a.probability:.2f})"
+    p = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
-    same = f" ({calibrated})" if calibrated else ""
-    by = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{same}"
-    short = f"Calibration closes {percent(by_calibration or 0.0)} %{same} {sure}."
+    brackets = f" ({calibrated})" if calibrated else ""
+    calibration_closes = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{brackets}"
+    short = f"Calibration closes {percent(by_calibration or 0.0)} %{brackets} {p}."
     if a.verdict == "effect":
-        if by and a.conclusion == "one of several" and alone:
-            return _short_enough(f"{by} {sure}.", short)
-        if by and a.conclusion == "one of several" and closed is not None and closed <= 0:
-            return f"{by}; no effect closes the rest."
-        text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {sure}."
+        if calibration_closes and a.conclusion == "one of several" and alone:
+            return _short_enough(f"{calibration_closes} {p}.", short)
+        if calibration_closes and a.conclusion == "one of several" and closed is not None and closed <= 0:
+            return f"{calibration_closes}; no effect closes the rest."
+        text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {p}."
         if a.conclusion == "one of several" and closed is not None and closed <= 0:
-            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, speech)} {sure}."
+            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, speech)} {p}."
         elif a.conclusion == "one of several" and a.probability < LIKELY:
-            text = _tied(a, speech) or f"possibly {_name_all(a.effects, speech)} {sure}."
+            text = _tied(a, speech) or f"possibly {_name_all(a.effects, speech)} {p}."
         elif a.conclusion == "one of several":
             text = _tied(a, speech) or f"most likely {text}"
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
-        found = stage(a.stage_errors)
-        where = f"; it may be in the {found.stage} and {words.fill(found.varies)}" if found else ""
-        return f"No known cause fits {sure}{where}.".replace("_", " ")
+        error = stage(a.stage_errors)
+        place = f"; it may be in the {error.stage} and {words.fill(error.varies)}" if error else ""
+        return f"No known cause fits {p}{place}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
-        return _short_enough(f"{by}; no other cause {other} {sure}.", f"{by} {sure}.", short)
+        return _short_enough(f"{calibration_closes}; no other cause {other} {p}.", f"{calibration_closes} {p}.", short)
     if a.conclusion == "noise":
-        return f"No gap: model and robot agree down to the noise floor {sure}."
-    return f"No cause: no known effect accounts for enough of the gap {sure}."
+        return f"No gap: model and robot agree down to the noise floor {p}."
+    return f"No cause: no known effect accounts for enough of the gap {p}."
 
 
 def _short_enough(*texts: str) -> str:
@@ -189,23 +189,25 @@ def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech
 
 
 def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
+    """What one effect does, with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
     spec, words = speech.catalogue.get(effect), speech.words
     if spec is None or not spec.says:
         return f"{effect.replace('_', ' ') if spec is None else spec.name(words)} is at work"
-    each = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
-    if each is not None:
-        return each.says(words, spread)
+    by_number = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
+    if by_number is not None:
+        return by_number.says(words, spread)
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
     if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
         return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount")
-    own = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
-    total = parts[0].sign == "positive" and len(own) > 1
-    size = own[0].value if len(own) == 1 else sum(v.value for v in own) if total else math.hypot(*(v.value for v in own))
+    values = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
+    total = parts[0].sign == "positive" and len(values) > 1
+    numbers = [v.value for v in values]
+    size = numbers[0] if len(numbers) == 1 else sum(numbers) if total else math.hypot(*numbers)
     # of a vector's length, its parts independent; of a sum they are not
-    sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in own))
-    said = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
+    sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in values))
+    template = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
     amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
-    return words.fill(said, amount)
+    return words.fill(template, amount)
 
 
 def _amount(value: float, sd: float, unit: str, words: Words) -> str:

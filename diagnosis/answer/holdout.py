@@ -57,22 +57,22 @@ class Holdout:
         """The finding in a sentence; `names` effect -> plain name."""
         errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
         lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
-        head = f"On the held-out campaign ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
+        errors_read = f"On the held-out campaign ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
         if not self.hypothesis:
-            return f"{head}; no effect leads, so nothing is tested."
+            return f"{errors_read}; no effect leads, so nothing is tested."
         if self.share_closed is None:
-            return f"{head}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
-        sure = "" if self.ci95 is None else f" (95 %: {percent(self.ci95[0])} .. {percent(self.ci95[1])} %)"
+            return f"{errors_read}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
+        interval = "" if self.ci95 is None else f" (95 %: {percent(self.ci95[0])} .. {percent(self.ci95[1])} %)"
         named = " and ".join(with_id(e, names) for e in self.hypothesis)
-        closed = f"{head}: {percent(self.share_closed)} % of the reducible gap is closed{sure}"
+        closed = f"{errors_read}: {percent(self.share_closed)} % of the reducible gap is closed{interval}"
         if not self.named:
             return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
-        word = {
+        verdict = {
             "confirmed": f"{named} confirmed",
             "contradicted": f"{named} contradicted: it makes the prediction worse",
             "open": f"this neither confirms nor contradicts {named}",
         }[self.verdict]
-        return f"{closed}; {word}."
+        return f"{closed}; {verdict}."
 
 
 def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
@@ -83,23 +83,23 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
             "hold out a campaign of the same robot, or give both the same robot.yaml with --robot"
         )
     try:
-        found, _ = states(other)
+        campaign, _ = states(other)
     except BadCase as e:
         raise BadHoldout(str(e)) from e
-    with_tip = found.take(~found.pushed)
+    with_tip = campaign.take(~campaign.pushed)
     if not len(with_tip) or not diagnosed.table.with_tip.any():
-        which = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
+        empty = "the held-out campaign" if not len(with_tip) else "the diagnosed campaign"
         raise BadHoldout(
-            f"a held-out test compares tips, and {which} has none: stiffness trials alone cannot be held out, "
+            f"a held-out test compares tips, and {empty} has none: stiffness trials alone cannot be held out, "
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
     # no two readings have the same tip, pressures and spine length to the last digit
-    known, read = (
+    diagnosed_states, other_states = (
         [tuple(r) for r in np.column_stack([t.tip, t.pressures, t.spine_length]).tolist()]
         for t in (diagnosed.table, with_tip.trials)
     )
-    seen = set(known)
-    if shared := sum(r in seen for r in read):
+    fitted_states = set(diagnosed_states)
+    if shared := sum(r in fitted_states for r in other_states):
         raise BadHoldout(
             f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"
@@ -107,23 +107,22 @@ def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
     return with_tip
 
 
-def evaluate_holdout(f: Attribution, own: Campaign) -> Holdout:
-    """Predict the states `own` of another campaign with what was found; raises `BadHoldout`."""
-    before, after = (_tip_errors(f.prepared, own, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
-    seen = np.isfinite(before) & np.isfinite(after)
-    if not seen.any():
+def evaluate_holdout(f: Attribution, other: Campaign) -> Holdout:
+    """Predict the states `other` of another campaign with what was found; raises `BadHoldout`."""
+    before, after = (_tip_errors(f.prepared, other, theta) for theta in (f.calibrated.theta, f.best.fit.theta))
+    predicted = np.isfinite(before) & np.isfinite(after)
+    if not predicted.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
-    before, after, kept = before[seen], after[seen], own.take(seen)
-    share, interval = closed_with_interval(
-        before, after, f.prepared.noise_floor, kept.trial, levels(kept.spine_length, SPINE_GAP)
-    )
+    before, after, kept = before[predicted], after[predicted], other.take(predicted)
+    floor, length = f.prepared.noise_floor, levels(kept.spine_length, SPINE_GAP)
+    share, interval = closed_with_interval(before, after, floor, kept.trial, length)
     named = f.decision.verdict == "effect"
     verdict: HoldoutVerdict = "open"
     if named and interval is not None:
         verdict = "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"
     return Holdout(
-        len(kept), len(np.unique(kept.trial)), int((~seen).sum()), f.best.named, named, rms(before) * 1e3, rms(after) * 1e3,
-        f.prepared.noise_floor * 1e3, share, interval, by_length(kept.spine_length, before, after), verdict,
+        len(kept), len(np.unique(kept.trial)), int((~predicted).sum()), f.best.named, named, rms(before) * 1e3, rms(after) * 1e3,
+        floor * 1e3, share, interval, by_length(kept.spine_length, before, after), verdict,
     )  # fmt: skip
 
 

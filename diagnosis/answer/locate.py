@@ -33,24 +33,25 @@ def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:
     p = f.prepared
     missed = p.problem.observed - p.problem.forward.predict(p.common(f.calibrated.theta))
     gap = p.gap(missed)
-    seen = np.asarray(np.isfinite(gap).all(axis=1))
+    finite = np.asarray(np.isfinite(gap).all(axis=1))
     cells: dict[str, list[tuple[Cell, float]]] = {name: [] for name in FACTORS}
-    for factor, cell, probability in _cells(p, missed, gap, seen):
+    for factor, cell, probability in _cells(p, missed, gap, finite):
         cells.setdefault(factor, []).append((cell, probability))
-    by = _mark_significant(cells)
+    by_factor = _mark_significant(cells)
     return Locate(
-        gap_rmse_mm=1e3 * rms(gap[seen]),
+        gap_rmse_mm=1e3 * rms(gap[finite]),
         noise_floor_mm=1e3 * p.noise_floor,
-        significant=any(c.significant for group in by.values() for c in group),
-        by=by,
+        significant=any(c.significant for group in by_factor.values() for c in group),
+        by=by_factor,
         stage=dict.fromkeys(STAGES, 0.0) | f.posterior.by_stage(stages),
-        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(seen)),
+        numerical_error_mm=float("nan") if p.baseline is not None else 1e3 * numerical_error(p.robot, p.states.take(finite)),
         of="deflection" if p.pushes_only else "tip",
     )
 
 
 def _cells(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[tuple[str, Cell, float]]:
-    """Factor, cell and the probability of such a gap by noise alone; `missed` (values,), `gap` (states, 3) m."""
+    """Each cell with its factor and the probability of such a gap by noise alone, of states `seen` (states,): residuals `missed`
+    (values,) and the `gap` (states, 3) m that they make."""
     rng = np.random.default_rng(20240)
     s, tips = p.states.take(seen), not p.pushes_only
     gap = gap[seen] if tips else gap[seen, :1]
@@ -58,20 +59,20 @@ def _cells(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[tuple
     if tips:
         splits["pressure"] = (s.highest, levels(s.highest, s.pressure_gap))
     for factor, (values, level) in splits.items():
-        for own in _masks(level):
-            yield factor, *_cell(_mean(values, own), s.trial[own], gap[own], p.noise_floor, rng)
+        for in_cell in _masks(level):
+            yield factor, *_cell(_mean(values, in_cell), s.trial[in_cell], gap[in_cell], p.noise_floor, rng)
     for k, axis in enumerate("xyz" if tips else ""):
         yield "axis", *_cell(axis, s.trial, gap[:, [k]], p.noise_floor * np.sqrt(1 / 3), rng)
-    for branch, own in (("load", s.branch > 0), ("unload", s.branch < 0)):
-        if own.any():
-            yield "branch", *_cell(branch, s.trial[own], gap[own], p.noise_floor, rng)
-    for own in _quarters(s.time):
-        yield "time", *_cell(_mean(s.time, own), s.trial[own], gap[own], p.noise_floor, rng)
+    for branch, in_cell in (("load", s.branch > 0), ("unload", s.branch < 0)):
+        if in_cell.any():
+            yield "branch", *_cell(branch, s.trial[in_cell], gap[in_cell], p.noise_floor, rng)
+    for in_cell in _quarters(s.time):
+        yield "time", *_cell(_mean(s.time, in_cell), s.trial[in_cell], gap[in_cell], p.noise_floor, rng)
     for k, arc in enumerate(p.robot.markers, 1):
         marker = _marker(p, missed, k)[seen]
-        own = np.asarray(np.isfinite(marker).all(axis=1))
+        in_cell = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
-            yield "arc_length", *_cell(float(arc), s.trial[own], marker[own], p.noise_floor, rng)
+            yield "arc_length", *_cell(float(arc), s.trial[in_cell], marker[in_cell], p.noise_floor, rng)
     if p.pushes is not None:
         yield from _specimens(p, p.deflection(missed), p.pushes.noise_floor, rng)
 

@@ -106,31 +106,31 @@ class Rivals:
         return tuple(" + ".join(c.named) or "none" for c in self.candidates)
 
     def predict(self, table: Mapping[str, Any]) -> tuple[RivalForecast, ...] | None:
-        """What each predicts for the states of a table's columns (as those of trials.csv); None where one of them has no
-        equilibrium, or this robot cannot do what the table says."""
+        """The forecast of each candidate for the states of a table's columns (as those of trials.csv); None where one of them has
+        no equilibrium, or this robot cannot do what the table says."""
         p = self.prepared
         try:
             forward = p.forward.on(design_from_columns(p.robot, table))
         except ModelError:
             return None
         names = {info.name: i for i, info in enumerate(forward.parameters)}
-        known = p.problem.parameters
-        shared = [(names[n], i) for i, n in enumerate(known.names) if n in names and not known.recurs[i]]
-        here, fitted = np.array(shared).T  # the same parameters in this model and in the problem
+        fitted_parameters = p.problem.parameters
+        shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
+        in_model, in_problem = np.array(shared).T  # the same parameters in this model and in the problem
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
-        fresh = np.setdiff1d(np.arange(len(own_sd)), here)
+        fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
         mounted = np.isin(source, MOUNTED)
         smooth, laws = _errors(p, forward)
         observed = forward.observations
-        made = []
+        forecasts = []
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
-            theta[here] = c.fit.theta[fitted]
+            theta[in_model] = c.fit.theta[in_problem]
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
-            covariance = slope[:, here] @ known_covariance[np.ix_(fitted, fitted)] @ slope[:, here].T  # S C S^T
+            covariance = slope[:, in_model] @ known_covariance[np.ix_(in_problem, in_problem)] @ slope[:, in_model].T  # S C S^T
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
@@ -140,13 +140,13 @@ class Rivals:
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
             covariance += noise_to_come(p.noise_components, observed, forward.design, by_pressure).covariance  # R
             for effect in c.named:
-                done = mean - forward.predict(np.where(source == effect, 0.0, theta))
-                if np.isfinite(done).all():
-                    wrong = c.grid_point.form_error * known.law_error[effect] * done[:, None] * laws
-                    covariance += wrong @ wrong.T  # f^2 F F^T
+                contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
+                if np.isfinite(contribution).all():
+                    law_error = c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution[:, None] * laws
+                    covariance += law_error @ law_error.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
-            made.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
-        return tuple(made)
+            forecasts.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
+        return tuple(forecasts)
 
     @cached_property
     def _covariances(self) -> list[Array]:

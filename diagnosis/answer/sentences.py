@@ -108,13 +108,14 @@ def _sure(f: Facts) -> str:
 
 
 def _verdict(f: Facts) -> str:
+    """The conclusion: cause, candidates or none, with its probability; where it is outside the catalogue, which stage errs."""
     named = " and ".join(with_id(e, f.names) for e in f.decision.effects)
     if f.conclusion == "cause":
         return f"Cause: {named} ({_sure(f)}).{_second(f)}"
     if f.conclusion == "one of several":
-        by = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
+        experiment = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
         text = f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}."
-        return f"{text}{by}{_second(f)}{_relatives(f)}"
+        return f"{text}{experiment}{_second(f)}{_relatives(f)}"
     if f.conclusion == "none" and f.decision.too_small:
         leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
         return (
@@ -127,14 +128,14 @@ def _verdict(f: Facts) -> str:
         return f"{_by_calibration(f, 'No gap:')} nothing is above the noise floor ({_sure(f)})."
     if f.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if f.missing else ''}{'; '.join(f.missing)}."
-    where, found = "", stage(f.asking)
-    if found is not None:
-        other = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != found.stage), "")
-        where = (
-            f" An error in the {found.stage} that {f.words.fill(found.varies)} fits best (log evidence "
-            f"{found.gain:.1f}{other}); a cause of another stage may do the same to these states."
+    stage_clause, leading_error = "", stage(f.asking)
+    if leading_error is not None:
+        runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != leading_error.stage), "")
+        stage_clause = (
+            f" An error in the {leading_error.stage} that {f.words.fill(leading_error.varies)} fits best (log evidence "
+            f"{leading_error.gain:.1f}{runner_up}); a cause of another stage may do the same to these states."
         )
-    return f"The cause is not in the catalogue ({_sure(f)}).{where}{_relatives(f)}"
+    return f"The cause is not in the catalogue ({_sure(f)}).{stage_clause}{_relatives(f)}"
 
 
 def _second(f: Facts) -> str:
@@ -164,21 +165,22 @@ def _others(f: Facts) -> str:
 
 
 def _gap(f: Facts) -> str:
+    """How far the model misses the measurements, in mm rms, before and after calibration, and the noise floor."""
     what, digits = _what(f)
     model = "the model" if f.simulator is None else f.simulator.name
     floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
-    # beside a cause, the numbers are those of the robot with it
-    by = "" if f.fitted is not None else _factor(f)
+    # beside a cause, the area factor stated is that of the robot with it, see `_robot`
+    factor = "" if f.fitted is not None else _factor(f)
     if f.waterfall is None:
         missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        by = " and towards the rod" if f.simulator is not None else by
-        return f"Calibrated with one {f.words.area_factor}{by} {model} misses {what} by {missed}; {floor}."
+        factor = " and towards the rod" if f.simulator is not None else factor
+        return f"Calibrated with one {f.words.area_factor}{factor} {model} misses {what} by {missed}; {floor}."
     calibrated = f.waterfall.steps[0].left_mm
-    wrong = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
-    vain = f", no less: no {f.words.area_factor} makes up for what is wrong" if wrong else ""
+    no_better = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
+    remark = f", no less: no {f.words.area_factor} makes up for what is wrong" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
-        f"{f.words.area_factor}{by} by {calibrated:.{digits}f} mm on states that the fit did not see{vain}; {floor}."
+        f"{f.words.area_factor}{factor} by {calibrated:.{digits}f} mm on states that the fit did not see{remark}; {floor}."
     )
 
 
@@ -250,7 +252,7 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
     if c is None or abs(c.stiffness - 1) < judgement.CALIBRATION_STATED or not c.origins:
         return ""
-    each = [
+    possible = [
         f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
         f"(p = {stated(o.probability)})"
         for o in c.origins
@@ -262,7 +264,7 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     )
     return (
         "What calibration changed may stem from one wrong number (p: probability that it makes up most of the change): "
-        f"{', or '.join(each)}. To find out, {by_mass}hold a gauge against the {words.pressures}, and measure a section"
+        f"{', or '.join(possible)}. To find out, {by_mass}hold a gauge against the {words.pressures}, and measure a section"
     )
 
 
@@ -325,34 +327,34 @@ def against(
 
 def _simulator(f: Facts) -> str:
     """How the simulator in the rod's place differs from the rod, and how much of that the measurements do not show."""
-    own = f.simulator
-    if own is None:
+    simulator = f.simulator
+    if simulator is None:
         return ""
-    acts = _simulator_acts(f, own)
-    apart = f"{acts}{own.name} differs from the rod of robot.yaml by {own.differs_mm:.2f} mm rms"
-    beyond = f"and by {own.beyond_calibration_mm:.2f} mm after {f.words.an_area_factor} is fitted"
-    if own.beyond_calibration_mm < f.where.noise_floor_mm:
-        return f"{apart}, {beyond}: less than the noise floor."
+    acts = _simulator_acts(f, simulator)
+    difference = f"{acts}{simulator.name} differs from the rod of robot.yaml by {simulator.differs_mm:.2f} mm rms"
+    beyond = f"and by {simulator.beyond_calibration_mm:.2f} mm after {f.words.an_area_factor} is fitted"
+    if simulator.beyond_calibration_mm < f.where.noise_floor_mm:
+        return f"{difference}, {beyond}: less than the noise floor."
     step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
-    left = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
-    most = judgement.EXPLAINS
-    if step and own.share > most and step.mm > most * (step.mm + step.left_mm - f.where.noise_floor_mm):
-        left += f" The gap is in {own.name}."
-    return f"{apart}, {beyond}; the measurements do not show {own.not_measured_mm:.2f} mm of that (in-sample).{left}"
+    remark = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    explains = judgement.EXPLAINS
+    if step and simulator.share > explains and step.mm > explains * (step.mm + step.left_mm - f.where.noise_floor_mm):
+        remark += f" The gap is in {simulator.name}."
+    return f"{difference}, {beyond}; the measurements do not show {simulator.not_measured_mm:.2f} mm of that (in-sample).{remark}"
 
 
-def _simulator_acts(f: Facts, own: Simulator) -> str:
-    """As with which pressure the simulator acts, and where to look for the reason; empty where calibration closes little."""
+def _simulator_acts(f: Facts, s: Simulator) -> str:
+    """At how many times the pressure the simulator acts, and where to look for why; empty where calibration closes little."""
     c, w = f.calibration, f.waterfall
     if c is None or w is None or closed_by_calibration(f) is None:
         return ""
-    left = w.steps[0].left_mm
-    text = f"{_acts_as(f, own, c)}; that closes {w.given_mm - left:.1f} of {w.given_mm:.1f} mm."
-    if own.of_robot is None:
+    calibrated_mm = w.steps[0].left_mm
+    text = f"{_acts_as(f, s, c)}; that closes {w.given_mm - calibrated_mm:.1f} of {w.given_mm:.1f} mm."
+    if s.of_robot is None:
         return f"{text} "
-    of_rod, of_data = own.area_factor / own.of_robot, c.area_factor / own.of_robot
+    of_rod, of_data = s.area_factor / s.of_robot, c.area_factor / s.of_robot
     if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
-        text += f" The rod of robot.yaml does not: the gap is in {own.name}; check its {f.words.pressures}, areas and modulus."
+        text += f" The rod of robot.yaml does not: the gap is in {s.name}; check its {f.words.pressures}, areas and modulus."
     elif abs(of_rod - 1) < judgement.SAME_FACTOR:
         text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
     return f"{text} "
@@ -386,8 +388,8 @@ def _closing(f: Facts) -> str:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-        by = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
-        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{by}."
+        clause = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
     nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
     if not nearest or share is None:
         return ""
@@ -460,11 +462,11 @@ def disorder(ranking: Sequence[Ranked]) -> str:
 
     That a cause lies outside the catalogue has no evidence of its own.
     """
-    known = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
-    over = [(a, b) for a, b in combinations(known, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
-    if not over:
+    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
+    if not disordered:
         return ""
-    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in over):
+    if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):
         return (
             "Probability and evidence differ in order: a probability counts how often an effect moves the readings by more than "
             "the noise floor, over the fits of all hypotheses, in which the other effects are tolerances; log evidence is that "

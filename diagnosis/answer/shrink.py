@@ -122,14 +122,14 @@ def closed_with_interval(
     share = share_closed(rms(before), rms(after), floor)
     if share is None:
         return None, None
-    names, first, index = np.unique(trial, return_index=True, return_inverse=True)
+    names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
     if len(names) < 2:
         return share, None
-    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first])
+    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
     n = np.bincount(index)[drawn].sum(axis=1)
-    # m^2 above the floor in each draw, as in `share_closed`
-    reducible, left = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
-    shares = 1 - left[reducible > 0] / reducible[reducible > 0]
+    # m^2 above the floor in each draw, before and after, as in `share_closed`
+    reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
+    shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
     if not shares.size:
         return share, None
     low, high = np.quantile(shares, [0.025, 0.975])

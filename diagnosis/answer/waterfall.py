@@ -56,46 +56,46 @@ class UnseenStates:
             self._errors = HeldOutErrors(*self._held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
 
     def of(self, f: Attribution) -> Callable[[], Unseen]:
-        """Start all other refits; the function that is returned waits for them."""
+        """Start the refits that an answer needs: of its rivals and for its waterfall; the function returned waits for them."""
         p, held_out = self._p, self._held_out
         if held_out is None:
             return Unseen
         errors, leading = self._errors, [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
         others = [h for h in leading if h not in (NONE, f.best.named)]
-        more = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
+        refits = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
         step_by_step = waterfall(f, held_out, errors)
 
-        def found() -> Unseen:
-            known = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, more(), strict=True))}
-            rms_mm = {h: 1e3 * rms(known[h].distance) for h in leading}
+        def finish() -> Unseen:
+            errors_of = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, refits(), strict=True))}
+            rms_mm = {h: 1e3 * rms(errors_of[h].distance) for h in leading}
             return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step())
 
-        return found
+        return finish
 
 
 def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Callable[[], Waterfall]:
-    """Start the refits beside the `errors` that are known; the function that is returned waits for them.
+    """Start the refits that the section `waterfall` needs besides the held-out `errors`; the function returned waits for them.
 
     Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
     """
     p, named = f.prepared, f.decision.effects
     with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
-    known = bool(named) or f.best.named == NONE
+    tolerant_is_known = bool(named) or f.best.named == NONE
     smooth = [_smooth(p, with_tolerances, size) for size in SMOOTH_SIZES]
-    models = [*([] if known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
+    models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
-    def made() -> Waterfall:
+    def finish() -> Waterfall:
         in_order = (missed.distance for missed in refits())
-        tolerant = errors.after.distance if known else next(in_order)
+        tolerant = errors.after.distance if tolerant_is_known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function
-        helped = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
+        with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
         by_causes = {frozenset[str](): errors.before.distance}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
-        return _Steps(p, by_causes, tolerant, helped, _simulator_as_it_is(p)).waterfall(named, held_out.how, absorbed())
+        return _Steps(p, by_causes, tolerant, with_smooth, _simulator_as_it_is(p)).waterfall(named, held_out.how, absorbed())
 
-    return made
+    return finish
 
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
@@ -148,22 +148,22 @@ class _Steps:
         causes = [self._with(order[:k]) for k in range(len(order) + 1)]
         columns = [*(e for _, e in self._before), *causes, *(e for _, e in self._after)]
         draws = len(self._weights)
-        left = [*map(self._rms, columns), np.full(draws, self._p.noise_floor), np.zeros(draws)]
+        rms_after = [*map(self._rms, columns), np.full(draws, self._p.noise_floor), np.zeros(draws)]
         titles: list[tuple[StepName, str | None]] = [("calibration", None)]
         titles += [("simulator", None)] if len(self._before) > 1 else []
         titles += [("cause", e) for e in order]
         titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
         steps = []
-        for (name, effect), before, after in zip(titles, left[:-1], left[1:], strict=True):
-            taken = before - after
-            low, high = np.quantile(taken if effect is None else self._in_any_order(effect, named), [0.025, 0.975])
-            steps.append(Step(name, effect, *(1e3 * float(x) for x in (taken[0], low, high, after[0]))))
+        for (name, effect), before, after in zip(titles, rms_after[:-1], rms_after[1:], strict=True):
+            decrease = before - after
+            low, high = np.quantile(decrease if effect is None else self._in_any_order(effect, named), [0.025, 0.975])
+            steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, after[0]))))
         s = self._p.states
         by = {
             "spine_length": self._by(s.spine_length, SPINE_GAP, columns),
             "pressure": self._by(s.highest, s.pressure_gap, columns),
         }
-        return Waterfall(how, int(self._seen.sum()), 1e3 * float(left[0][0]), tuple(steps), by, absorbed)
+        return Waterfall(how, int(self._seen.sum()), 1e3 * float(rms_after[0][0]), tuple(steps), by, absorbed)
 
     def _rms(self, errors: Array) -> Array:
         """(draws,) m, the data as they are first."""
@@ -205,9 +205,9 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
     def absorbed() -> Absorbed:
         by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
         (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
-        one, *with_causes = (missed.distance for missed in errors())
-        seen = np.isfinite([one, per_length.distance, *with_causes]).all(axis=0)
-        of_causes = next((1e3 * rms(own[seen]) for own in with_causes), None)
-        return Absorbed(how, 1e3 * rms(one[seen]), 1e3 * rms(per_length.distance[seen]), of_causes)
+        one_factor, *with_causes = (missed.distance for missed in errors())
+        finite = np.isfinite([one_factor, per_length.distance, *with_causes]).all(axis=0)
+        of_causes = next((1e3 * rms(errors_m[finite]) for errors_m in with_causes), None)
+        return Absorbed(how, 1e3 * rms(one_factor[finite]), 1e3 * rms(per_length.distance[finite]), of_causes)
 
     return absorbed

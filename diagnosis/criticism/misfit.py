@@ -41,22 +41,21 @@ def misfit_diagnostics(
 ) -> MisfitDiagnostics:
     """All diagnostics around the best hypothesis.
 
-    `trial` (n,) numbers each measured value's trial; `excess_scatter` as in `NoiseComponents`; `answer` the hypothesis of what
-    is named.
+    `trial` (n,) number of each measured value's trial; `excess_scatter` as in `NoiseComponents`; `answer` the hypothesis named.
     """
 
-    def within(size: float) -> Gaussian:
+    def distribution(size: float) -> Gaussian:
         return Gaussian(best.linear(problem), best.prior(problem.parameters), size, best.grid_point.form_error)
 
-    predicted, numbers = within(max(best.grid_point.size, PREDICTIVE_DISCREPANCY)), np.unique(trial)
-    surprise, values = np.array([predicted.surprise(trial == t) for t in numbers]).T
-    probability = chdtrc(values, surprise)
+    predictive, trials = distribution(max(best.grid_point.size, PREDICTIVE_DISCREPANCY)), np.unique(trial)
+    surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
+    probability = chdtrc(value_count, surprise)
     worst = int(np.argmin(probability))
     return MisfitDiagnostics(
-        lack_of_fit=within(0.0).misfit_per_dof(),
+        lack_of_fit=distribution(0.0).misfit_per_dof(),
         excess_scatter=excess_scatter,
-        outlier_trial=int(numbers[worst]) if probability[worst] * len(numbers) < 1e-3 else None,
-        outlier_surprise=float(surprise[worst] / values[worst]),
+        outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
+        outlier_surprise=float(surprise[worst] / value_count[worst]),
         law_error_gain=_law_error_gain(answer) if answer.linear(problem).form_error.shape[1] else 0.0,
     )
 

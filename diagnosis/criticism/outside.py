@@ -54,12 +54,12 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
     """Relatives in the place of each effect of some candidates, and alone where they name none; the most probable first.
 
     `candidates` have the log evidence of their hypotheses and all derivatives. `reached` is the log evidence of all hypotheses:
-    what a linear problem or a fit gives one of them beyond what its search has reached is no merit of a relative. What is
-    promised is fitted, the most promising first, until the leading one is.
+    what a linear problem or a fit gives one of them beyond what its search has reached is no merit of a relative. Relatives are
+    weighed in linear problems first (`promised`); the most promising are fitted, until one that is fitted leads.
     """
     effects = len(p.problem.parameters.ids)
-    others = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
-    forward = _with_relatives(p, observable_effects(p.robot, p.forward.design, others))
+    further = {id: spec for id, spec in RELATIVES.items() if id not in p.forward.catalogue}
+    forward = _with_relatives(p, observable_effects(p.robot, p.forward.design, further))
     promised: dict[tuple[str, Hypothesis], tuple[float, Candidate]] = {}
 
     def above(beside: Hypothesis, log_evidence: float) -> float:
@@ -70,27 +70,27 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
         linear = c.linear(p.problem)
         offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
         one_less = [(tuple(e for e in c.named if e != one), c.fit.without_law(one).linear(p.problem)) for one in c.named]
-        for beside, around in one_less or [(c.named, linear)]:
-            extended, own = relatives.beside(around, p.problem.parameters)
-            alone, *weighed = weigh(extended, KNOWN, own, [beside, *((*beside, r) for r in relatives.ids)])
-            too_much = above(beside, alone.log_evidence + offset)
-            for r, w in zip(relatives.ids, weighed, strict=True):
-                z = w.log_evidence + offset - too_much
+        for beside, linear_there in one_less or [(c.named, linear)]:
+            extended, wider = relatives.beside(linear_there, p.problem.parameters)
+            alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in relatives.ids)])
+            excess = above(beside, alone.log_evidence + offset)
+            for r, w in zip(relatives.ids, with_relative, strict=True):
+                z = w.log_evidence + offset - excess
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
                     promised[r, beside] = z, c
 
     weight = partial(_log_weight, effects=effects)
-    found = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
+    unfitted = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
     best = max(log_weight(c.named, c.log_evidence, effects) for c in candidates)
-    least = best + math.log(LEAST_SHARE)
+    least_weight = best + math.log(LEAST_SHARE)
     fitted: list[Related] = []
-    while found and p.baseline is None and len(fitted) < MOST_FITTED and weight(found[0]) > least:
-        first = found.pop(0)
+    while unfitted and p.baseline is None and len(fitted) < MOST_FITTED and weight(unfitted[0]) > least_weight:
+        first = unfitted.pop(0)
         with_it, without = _fitted(p, first, promised[first.relative, first.beside][1])
         fitted.append(replace(first, log_evidence=with_it - above(first.beside, without)))
-        if found and weight(max(fitted, key=weight)) > weight(found[0]):
+        if unfitted and weight(max(fitted, key=weight)) > weight(unfitted[0]):
             break
-    return tuple(sorted((*fitted, *found), key=weight, reverse=True))
+    return tuple(sorted((*fitted, *unfitted), key=weight, reverse=True))
 
 
 def _log_weight(r: Related, effects: int) -> float:
@@ -110,25 +110,25 @@ def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> t
 
 def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
-    known = p.problem.parameters
+    of_problem = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
     infos = parameters(possible(forward, p.robot)).infos
-    at = {name: i for i, name in enumerate(known.names)}
-    old = np.array([at.get(i.name, -1) for i in infos])
-    own = FitParameters(
+    index = {name: i for i, name in enumerate(of_problem.names)}
+    place = np.array([index.get(i.name, -1) for i in infos])  # in the problem; -1: of the relative
+    wider = FitParameters(
         infos,
-        np.where(old < 0, [i.sd for i in infos], known.sd[old]),
-        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else known.least_of_each[j] for j in old.tolist()),
+        np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),
+        tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least_of_each[j] for j in place.tolist()),
     )
-    problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=own)
+    problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=wider)
     named = (*r.beside, r.relative)
-    theta = np.where(old < 0, 0.0, start.fit.theta[old])
-    theta[[i for i, e in enumerate(own.effects) if e in start.named and e not in named]] = 0.0
-    wide = own.prior(own.mask(named), judgement.FIT_TOLERATED_SIZE)
-    reached = fit(problem, wide, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    whole = reached.with_all_derivatives(problem).with_form_error(problem, named)
-    with_it, without = weigh(whole.linear(problem), KNOWN, own, [named, r.beside])
-    return with_it.log_evidence - reached.predicted_decrease, without.log_evidence
+    theta = np.where(place < 0, 0.0, start.fit.theta[place])
+    theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
+    prior = wider.prior(wider.mask(named), judgement.FIT_TOLERATED_SIZE)
+    best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
+    complete = best.with_all_derivatives(problem).with_form_error(problem, named)
+    with_it, without = weigh(complete.linear(problem), KNOWN, wider, [named, r.beside])
+    return with_it.log_evidence - best.predicted_decrease, without.log_evidence
 
 
 @dataclass(frozen=True)
@@ -195,11 +195,11 @@ def odds_outside(
     `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
     repeats, see `NoiseComponents`.
     """
-    free = math.exp(min(free_form / judgement.TEMPERATURE, judgement.LARGEST_ODDS))
-    unnamed = judgement.SAME_ODDS + judgement.FREE_FORM_ODDS * free
+    free_form_odds = math.exp(min(free_form / judgement.TEMPERATURE, judgement.LARGEST_ODDS))
+    unnamed = judgement.SAME_ODDS + judgement.FREE_FORM_ODDS * free_form_odds
     odds = unnamed * max(min(excess_scatter, judgement.LARGEST_EXCESS) / judgement.USUAL_EXCESS, 1.0)
     if not among:
         return odds
-    total = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
-    relatives = logsumexp([_log_weight(r, effects) for r in among])
-    return odds + judgement.RELATIVE_ODDS * math.exp(min(relatives - total, judgement.LARGEST_ODDS))
+    of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
+    of_relatives = logsumexp([_log_weight(r, effects) for r in among])
+    return odds + judgement.RELATIVE_ODDS * math.exp(min(of_relatives - of_catalogue, judgement.LARGEST_ODDS))

@@ -68,17 +68,17 @@ def stage_errors(
 ) -> tuple[StageError, ...]:
     """All stages with all dependences, largest gain first.
 
-    `g` the linear problem under the leading hypothesis, with derivatives by all effects; `stages` effect -> stage;
-    `functions` (n, m) of each value, from `smooth_functions`.
+    `g`: the linear problem under the leading hypothesis, with derivatives by all effects; `stages`: effect -> stage;
+    `functions`: dependence -> (n, m) functions at each value, from `smooth_functions`.
     """
     gains: dict[tuple[Stage, Dependence], list[float]] = {}
     for effect in parameters.ids:
         response = g.linear.effects[:, parameters.mask((effect,)) & parameters.sizes]
-        for dependence, each in functions.items():
-            columns = (response[:, :, None] * each[:, None, :]).reshape(len(response), -1)
+        for dependence, function in functions.items():
+            columns = (response[:, :, None] * function[:, None, :]).reshape(len(response), -1)
             gains.setdefault((stages[effect], dependence), []).append(_gain(g, columns))
-    found = [StageError(*what, _mean(own)) for what, own in gains.items()]
-    return tuple(sorted(found, key=lambda s: -s.gain))
+    errors = [StageError(*place, _mean(of_effects)) for place, of_effects in gains.items()]
+    return tuple(sorted(errors, key=lambda s: -s.gain))
 
 
 def _mean(gains: Sequence[float]) -> float:
@@ -113,11 +113,8 @@ def smooth_functions(
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
     at = settings(spine_length, pressure, branch, np.zeros(len(branch)), robot_length).place
-    place: dict[Dependence, Array] = {
-        "pressure": at[:, [1, 2]],
-        "spine length": at[:, [0]],
-        "pressure and spine length": at[:, [1, 2, 0]],
-    }
+    place: dict[Dependence, Array] = {"pressure": at[:, [1, 2]], "spine length": at[:, [0]]}
+    place["pressure and spine length"] = at[:, [1, 2, 0]]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME)[:, None]
     return {dependence: eigenfunctions(own) for dependence, own in place.items()}

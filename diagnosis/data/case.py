@@ -44,23 +44,23 @@ class Case:
 def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
-    table, row = case.table, np.arange(len(case.table))
-    of_robot, of_trials = row[table.with_tip], row[pushes.complete(table)]
-    if not of_robot.size and not of_trials.size:
+    table, rows = case.table, np.arange(len(case.table))
+    of_robot, of_pushes = rows[table.with_tip], rows[pushes.complete(table)]
+    if not of_robot.size and not of_pushes.size:
         raise BadCase(
             f"none of the {len(table)} rows has a tip position, or force and deflection of a stiffness trial: "
             "record a bending, elongation or stiffness run"
         )
-    usable, usable_pushes = of_robot[finite(table)[of_robot]], of_trials[np.isfinite(table.spine_length[of_trials])]
-    every, good = len(of_robot) + len(of_trials), len(usable) + len(usable_pushes)
+    usable, usable_pushes = of_robot[finite(table)[of_robot]], of_pushes[np.isfinite(table.spine_length[of_pushes])]
+    every, good = len(of_robot) + len(of_pushes), len(usable) + len(usable_pushes)
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
     concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
     plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
     pushes.require_plausible(robot, table.take(usable_pushes))
-    arrays = campaign_of(table, usable, usable_pushes)
-    concerns += _concerns(arrays, robot) if len(usable) else ()
-    return arrays, (*concerns, *pushes.concerns(arrays, bool(len(usable)), robot.actuators.words))
+    campaign = campaign_of(table, usable, usable_pushes)
+    concerns += _concerns(campaign, robot) if len(usable) else ()
+    return campaign, (*concerns, *pushes.concerns(campaign, bool(len(usable)), robot.actuators.words))
 
 
 def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
@@ -103,11 +103,11 @@ def _kinds(s: Campaign) -> Ints:
     trials = s.trials
     while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
-    for t in np.unique(s.trial):
+    for trial in np.unique(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
-        own = s.trial == t
-        inflated[own] = _sweeps(inflated[own], s.highest[own], s.pressure_gap)
-        ramp[own] = rate[own].max() if while_ramping[own].any() else 0.0
+        in_trial = s.trial == trial
+        inflated[in_trial] = _sweeps(inflated[in_trial], s.highest[in_trial], s.pressure_gap)
+        ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
     return by_frequency(
         np.unique(trials.get("protocol"), return_inverse=True)[1],
         distinct(inflated),

@@ -79,20 +79,20 @@ class NoiseComponents:
 
 
 def reading_rms(data: Repeated, channels: Mask) -> float:
-    """Root mean square distance of a single reading from the average of its condition, over the channels marked (c,), summed in
-    squares: the noise floor of the tip when these are x, y, z. What drifts is no part of it, unless there are too few differences
-    to tell. NaN when nothing was repeated."""
+    """Root mean square distance of a single reading from the average of its condition, squares summed over `channels` (c,): the
+    noise floor of the tip when these are x, y, z. Drift is fitted and taken off, unless there are too few differences for that.
+    NaN when nothing was repeated."""
     contrast = contrasts(data.condition)
     if not len(contrast):
         return float("nan")
-    apart = contrast @ data.residual[:, channels]
-    drift = np.einsum("kn,ncd->kcd", contrast, data.drift[:, channels]).reshape(apart.size, -1)
+    differences = contrast @ data.residual[:, channels]
+    drift = np.einsum("kn,ncd->kcd", contrast, data.drift[:, channels]).reshape(differences.size, -1)
     drift /= np.maximum(np.linalg.norm(drift, axis=0), 1e-300)
-    regular, _, rank, _ = np.linalg.lstsq(drift, apart.ravel(), rcond=1e-9)
-    if rank > apart.size / 2:
-        regular, rank = 0.0 * regular, 0
-    left = apart.ravel() - drift @ regular
-    return float(np.sqrt(apart.shape[1] * (left @ left) / (apart.size - rank)))
+    coefficients, _, rank, _ = np.linalg.lstsq(drift, differences.ravel(), rcond=1e-9)
+    if rank > differences.size / 2:
+        coefficients, rank = 0.0 * coefficients, 0
+    remainder = differences.ravel() - drift @ coefficients
+    return float(np.sqrt(differences.shape[1] * (remainder @ remainder) / (differences.size - rank)))
 
 
 def contrasts(condition: Ints) -> Array:

@@ -68,6 +68,7 @@ class Loss:
     """
 
     def __init__(self, data: Repeated, contrast: Array, default: NoiseComponents) -> None:
+        """`contrast` (k, n): see `contrasts`; `default`: centres of the priors."""
         self._kinds, self._names = list(default.channel), list(data.scatter)
         g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
         self.sds = count
@@ -111,12 +112,12 @@ class Loss:
         has its own B and its own columns of U.
 
         `inner` is K, `pulled` U^T B^-1 v, `weight` K^-1 of that, `remainders` a = C^-1 v; `along` U^T a, `spread` the diagonal of
-        U^T C^-1 U; `moved` (dC a) of each parameter, whose products are the average information.
+        U^T C^-1 U; `changes` (dC a) of each parameter, whose products are the average information.
         """
-        found, g = self.components(x), len(self._kinds)
-        scale = np.array([*found.trial.values(), 1.0])[self._of]
+        noise, g = self.components(x), len(self._kinds)
+        scale = np.array([*noise.trial.values(), 1.0])[self._of]
         columns = [p.columns * scale[p.at] for p in self._parts]
-        solved = [p.solved(found, u) for p, u in zip(self._parts, columns, strict=True)]
+        solved = [p.solved(noise, u) for p, u in zip(self._parts, columns, strict=True)]
         inner, pulled = np.eye(len(scale)), np.zeros(len(scale))
         for p, u, s in zip(self._parts, columns, solved, strict=True):
             inner[np.ix_(p.at, p.at)] += u.T @ s.columns
@@ -126,35 +127,35 @@ class Loss:
         weight = cho_solve(factor, pulled)
         total += 0.5 * (sum(float(p.value @ s.value) for p, s in zip(self._parts, solved, strict=True)) - float(pulled @ weight))
         inverse = cho_solve(factor, np.eye(len(scale)))
-        by = np.zeros(len(x))
+        gradient = np.zeros(len(x))
         along, spread = np.zeros(len(scale)), np.zeros(len(scale))
         remainders = [s.value - s.columns @ weight[p.at] for p, s in zip(self._parts, solved, strict=True)]
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
             w = s.columns @ inverse[np.ix_(p.at, p.at)]
-            # C^-1 of the part is its B^-1 less these columns times those.
-            gradient = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), found)
-            np.add.at(by, self._member, gradient.sd)
-            np.add.at(by, self.sds + self._member, gradient.share)
-            by[[g, g + 1, self.sds + g, -1]] += gradient.others
+            # C^-1 of the part is its B^-1 less the first of these columns times the second, transposed
+            of_part = p.gradient(s, np.column_stack([w, a]), np.column_stack([s.columns, a]), noise)
+            np.add.at(gradient, self._member, of_part.sd)
+            np.add.at(gradient, self.sds + self._member, of_part.share)
+            gradient[[g, g + 1, self.sds + g, -1]] += of_part.others
             along[p.at] += u.T @ a
             spread[p.at] += np.einsum("nu,nu->u", u, w)
         for j in range(len(self._names)):
-            own = self._named[j]
-            by[g + 2 + j] = spread[own].sum() - (along[own] ** 2).sum()
+            of_component = self._named[j]
+            gradient[g + 2 + j] = spread[of_component].sum() - (along[of_component] ** 2).sum()
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
-            moved = self._moved(p.moved(a, found), u, np.where(self._named[:, p.at], along[p.at], 0.0))
-            information += moved.T @ s.solve(moved)
-            shared[p.at] += s.columns.T @ moved
+            changes = self._changes(p.changes(a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))
+            information += changes.T @ s.solve(changes)
+            shared[p.at] += s.columns.T @ changes
         information -= shared.T @ cho_solve(factor, shared)
         prior = 1 / self._prior_sd**2
-        return Point(total + 0.5 * float(x**2 @ prior), by + prior * x, 0.5 * information + np.diag(prior))
+        return Point(total + 0.5 * float(x**2 @ prior), gradient + prior * x, 0.5 * information + np.diag(prior))
 
-    def _moved(self, of: _ByParameter, columns: Array, along: Array) -> Array:
+    def _changes(self, of: _ByParameter, columns: Array, along: Array) -> Array:
         """(k c, x) products (dC/dx) a of one part, for each parameter x.
 
-        `of` holds those with B. A component of the trials with standard deviation s adds U U^T ~ s^2 to C, U its `columns`
-        (k c, u); x = ln s, and the product is 2 U (U^T a). `along` (components, u) is U^T a, 0 for columns of others.
+        `of` holds those with dB/dx in place of dC/dx. A component of the trials with standard deviation s adds U U^T ~ s^2 to C,
+        U its `columns` (k c, u); x = ln s, the product is 2 U (U^T a). `along` (components, u): U^T a, 0 in columns of others.
         """
         g, (k, c) = len(self._kinds), of.others.shape[:2]
         out = np.zeros((k, c, len(self.centre)))
@@ -162,9 +163,9 @@ class Loss:
         out[:, channel, self._member] = of.sd
         out[:, channel, self.sds + self._member] = of.share
         out[..., [g, g + 1, self.sds + g, -1]] = of.others
-        moved = out.reshape(k * c, -1)
-        moved[:, g + 2 : self.sds] = 2 * columns @ along.T
-        return moved
+        changes = out.reshape(k * c, -1)
+        changes[:, g + 2 : self.sds] = 2 * columns @ along.T
+        return changes
 
 
 @dataclass(frozen=True)
@@ -196,6 +197,7 @@ class _Part:
     """k contrasts (k, n) whose errors go together, in c channels, and which of the columns (k c, u) are theirs."""
 
     def __init__(self, data: Repeated, contrast: Array, columns: Array) -> None:
+        """`at` are those of the columns that are not zero here, `value` (k c,) the contrasts of the residuals."""
         self.at = np.flatnonzero(columns.any(axis=0))
         self.columns = columns[:, self.at]
         used = np.flatnonzero(np.abs(contrast).max(axis=0) > 0)
@@ -221,29 +223,29 @@ class _Part:
             self._kept = (memory, a @ kept @ a.T, a @ grown @ a.T)
         return self._kept[1], self._kept[2]
 
-    def solved(self, found: NoiseComponents, columns: Array) -> _Solved:
-        """The covariance B solved."""
-        lasting, _ = self._lasting(found.memory)
-        (c, k, r), q, quiet = self._response.shape, found.lasting.get(PRESSURE, 0.0), self._quiet(found)
-        shares = {kind: found.lasting.get(kind, 0.0) for kind in self._kinds}
-        by_kind = {k: _inverse(found.channel[k] ** 2 * (s * lasting + (1 - s) * np.diag(quiet))) for k, s in shares.items()}
+    def solved(self, noise: NoiseComponents, columns: Array) -> _Solved:
+        """B^-1 (see the top of the file) of the contrasts and of columns (k c, u), and half the log determinant of B."""
+        lasting, _ = self._lasting(noise.memory)
+        (c, k, r), share, white = self._response.shape, noise.lasting.get(PRESSURE, 0.0), self._white(noise)
+        shares = {kind: noise.lasting.get(kind, 0.0) for kind in self._kinds}
+        by_kind = {k: _inverse(noise.channel[k] ** 2 * (s * lasting + (1 - s) * np.diag(white))) for k, s in shares.items()}
         apart = np.array([by_kind[kind][0] for kind in self._kinds])
-        # Two axes for R: k and r are put side by side as k r.
+        # D^-1 R of each channel, (c, k, k r): contrasts and regulators as one axis
         spread = (apart[..., None] * self._response[:, None]).reshape(c, k, k * r)
-        factor = np.kron(np.linalg.cholesky(found.pressure**2 * ((1 - q) * np.eye(k) + q * lasting)), np.eye(r))
+        factor = np.kron(np.linalg.cholesky(noise.pressure**2 * ((1 - share) * np.eye(k) + share * lasting)), np.eye(r))
         together = self._gathered(spread)
         inner, log_det = _inverse(np.eye(k * r) + factor.T @ together @ factor)
-        kept = factor @ inner @ factor.T
+        middle = factor @ inner @ factor.T  # K
 
         def solve(values: Array) -> Array:
-            found = apart @ values.reshape(k, c, -1).swapaxes(0, 1)
-            found -= spread @ (kept @ self._gathered(found))
-            return found.swapaxes(0, 1).reshape(k * c, -1)
+            solution = apart @ values.reshape(k, c, -1).swapaxes(0, 1)
+            solution -= spread @ (middle @ self._gathered(solution))
+            return solution.swapaxes(0, 1).reshape(k * c, -1)
 
         solved = solve(np.column_stack([self.value, columns]))
-        shared = (together - together @ kept @ together).reshape(k, r, k, r)
+        shared = (together - together @ middle @ together).reshape(k, r, k, r)
         return _Solved(
-            solve, apart - (spread @ kept) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
+            solve, apart - (spread @ middle) @ spread.swapaxes(1, 2), np.einsum("krlr->kl", shared), solved[:, 0], solved[:, 1:],
             sum(by_kind[kind][1] for kind in self._kinds) + log_det,
         )  # fmt: skip
 
@@ -251,58 +253,54 @@ class _Part:
         """(k r, u) R^T of values (c, k, u)."""
         return np.asarray(np.einsum("ckr,cku->kru", self._response, values).reshape(-1, values.shape[2]))
 
-    def _quiet(self, found: NoiseComponents) -> Array:
+    def _white(self, noise: NoiseComponents) -> Array:
         """(k,) white variance, as a factor on that of states read while ramping."""
-        return np.asarray(1 + (found.rest**2 - 1) * self._resting)
+        return np.asarray(1 + (noise.rest**2 - 1) * self._resting)
 
-    def gradient(self, solved: _Solved, left: Array, right: Array, found: NoiseComponents) -> _ByParameter:
-        """sum(half * dB) with half = (B^-1 - left right^T) / 2, of columns (k c, u)."""
-        lasting, grown = self._lasting(found.memory)
-        (c, k, r), quiet = self._response.shape, self._quiet(found)
+    def gradient(self, solved: _Solved, left: Array, right: Array, noise: NoiseComponents) -> _ByParameter:
+        """tr((B^-1 - left right^T) dB) / 2 for each parameter; `left` and `right` are columns (k c, u)."""
+        lasting, grown = self._lasting(noise.memory)
+        (c, k, r), white = self._response.shape, self._white(noise)
         left, right = (x.reshape(k, c, -1).swapaxes(0, 1) for x in (left, right))
-        own = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
-        diagonal = np.einsum("ckk->ck", own)
+        half = 0.5 * (solved.own - left @ right.swapaxes(1, 2))
+        diagonal = np.einsum("ckk->ck", half)
         by_left, by_right = (self._gathered(x).reshape(k, r, -1) for x in (left, right))
         shared = 0.5 * (solved.shared - np.einsum("kru,lru->kl", by_left, by_right, optimize=True))
-        by_channel = (
-            (own * lasting).sum(axis=(1, 2)),
-            diagonal @ quiet,
-            (own * grown).sum(axis=(1, 2)),
-            diagonal @ self._resting,
-        )
+        by_lasting, by_growth = ((half * own).sum(axis=(1, 2)) for own in (lasting, grown))
+        by_channel = by_lasting, diagonal @ white, by_growth, diagonal @ self._resting
         by_regulators = np.trace(shared), (shared * lasting).sum(), (shared * grown).sum()
-        return self._by_parameter(by_channel, by_regulators, found, lambda of_channels: of_channels.sum())
+        return self._by_parameter(by_channel, by_regulators, noise, lambda of_channels: of_channels.sum())
 
-    def moved(self, values: Array, found: NoiseComponents) -> _ByParameter:
+    def changes(self, values: Array, noise: NoiseComponents) -> _ByParameter:
         """dB of each parameter, applied to values (k c,)."""
-        lasting, grown = self._lasting(found.memory)
+        lasting, grown = self._lasting(noise.memory)
         c, k, r = self._response.shape
-        own = values.reshape(k, c)
-        at_once = self._gathered(own.T[..., None]).reshape(k, r)
+        a = values.reshape(k, c)
+        at_once = self._gathered(a.T[..., None]).reshape(k, r)
 
         def spread(of_regulators: Array) -> Array:
             return np.asarray(np.einsum("ckr,kr->kc", self._response, of_regulators))
 
-        by_channel = lasting @ own, self._quiet(found)[:, None] * own, grown @ own, self._resting[:, None] * own
+        by_channel = lasting @ a, self._white(noise)[:, None] * a, grown @ a, self._resting[:, None] * a
         by_regulators = spread(at_once), spread(lasting @ at_once), spread(grown @ at_once)
-        return self._by_parameter(by_channel, by_regulators, found, lambda of_channels: of_channels)
+        return self._by_parameter(by_channel, by_regulators, noise, lambda of_channels: of_channels)
 
     def _by_parameter(
         self, by_channel: tuple[Array, Array, Array, Array], by_regulators: tuple[Array, Array, Array],
-        found: NoiseComponents, together: Callable[[Array], Array],
+        noise: NoiseComponents, together: Callable[[Array], Array],
     ) -> _ByParameter:  # fmt: skip
-        """The chain rule through B, from what its derivatives are made of: of each channel (.., c) by what lasts, what does not,
-        the lasting's growth with the memory and states at rest; of the regulators (..) by what does not last, what does, and
-        its growth. `together`: of all channels, for what they share."""
+        """Derivatives by the parameters, by the chain rule through the parts of B: of each channel (.., c) the covariance of what
+        lasts, of what does not, the first's growth with the memory, and the white noise of states at rest; of the regulators
+        (..) what does not last, what lasts, and its growth with the memory. `together`: sums over channels what they share."""
         slow, white, longer, resting = by_channel
         at_once, kept, grown = by_regulators
-        var, share = np.array([(found.channel[kind] ** 2, found.lasting.get(kind, 0.0)) for kind in self._kinds]).T
-        of_pressure, q = found.pressure**2, found.lasting.get(PRESSURE, 0.0)
+        var, share = np.array([(noise.channel[kind] ** 2, noise.lasting.get(kind, 0.0)) for kind in self._kinds]).T
+        of_pressure, pressure_share = noise.pressure**2, noise.lasting.get(PRESSURE, 0.0)
         others = (
-            2 * of_pressure * ((1 - q) * at_once + q * kept),
-            2 * found.rest**2 * together(var * (1 - share) * resting),
-            of_pressure * q * (1 - q) * (kept - at_once),
-            together(var * share * longer) + of_pressure * q * grown,
+            2 * of_pressure * ((1 - pressure_share) * at_once + pressure_share * kept),
+            2 * noise.rest**2 * together(var * (1 - share) * resting),
+            of_pressure * pressure_share * (1 - pressure_share) * (kept - at_once),
+            together(var * share * longer) + of_pressure * pressure_share * grown,
         )
         return _ByParameter(
             2 * var * (share * slow + (1 - share) * white), var * share * (1 - share) * (slow - white), np.stack(others, -1)

@@ -67,8 +67,8 @@ def _counts(robot: Robot, tips: Table) -> str:
 def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     """A message about tips too far from the base, empty where none is; and the states in m, none where their unit is unknown."""
     distance = np.linalg.norm(tips.tip, axis=1)
-    tracked = float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
-    far = distance > FARTHEST * robot.length + tracked
+    marker_off = float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
+    far = distance > FARTHEST * robot.length + marker_off
     if not far.any():
         return "", tips
     worst = int(np.argmax(distance))

@@ -36,22 +36,22 @@ def cantilevers(robot: Robot, given: Table) -> Array:
     return np.where(_of_body(given), robot.length, given.spine_length)
 
 
-def require_plausible(robot: Robot, given: Table) -> None:
+def require_plausible(robot: Robot, pushes: Table) -> None:
     """Raises `BadCase` for states that no stiffness trial of this robot gives."""
-    long, deflection = cantilevers(robot, given), given.get("deflection")
-    if robot.spine is None and (of_spine := np.flatnonzero(~_of_body(given))).size:
+    length, deflection = cantilevers(robot, pushes), pushes.get("deflection")
+    if robot.spine is None and (of_spine := np.flatnonzero(~_of_body(pushes))).size:
         raise BadCase(
-            f"{given.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
+            f"{pushes.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
             "moduli to robot.yaml"
         )
-    for i in np.flatnonzero(long < SHORTEST)[:1].tolist():
+    for i in np.flatnonzero(length < SHORTEST)[:1].tolist():
         raise BadCase(
-            f"{given.place(i)}: a stiffness trial of a spine of {long[i]:g} m: check spine_length (m), or write specimen body"
+            f"{pushes.place(i)}: a stiffness trial of a spine of {length[i]:g} m: check spine_length (m), or write specimen body"
         )
-    for i in np.flatnonzero(np.abs(deflection) > FARTHEST * long)[:1].tolist():
-        looks = "looks like mm; deflections are in m: divide by 1000" if abs(deflection[i]) > long[i] else "check the unit (m)"
+    for i in np.flatnonzero(np.abs(deflection) > FARTHEST * length)[:1].tolist():
+        looks = "looks like mm; deflections are in m: divide by 1000" if abs(deflection[i]) > length[i] else "check the unit (m)"
         raise BadCase(
-            f"{given.place(i)}: deflection {deflection[i]:g} m of a cantilever of {long[i]:g} m; beam theory holds up to "
+            f"{pushes.place(i)}: deflection {deflection[i]:g} m of a cantilever of {length[i]:g} m; beam theory holds up to "
             f"{FARTHEST:g} of its length: {looks}, or leave the row out"
         )
 

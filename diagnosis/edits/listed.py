@@ -181,7 +181,9 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
-            yield Edit("frame", 0.006, partial(axes_say, axes), partial(_axes, axes))
+            sign = np.array([1.0, 1.0, handed])
+            quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
+            yield Edit("frame", 0.006, partial(axes_say, axes), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
     for factor, unit in LENGTHS.items():
@@ -202,11 +204,9 @@ def _unit_says(factor: float, unit: str, robot: Robot, theta: Array, own: Array,
     return [finding("places_in_unit", unit=unit, factor=factor, short="unit of the positions", p=p, rather=rather)]
 
 
-def _axes(axes: Array, v: Variants, own: Array) -> Variants:
-    """Places along other axes of the file; `axes` (3, 3) from the file's to the base's."""
-    sign = np.array([1.0, 1.0, np.round(np.linalg.det(axes))])
-    turn = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
-    return v.turned(np.broadcast_to(turn, (len(own), 4)), sign)
+def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
+    """Places along other axes of the file, which are turned and mirrored to be the base's."""
+    return v.turned(np.broadcast_to(quaternion, (len(own), 4)), sign)
 
 
 def axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import groupby
 
 import numpy as np
 
@@ -116,21 +117,7 @@ class Sample:
         sample = cls(robot, states.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
         if not isinstance(robot.area_factor, dict):
             return sample
-        area = float(np.mean(robot.area_factor_at(states.spine_length[kept])))
-        other = replace(sample, robot=robot.with_area_factor(area))
-        softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
-        axes = np.eye(len(CALIBRATION))
-        starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
-        for some in (starts[:1], starts):
-            left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3, alone=True)) for s in (sample, other))
-            if min(left, of_one) < judgement.EDIT_LOSS_SCALE * robot.length:
-                return other if of_one < ONE_AREA * left else sample
-        return sample if left < ONE_AREA * of_one else other
-
-    @cached_property
-    def first(self) -> list[Fit]:
-        """The robot as described, from each of `AREAS` almost to the end, for a first comparison."""
-        return self.fitted([((), np.eye(len(CALIBRATION))[AREA] * area) for area in AREAS], 3, alone=True)
+        return _with_areas(sample, float(np.mean(robot.area_factor_at(states.spine_length[kept]))))
 
     @property
     def ambient(self) -> float:
@@ -187,9 +174,11 @@ class Sample:
         """With calibrations and edits of parameters (v, 8 + own), one hypothesis after the other."""
         theta = np.concatenate([x[:, : len(CALIBRATION)] for _, x in hypotheses])
         made, at, out = self.described.repeated(len(theta)).calibrated(theta), 0, []
-        for edits, x in hypotheses:
+        for _, alike in groupby(hypotheses, key=lambda hypothesis: id(hypothesis[0])):  # the same edits from several starts
+            every, parameters = zip(*alike, strict=True)
+            x = np.concatenate(parameters)
             one, at, own = made.take(slice(at, at + len(x))), at + len(x), len(CALIBRATION)
-            for edit in edits:
+            for edit in every[0]:
                 one, own = edit.apply(one, x[:, own : own + len(edit.bounds)]), own + len(edit.bounds)
             out.append(one)
         return Variants.stacked(out)
@@ -236,11 +225,12 @@ class Sample:
         missed = np.concatenate(parts, axis=1)[:, self._measured]
         return np.where(np.isfinite(missed), missed, self.robot.length)
 
-    def rms(self, missed: Array) -> float:
-        """m, s sqrt(mean rho(d^2 / s^2)): the rms of distances d that are small, while large ones count less."""
+    def rms(self, missed: Array) -> Array:
+        """(..) m, s sqrt(mean rho(d^2 / s^2)): the rms of distances d (.., n, 3) that are small, while large ones count less."""
         scale = judgement.EDIT_LOSS_SCALE * self.robot.length
-        squared = (missed**2).sum(axis=1) / scale**2
-        return scale * float(np.sqrt(np.mean(2 * (np.sqrt(1 + squared) - 1)))) if len(missed) else 0.0
+        squared = (missed**2).sum(axis=-1) / scale**2
+        rho = 2 * (np.sqrt(1 + squared) - 1)
+        return np.asarray(scale * np.sqrt(rho.mean(axis=-1) if rho.shape[-1] else rho.sum(axis=-1)))
 
     @cached_property
     def _repeated(self) -> Array:
@@ -248,28 +238,31 @@ class Sample:
         count = np.bincount(self._place_condition)[self._place_condition]
         return np.where(count > 1, np.sqrt(count / np.maximum(count - 1, 1)), 0.0)
 
-    def between_and_within(self, missed: Array) -> tuple[float, float]:
-        """m, rms of the means of places' conditions, and of repeats about these."""
-        condition, places = self._place_condition, missed[self.places]
-        mean = np.stack([np.bincount(condition, axis) for axis in places.T], axis=1) / np.bincount(condition)[:, None]
-        lost = (places == self.robot.length).all(axis=1, keepdims=True)  # no equilibrium is none that repeats
-        deviation = np.where(lost, places, (places - mean[condition]) * self._repeated[:, None])
-        return self.rms(mean), self.rms(deviation[self._repeated > 0])
+    def between_and_within(self, missed: Array) -> tuple[Array, Array]:
+        """(..) m, rms of the means of places' conditions, and of repeats about these, of misses (.., readings, 3)."""
+        condition, places = self._place_condition, missed.compress(self.places, axis=-2)
+        fits, count = places.reshape(-1, len(condition), 3), np.bincount(condition)
+        each = (np.arange(len(fits))[:, None] * len(count) + condition).ravel()
+        sums = [np.bincount(each, axis.ravel(), len(fits) * len(count)) for axis in np.moveaxis(fits, 2, 0)]
+        mean = (np.stack(sums, axis=1).reshape(*places.shape[:-2], len(count), 3)) / count[:, None]
+        lost = (places == self.robot.length).all(axis=-1, keepdims=True)  # no equilibrium is none that repeats
+        deviation = np.where(lost, places, (places - mean[..., condition, :]) * self._repeated[:, None])
+        return self.rms(mean), self.rms(deviation.compress(self._repeated > 0, axis=-2))
 
-    def turn(self, missed: Array) -> float:
-        """rad, robust rms of attitudes."""
+    def turn(self, missed: Array) -> Array:
+        """(..) rad, robust rms of attitudes."""
         per_metre = judgement.EDIT_LOSS_TURN / judgement.EDIT_LOSS_SCALE / self.robot.length
-        return self.rms(missed[~self.places]) * per_metre
+        return self.rms(missed.compress(~self.places, axis=-2)) * per_metre
 
-    def log_evidence(self, missed: Array, parameters: int) -> float:
-        """As stated above, without the prior."""
+    def log_evidence(self, missed: Array, parameters: Ints) -> Array:
+        """(v,) as stated above, without the prior, of misses (v, readings, 3) with numbers of parameters (v,)."""
         between, within = self.between_and_within(missed)
         count = len(np.unique(self.condition))
         conditions, repeats = min(count, judgement.EDIT_CONDITIONS), min(len(self.condition) - count, judgement.EDIT_REPEATS)
         model, noise = judgement.EDIT_MODEL_ERROR * self.robot.length, judgement.EDIT_NOISE * self.robot.length
         cost = conditions * np.log(np.hypot(between, model)) + repeats * np.log(np.hypot(within, noise))
         cost += min(count, judgement.EDIT_ATTITUDES) * np.log(np.hypot(self.turn(missed), judgement.EDIT_TURN_ERROR))
-        return float(-cost - parameters / 2 * np.log(conditions + repeats))
+        return np.asarray(-cost - parameters / 2 * np.log(conditions + repeats))
 
     def fitted(self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False) -> list[Fit]:
         """Fits of edits from starts (8 + own,), after this many steps of Gauss and Newton within the bounds, readings far off
@@ -285,7 +278,8 @@ class Sample:
             active = [p for p, x, missed in zip(active, tried, there, strict=True) if p.gains(x, missed)]
             if not active:
                 break
-        return [p.fit(self) for p in problems]
+        evidence = self.log_evidence(np.stack([p.missed for p in problems]), np.array([p.parameters for p in problems]))
+        return [Fit(p.edits, p.x, p.missed, p.log_prior + e) for p, e in zip(problems, evidence.tolist(), strict=True)]
 
     def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[tuple[Array, ...]]:
         """Where fits of edits may begin: with the calibration of `near`, a fit of all but the last, or as described."""
@@ -310,6 +304,27 @@ def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
     if here is not None:
         found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
     return found
+
+
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
+def as_described(sample: Sample) -> list[Fit]:
+    """Fits without an edit from each of `AREAS`, almost to the end, for a first comparison."""
+    return sample.fitted([((), np.eye(len(CALIBRATION))[AREA] * area) for area in AREAS], 3, alone=True)
+
+
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
+def _with_areas(sample: Sample, area: float) -> Sample:
+    """The sample with the area factors of its spine lengths, or with this one for all where that is nearer."""
+    robot = sample.robot
+    other = replace(sample, robot=robot.with_area_factor(area))
+    softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
+    axes = np.eye(len(CALIBRATION))
+    starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
+    for some in (starts[:1], starts):
+        left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3, alone=True)) for s in (sample, other))
+        if min(left, of_one) < judgement.EDIT_LOSS_SCALE * robot.length:
+            return other if of_one < ONE_AREA * left else sample
+    return sample if left < ONE_AREA * of_one else other
 
 
 @dataclass
@@ -339,7 +354,8 @@ class _Problem:
         low = np.concatenate([-bound, [b for b, _ in bounds]])
         high = np.concatenate([bound, [b for _, b in bounds]])
         free = np.ones(len(low), bool)
-        free[[*COSTLY]] = [not alone or any(k in edit.widens for edit in edits) for k in COSTLY]
+        free[[*COSTLY]] = not alone
+        free[[number for edit in edits for number in edit.widens]] = True
         margin = 0.005 * (high - low)
         unit = judgement.EDIT_LOSS_SCALE * sample.robot.length
         return cls(edits, np.clip(x, low + margin, high - margin), low, high, sd, np.flatnonzero(free), unit)
@@ -385,20 +401,24 @@ class _Problem:
             self.x, self.missed = tried[best], missed[best]
         return bool(costs[best] < (1 - CONVERGED) * before)
 
-    def fit(self, sample: Sample) -> Fit:
-        """Where it stands."""
-        count = sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
-        prior = sum(float(np.log(edit.prior)) for edit in self.edits)
-        return Fit(self.edits, self.x, self.missed, prior + sample.log_evidence(self.missed, count))
+    @property
+    def parameters(self) -> int:
+        """How many count in the evidence."""
+        return sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
+
+    @property
+    def log_prior(self) -> float:
+        """Of its edits."""
+        return sum(float(np.log(edit.prior)) for edit in self.edits)
 
 
 def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:
     """(k,) x of the least x' A x / 2 - b' x within bounds around 0: what leaves them is set to them, one after the other."""
     x, inside = np.zeros(len(slope)), np.ones(len(slope), bool)
-    ridge = 1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope))
+    regular = curvature + (1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope)))
     while inside.any():
         rest = slope[inside] - curvature[np.ix_(inside, ~inside)] @ x[~inside]
-        x[inside] = np.linalg.solve((curvature + ridge)[np.ix_(inside, inside)], rest)
+        x[inside] = np.linalg.solve(regular[np.ix_(inside, inside)], rest)
         beyond: Mask = inside & ((x < low) | (x > high))
         if not beyond.any():
             break

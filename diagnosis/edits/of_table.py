@@ -52,7 +52,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
             kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
-            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, rest, whole))
+            turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
+            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, rest, turn))
 
 
 def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
@@ -98,18 +99,17 @@ def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames:
     return frames[int(np.argmax(like + plainest))]
 
 
-def _about_rest(axes: Array, bodies: Sequence[int], rest: Mask, with_attitude: bool, v: Variants, own: Array) -> Variants:
-    """Places of some bodies, and perhaps attitudes, along other axes of the file about where they rest."""
+def _about_rest(axes: Array, bodies: Sequence[int], rest: Mask, turn: Array | None, v: Variants, own: Array) -> Variants:
+    """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
     tip, markers, orientation = v.tip, v.markers.copy(), v.orientation
     for body in bodies:
         moved = _from_rest(_place(v, body), rest)
-        placed = _place(v, body) - moved + moved @ axes.T
+        placed = _place(v, body) - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
         if body < 0:
             tip = placed
         else:
             markers[:, :, body] = placed
-    if with_attitude:
-        turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True)
+    if turn is not None:
         orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
     return replace(v, tip=tip, markers=markers, orientation=orientation)
 

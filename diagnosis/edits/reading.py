@@ -21,6 +21,7 @@ from ..data.plausible import implausible_values
 from ..findings import Finding, finding
 from .beam import wrong_units
 from .edit import AREA, MODULUS
+from .misfit import as_described
 from .search import judged, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
@@ -58,7 +59,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     moved, findings = sample.rms(sample.table.tip - sample.table.tip.mean(axis=0)), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
     gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
-    fits = sample.first
+    fits = as_described(sample)
     left = [sample.rms(f.missed[sample.places]) for f in fits]
     # of those that are near, the one that changes least
     best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))

@@ -25,7 +25,7 @@ from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, Variants
 from .listed import every_edit, of_attitudes
-from .misfit import Fit, Sample
+from .misfit import Fit, Sample, as_described
 from .of_table import of_table
 from .order import can_name_order, place_of, reordered, with_order
 
@@ -124,10 +124,10 @@ def judge(robot: Robot, states: Campaign) -> Judged | None:
     return None if sample is None else judged(sample)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
-    near = _best(sample.fitted([(f.edits, f.x) for f in sample.first], 10))
+    near = _best(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):

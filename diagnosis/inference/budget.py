@@ -124,31 +124,31 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Arra
 
 
 def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate]) -> Budget:
-    """Draw from candidates of the catalogue, without and with tolerances each by itself."""
+    """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
     weights = shares(candidates, len(p.ids)).tolist()
     carry = _Carrying(problem, where)
-    metres, floors, weight, form_error, tolerant, names = [], [], [], [], [], []
+    metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < 1e-3:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
-        m, f = carry.of(c.fit, drawn)
+        in_metres, in_floors = carry.of(c.fit, drawn)
         size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
-        metres.append(m)
-        floors.append(f)
+        metres.append(in_metres)
+        floors.append(in_floors)
         weight += [w / DRAWS] * DRAWS
-        free = c.grid_point.spike > 0.0
-        form_error += [float(KNOWN.form_errors.max()) if free else c.grid_point.form_error] * DRAWS
-        tolerant += [free] * DRAWS
-        names.append(_names(f, size, np.isin(p.ids, c.named)))
+        with_tolerances = c.grid_point.spike > 0.0
+        form_error += [float(KNOWN.form_errors.max()) if with_tolerances else c.grid_point.form_error] * DRAWS
+        tolerant += [with_tolerances] * DRAWS
+        named.append(_names(in_floors, size, np.isin(p.ids, c.named)))
     total = np.array(weight)
     share = total / total.sum()
     return Budget(
         p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), np.array(tolerant), p.law_error,
-        np.vstack(names),
+        np.vstack(named),
     )  # fmt: skip
 
 
@@ -162,18 +162,18 @@ def _drawn(weighed: Weighed, standard: Array) -> Array:
 def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
     """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
-    total: dict[Hypothesis, float] = {}
-    for which, w in zip(*_distinct(b), strict=True):
-        named = tuple(e for e, chosen in zip(b.effects, which, strict=True) if chosen)
+    probability: dict[Hypothesis, float] = {}
+    for in_draw, w in zip(*_distinct(b), strict=True):
+        named = tuple(e for e, chosen in zip(b.effects, in_draw, strict=True) if chosen)
         counted = answer if answer and set(answer) <= set(named) else named
-        total[counted] = total.get(counted, 0.0) + w
-    total.setdefault(NONE, 0.0)
+        probability[counted] = probability.get(counted, 0.0) + w
+    probability.setdefault(NONE, 0.0)
     candidates = dict(known.candidates)
-    for h in total:
+    for h in probability:
         if h not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
             fitting = [k for k, _ in known.ranking if set(h) <= set(k)] or [known.ranking[0][0]]
             candidates[h] = known.candidates[fitting[0]]
-    return EffectPosterior(tuple(sorted(total.items(), key=lambda entry: -entry[1])), candidates)
+    return EffectPosterior(tuple(sorted(probability.items(), key=lambda entry: -entry[1])), candidates)
 
 
 def _answer(b: Budget) -> Hypothesis:
@@ -183,15 +183,15 @@ def _answer(b: Budget) -> Hypothesis:
     first = int(share.argmax())
     if float(b.weight @ ~named.any(axis=1)) >= share[first]:
         return NONE
-    chosen, held = [first], named[:, first]
+    chosen, with_all = [first], named[:, first]
     while True:
-        together = (b.weight * held) @ named
+        together = (b.weight * with_all) @ named
         together[chosen] = 0.0
-        more = int(together.argmax())
-        if together[more] <= TOGETHER:
+        next_effect = int(together.argmax())
+        if together[next_effect] <= TOGETHER:
             return tuple(b.effects[i] for i in sorted(chosen))
-        chosen.append(more)
-        held = held & named[:, more]
+        chosen.append(next_effect)
+        with_all = with_all & named[:, next_effect]
 
 
 def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
@@ -244,23 +244,24 @@ class _Carrying:
         noise floors the model is asked with and without the effect."""
         p = self._problem.parameters
         offset = fit.theta - p.mean
-        done = {} if fit.form_error is None else dict(fit.form_error.responses)
+        responses = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).whole
         slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        columns = {e: np.column_stack([slope[:, i] * p.sd[i], done.get(e, slope[:, i] @ offset[i])]) for e, i in slots.items()}
-        rests = self._left(slope, columns)
-        again: dict[str, Array] = {}
+        at_fit = {e: responses.get(e, slope[:, i] @ offset[i]) for e, i in slots.items()}
+        columns = {e: np.column_stack([slope[:, i] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
+        products = self._left(slope, columns)
+        asked_anew: dict[str, Array] = {}
         for effect in p.ids:
-            if effect not in done and any(
-                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(rests, self._parts, strict=True)
+            if effect not in responses and any(
+                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
                 # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
                 response = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(response).all():
-                    again[effect] = np.column_stack([columns[effect][:, :-1], response])
-        for squares, products in zip(rests, self._left(slope, again), strict=True):
-            squares.update(products)
-        return rests
+                    asked_anew[effect] = np.column_stack([columns[effect][:, :-1], response])
+        for squares, of_asked in zip(products, self._left(slope, asked_anew), strict=True):
+            squares.update(of_asked)
+        return products
 
     def _left(self, slope: Array, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
         """For tips and for forces: effect -> products in m^2, mean over the states, of columns after calibration."""

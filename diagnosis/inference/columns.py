@@ -77,12 +77,8 @@ class Columns:
         """Some of the columns (c,)."""
         place = np.cumsum(chosen) - 1
         dense, sparse = chosen[self.at], chosen[self.rest]
-        return Columns(
-            self.dense[:, dense],
-            place[self.at[dense]],
-            self.sparse[:, np.flatnonzero(sparse)],
-            place[self.rest[sparse]],
-        )
+        kept = self.sparse[:, np.flatnonzero(sparse)]
+        return Columns(self.dense[:, dense], place[self.at[dense]], kept, place[self.rest[sparse]])
 
     def rows(self, chosen: Mask) -> Columns:
         """Some of the rows (n,)."""
@@ -106,17 +102,17 @@ class Columns:
 
 
 def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
-    """Sparse columns, whitened: what is zero in all of a block of the noise stays so."""
+    """Columns (n, c) times `scale` (c,), whitened. A column that is zero in all values of a block of the noise stays so there, so
+    only pairs of a block and a column with numbers are whitened: block by block, side by side in few dense columns (`packed`)."""
     if not columns.nnz:
         return columns
     n, count = columns.shape
     row = np.repeat(np.arange(n), np.diff(columns.indptr))
-    # A block and each column that it has something of get a place; blocks have few of them, which lie side by side.
-    pair, which = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
+    pair, pair_of = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
     block, column = np.divmod(pair, count)
     place = np.arange(len(pair)) - np.searchsorted(block, block)
-    wide = int(place.max()) + 1
-    packed, of = np.zeros((n, wide)), np.zeros((int(noise.block.max()) + 1, wide), np.int64)
-    packed[row, place[which]], of[block, place] = columns.data * scale[columns.indices], column
+    width = int(place.max()) + 1
+    packed, column_at = np.zeros((n, width)), np.zeros((int(noise.block.max()) + 1, width), np.int64)
+    packed[row, place[pair_of]], column_at[block, place] = columns.data * scale[columns.indices], column
     white = noise.whiten(packed)
-    return csr_array((white.ravel(), of[noise.block].ravel(), np.arange(0, n * wide + 1, wide)), shape=columns.shape)
+    return csr_array((white.ravel(), column_at[noise.block].ravel(), np.arange(0, n * width + 1, width)), shape=columns.shape)

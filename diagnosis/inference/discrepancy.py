@@ -27,20 +27,14 @@ class Settings:
 
 
 def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[np.generic], robot_length: float) -> Settings:
-    """Coordinates of states: spine length m, pressure Pa (highest chamber), branch -1 or 1, kind any number a family."""
+    """Coordinates of n states, all (n,): spine length m, highest pressure Pa, branch -1 or 1, kind of experiment (any label)."""
     highest = max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
     share = pressure / highest
-    different = np.unique(kind, return_inverse=True)[1]
-    # Two kinds of experiment lie 1.5 apart whichever they are: one axis each.
-    kinds = 1.5 / np.sqrt(2) * np.eye(different.max(initial=0) + 1)[different]
-    place = np.column_stack(
-        [
-            spine_length / (CORRELATION_LENGTH * robot_length),
-            share / CORRELATION_PRESSURE,
-            BRANCH_DISTANCE * branch,
-            kinds,
-        ]
-    )
+    kind_number = np.unique(kind, return_inverse=True)[1]
+    # One axis for each kind of experiment: any two lie 1.5 correlation lengths apart.
+    kinds = 1.5 / np.sqrt(2) * np.eye(kind_number.max(initial=0) + 1)[kind_number]
+    length = spine_length / (CORRELATION_LENGTH * robot_length)
+    place = np.column_stack([length, share / CORRELATION_PRESSURE, BRANCH_DISTANCE * branch, kinds])
     return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
 
 

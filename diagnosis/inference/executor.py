@@ -80,13 +80,13 @@ class Executor:
         remote = None if self.remote_map is None else self.remote_map(do, items)
 
         def results() -> list[B]:
-            done = []
-            with self._threads(do, items) if remote is None else nullcontext(remote) as found:
-                for result in found:
-                    done.append(result)
+            finished = []
+            with self._threads(do, items) if remote is None else nullcontext(remote) as computed:
+                for result in computed:
+                    finished.append(result)
                     if step is not None:
-                        self.progress(str(step), len(done) / len(items))
-            return done
+                        self.progress(str(step), len(finished) / len(items))
+            return finished
 
         return results
 

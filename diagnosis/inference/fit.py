@@ -104,7 +104,7 @@ def fit(
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
     the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
-    all others are these. It ends where less than `least_promise` is left to gain.
+    all others are those of `frozen`. It ends where less than `least_promise` is left to gain.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -112,31 +112,20 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _search(
-        problem,
-        prior,
-        size,
-        start,
-        rounds,
-        frozen,
-        fresh,
-        tolerance=0.05,
-        least_promise=least_promise,
-        dampings=dampings,
-    )
+    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, least_promise, dampings)
 
 
 def _search(
     problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
     fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
 ) -> Fit:  # fmt: skip
-    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum
-    of the linear problem is within `tolerance` or promises too little; derivatives by `fresh` (k,) are taken anew."""
+    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum of
+    the linear problem is within `tolerance` (prior sd) or promises too little; derivatives by `fresh` (k,) are taken anew."""
     descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
     local = descent.begin(start)
     if rounds:
         descent.go_to(local.theta)
-    level = 0  # of the dampings
+    level = 0  # index among the dampings
     for _ in range(rounds):
         away = np.abs((local.optimum - local.theta) / problem.parameters.sd) if np.isfinite(local.cost) else np.array([np.inf])
         if away.max(initial=0.0) < tolerance:
@@ -149,8 +138,8 @@ def _search(
         next_local = descent.local(theta, cost)
         if next_local is None:  # a trial took a state for one in equilibrium that has none
             break
-        gained, local = local.cost - cost, next_local
-        if gained < max(LEAST_GAIN, least_promise):
+        decrease, local = local.cost - cost, next_local
+        if decrease < max(LEAST_GAIN, least_promise):
             break
         level = max(level - 2, 0)
     return Fit(local.theta, local.predicted, local.slope, local.cost, descent.promise(local))
@@ -205,15 +194,15 @@ class _Descent:
         Where the strongest leads to no equilibrium, all are tried again with predictions that give up at a state without any.
         """
         for trial in (True, False):
-            reached = 0.0
+            cost = 0.0
             for k in range(level, len(self._dampings)):
                 damped = self._damped(local, self._dampings[k], trial)
                 if damped is None:
                     return None
-                goal, reached = damped
-                if reached <= local.cost and np.isfinite(reached):
-                    return goal, reached, k
-            if np.isfinite(reached):
+                goal, cost = damped
+                if cost <= local.cost and np.isfinite(cost):
+                    return goal, cost, k
+            if np.isfinite(cost):
                 return None
         return None
 
@@ -227,15 +216,15 @@ class _Descent:
         if 0 <= promised < self._least:
             return None
         predicted = self._forward.predict(goal, trial, whole=not trial)
-        reached = self.cost(goal, predicted)
-        if local.cost - reached >= TRUST_RATIO * promised or not np.isfinite(reached):
-            return goal, reached
+        goal_cost = self.cost(goal, predicted)
+        if local.cost - goal_cost >= TRUST_RATIO * promised or not np.isfinite(goal_cost):
+            return goal, goal_cost
         corrected = local.goal(damping, predicted - linear)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
-            return goal, reached
+            return goal, goal_cost
         corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial, whole=not trial))
-        return (corrected, corrected_cost) if corrected_cost < reached else (goal, reached)
+        return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = linearise(self._forward, theta, self._fresh.tolist())
@@ -293,6 +282,7 @@ class _Local:
     def __init__(
         self, misfit: _FitMisfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
     ) -> None:
+        """`scale` and `mean` (k,): prior of the parameters; those of scale 0 are held at their mean."""
         self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
         self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters

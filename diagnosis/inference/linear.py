@@ -2,11 +2,10 @@
 
     y = A theta + N u + g D w + f F z + e,     e, u, w, z ~ N(0, I),  theta_j ~ N(m_j, v_j)
 
-after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects
-in units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
-effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in
-theta, in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small
-factorisation.
+after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects in
+units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
+effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in theta,
+in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small factorisation.
 """
 
 from __future__ import annotations
@@ -91,10 +90,10 @@ class Linear:
 
         def at(size: float, form_error: float) -> Reduced:
             smooth = self.discrepancy_size(size, form_error)
-            kept = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
-            scale = np.repeat([smooth, form_error], [m, r])[kept]
-            gram = error_gram[kept, kept] * np.outer(scale, scale)
-            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[kept])
+            used = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
+            scale = np.repeat([smooth, form_error], [m, r])[used]
+            gram = error_gram[used, used] * np.outer(scale, scale)
+            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[used])
             return self._reduced(x_gram - half.T @ half, half_log_det + log_det)
 
         return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]

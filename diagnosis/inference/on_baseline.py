@@ -100,8 +100,8 @@ def on_baseline(
 ) -> OnBaseline:
     """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in.
 
-    A simulator may have been asked for settings a little off those measured: its difference from the rod is taken there, and
-    added to the rod at what was measured.
+    A simulator may have been asked for settings a little off those measured: its difference from the rod is taken there
+    (`shifted`), and added to the rod at what was measured.
     """
     at_simulator = dict(table) | baseline.columns()
     shifted = design_from_columns(robot, at_simulator, design.channels)
@@ -110,38 +110,38 @@ def on_baseline(
     forward = ForwardModel(robot, design, "one", effects, area_factor=factor)
     rod = ForwardModel(robot, shifted, "one", effects, area_factor=factor, sized=forward.scales)
     names = [p.name for p in rod.parameters]
-    both_vary = [names.index(name) for name in baseline.varied if name in names]
-    predicted, slope = rod.linearise(np.zeros(len(names)), both_vary)
-    baseline_values = rod.observe(at_simulator)
+    varied_by_both = [names.index(name) for name in baseline.varied if name in names]
+    predicted, slope = rod.linearise(np.zeros(len(names)), varied_by_both)
+    simulator_values = rod.observe(at_simulator)
     varied = {}
-    for k, column in zip(both_vary, slope.T, strict=True):
-        step, moved = baseline.varied[names[k]]
-        varied[k] = (rod.observe(dict(table) | moved.columns()) - baseline_values) / step - column
-    return OnBaseline(baseline.name, forward, baseline_values - predicted, varied, factor)
+    for k, column in zip(varied_by_both, slope.T, strict=True):
+        step, predictions = baseline.varied[names[k]]
+        varied[k] = (rod.observe(dict(table) | predictions.columns()) - simulator_values) / step - column
+    return OnBaseline(baseline.name, forward, simulator_values - predicted, varied, factor)
 
 
-def _nearest_area_factor(robot: Robot, design: States, theirs: Table, name: str) -> float:
+def _nearest_area_factor(robot: Robot, design: States, simulator_table: Table, name: str) -> float:
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())
-    value = model.observe(theirs)
+    value = model.observe(simulator_table)
     of_tip = np.isfinite(value) & np.isin(model.observations.channel, ("x", "y", "z"))
     theta = np.zeros(len(model.parameters))
     (area,) = model.index("area")
     for _ in range(ROUNDS):
         predicted, slope = model.linearise(theta, [area])
-        seen = of_tip & np.isfinite(predicted) & np.isfinite(slope[:, 0])
-        strength = float(slope[seen, 0] @ slope[seen, 0])
-        if not seen.any():
+        usable = of_tip & np.isfinite(predicted) & np.isfinite(slope[:, 0])
+        strength = float(slope[usable, 0] @ slope[usable, 0])
+        if not usable.any():
             raise BadCase(
                 f"the baseline {name} has no state in which the rod of robot.yaml has an equilibrium: check its stiffness and "
                 "area factor"
             )
         if strength == 0.0:
             break
-        step = float(slope[seen, 0] @ (value - predicted)[seen]) / strength
-        reached = float(np.clip(theta[area] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
-        moved, theta[area] = abs(reached - theta[area]), reached
-        if moved < ENOUGH:
+        step = float(slope[usable, 0] @ (value - predicted)[usable]) / strength
+        next_excess = float(np.clip(theta[area] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
+        change, theta[area] = abs(next_excess - theta[area]), next_excess
+        if change < ENOUGH:
             break
     return start * (1.0 + float(theta[area]))

@@ -293,19 +293,19 @@ class Problem:
         return self.whitened(theta, predicted, Jacobian.of(slope).white(self.white))
 
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
-        """The same from a slope (n, k) that is whitened, by one prior standard deviation of each parameter."""
+        """As `linear`, from a slope (n, k) that is whitened, by one prior standard deviation of each parameter (`scaled`)."""
         p = self.parameters
         of_effect = p.of_effect
         shift = scaled.along((theta - p.mean) / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
-        none = np.zeros((len(observed), 0))
+        no_form_error = np.zeros((len(observed), 0))
         return Linear(
             observed,
             scaled.take(of_effect).whole,
             scaled.take(~of_effect),
             self.whitened_discrepancy,
             self.noise.log_sd,
-            none,
+            no_form_error,
             gram=self._gram,
             effect_size=p.effect_size(theta),
         )

@@ -41,12 +41,12 @@ PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 
 
-def noise_of(states: Campaign, labels: Labels, floor: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
+def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
     """Noise of the robot's values, with their response (n, r) to the pressure readings, and of the stiffness trials' forces."""
     block = _blocks(states)[labels.state]
-    white, lasting = _of_channels(floor, labels.kind, labels.channel, block, states.time[labels.state])
-    white *= np.where(resting(states), floor.rest, 1.0)[labels.state]
-    by_pressure = floor.pressure * response
+    white, lasting = _of_channels(noise, labels.kind, labels.channel, block, states.time[labels.state])
+    white *= np.where(resting(states), noise.rest, 1.0)[labels.state]
+    by_pressure = noise.pressure * response
     if pushes is not None:
         own = labels.kind == 3
         white[own] = pushes.noise_components.channel["force"]
@@ -56,8 +56,8 @@ def noise_of(states: Campaign, labels: Labels, floor: NoiseComponents, pushes: S
     return Noise(labels.state, white, by_pressure, lasting)
 
 
-def noise_to_come(floor: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
-    """Noise of the values (n,) that a planned design would give, with the components `floor` of this campaign.
+def noise_to_come(noise: NoiseComponents, observed: Observations, design: States, response: Array) -> Noise:
+    """Noise of the values (n,) that a planned design would give, with the noise components of this campaign.
 
     `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
     """
@@ -66,27 +66,27 @@ def noise_to_come(floor: NoiseComponents, observed: Observations, design: States
     names = ("turn" if c.startswith("r") else "marker" if c.startswith("m") else "tip" for c in channel)
     kind = np.array([KINDS.index(name) for name in names], np.int64)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
-    white, lasting = _of_channels(floor, kind, channel, block, design.t[row])
-    return Noise(row, white, floor.pressure * response, lasting)
+    white, lasting = _of_channels(noise, kind, channel, block, design.t[row])
+    return Noise(row, white, noise.pressure * response, lasting)
 
 
 def _of_channels(
-    floor: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
+    noise: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
 ) -> tuple[Array, Lasting | None]:
     """Sd (n,) of each value's error that does not last, and the errors that do; `kind` (n,): index in `KINDS`."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
         return np.array([by_name.get(k, default) for k in KINDS])[kind]
 
-    sd = of_kind(floor.channel, 1.0)
-    if not floor.lasting:
+    sd = of_kind(noise.channel, 1.0)
+    if not noise.lasting:
         return sd, None
-    share = np.where(block < 0, 0.0, of_kind(floor.lasting, 0.0))
-    lasting_sd = of_kind(floor.channel, 0.0) * np.sqrt(share)
+    share = np.where(block < 0, 0.0, of_kind(noise.lasting, 0.0))
+    lasting_sd = of_kind(noise.channel, 0.0) * np.sqrt(share)
     _, channel_number = np.unique(channel, return_inverse=True)
     ones = np.ones(len(sd))
     lasting = Lasting(
-        block, time, channel_number, lasting_sd, pressure=floor.lasting[PRESSURE] * ones, memory=floor.memory * ones
+        block, time, channel_number, lasting_sd, pressure=noise.lasting[PRESSURE] * ones, memory=noise.memory * ones
     )
     return sd * np.sqrt(1 - share), lasting
 
@@ -107,9 +107,9 @@ def floor_of(
     known: NoiseComponents | None = None,
     pace: float = STANDARD.time,
 ) -> tuple[NoiseComponents, float, float]:
-    """Components of the noise of the robot's states, estimated unless `known`, and the rms of a single tip reading (m): beside
-    what the model makes of the states that were read, and beside any proportion of that and of what was read, so that the
-    model's sizes do not matter; of cameras as usual where nothing was repeated."""
+    """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
+    reading about its repeats: with what the model predicts of each state taken off (`missed` = `observed` - prediction), and with
+    the best proportion of that and of the pressures, so that sizes in the model do not matter. Without repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
     if not names:
@@ -118,19 +118,21 @@ def floor_of(
     column = np.array([names.index(c) for c in labels.channel[of_robot]])
 
     def grid(values: Array) -> Array:
+        """Values (n, ..) of the robot by state and channel (states, channels, ..); NaN where there was no reading."""
         out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
         out[labels.state[of_robot], column] = values[of_robot]
         return out
 
     residual = grid(missed)
     complete = np.isfinite(residual).all(axis=1)
-    part = {"trial": states.trial, "repeat": states.repeat}
-    scattered = {p.source: part[p.scope] for p in infos if p.scope in part and p.source not in PUSH_SOURCES}
+    number_of = {"trial": states.trial, "repeat": states.repeat}
+    drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of and p.source not in PUSH_SOURCES}
 
     def response_to(source: str) -> Array:
         """(n, a): each row takes one copy of each of its a parameters."""
-        own = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
-        return np.column_stack([slope[:, [i for s, i in own if s == slot]].sum(axis=1) for slot in sorted({s for s, _ in own})])
+        copies = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
+        slots = sorted({slot for slot, _ in copies})
+        return np.column_stack([slope[:, [i for s, i in copies if s == slot]].sum(axis=1) for slot in slots])
 
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(
@@ -138,17 +140,17 @@ def floor_of(
         states.condition[complete],
         kinds,
         grid(response)[complete],
-        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in scattered.items()},
+        {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
         resting(states)[complete],
         grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
         _blocks(states)[complete],
         states.time[complete],
     )
-    trial = {source: next(p.sd for p in infos if p.source == source) for source in scattered}
-    noise = known or estimate_noise(data, replace(default, trial=trial))
+    trial_sd = {source: next(p.sd for p in infos if p.source == source) for source in drawn_anew}
+    noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
-    explained = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
-    regular = each_channel(np.concatenate(explained, axis=2)[complete])
+    predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
+    regular = each_channel(np.concatenate(predictors, axis=2)[complete])
     as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
@@ -170,9 +172,9 @@ def each_channel(columns: Array) -> Array:
     return np.asarray(np.einsum("ncm,cd->ncdm", columns, np.eye(c)).reshape(n, c, c * m))
 
 
-def _usual(floor: NoiseComponents) -> float:
+def _usual(noise: NoiseComponents) -> float:
     """m, rms of a tip reading with the white noise of its three channels."""
-    return float(np.sqrt(3)) * floor.channel["tip"]
+    return float(np.sqrt(3)) * noise.channel["tip"]
 
 
 def resting(states: Campaign) -> Mask:
@@ -180,26 +182,26 @@ def resting(states: Campaign) -> Mask:
     return ~(states.trials.get("hold") <= 0)
 
 
-def pressure_response(forward: ForwardModel, states: Campaign, made: FitParameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitParameters, slope: Array) -> Array:
     """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
     whose values are left out anyway.
 
-    `slope` (n, k): derivatives of the values by the k parameters `made`, each in its unit. Where one regulator alone is inflated,
+    `slope` (n, k): derivatives of the values by the k `parameters`, each in its unit. Where one regulator alone is inflated,
     the offset of all pressures (Pa) moves what its reading moves, so its slope is taken; elsewhere a difference quotient.
     """
     row, pressure = forward.observations.row, with_vented_at_zero(states)
-    together = regulators(states.pressure, pressure)
-    inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in together]).T
-    out = np.zeros((len(slope), len(together)))
-    by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in made.names)
+    regulator_chambers = regulators(states.pressure, pressure)
+    inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in regulator_chambers]).T
+    out = np.zeros((len(slope), len(regulator_chambers)))
+    by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in parameters.names)
     if by_offset.any():
-        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [made.names.index(OFFSET)]]
-    others = (~by_offset & inflated.any(axis=1))[row]
-    if others.any():
-        for r, group in enumerate(together):
+        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [parameters.names.index(OFFSET)]]
+    by_difference = (~by_offset & inflated.any(axis=1))[row]
+    if by_difference.any():
+        for r, group in enumerate(regulator_chambers):
             change = np.zeros(pressure.shape)
             change[:, group] = PRESSURE_STEP * inflated[:, [r]]
-            out[others, r] = forward.respond(change)[others] / PRESSURE_STEP
+            out[by_difference, r] = forward.respond(change)[by_difference] / PRESSURE_STEP
     return np.asarray(np.nan_to_num(out))
 
 

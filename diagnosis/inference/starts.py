@@ -26,10 +26,8 @@ class Starts:
         return any(p.lower[i] == 0 or len(p.infos[i].starts) > 1 for i in own)
 
     def of(self, named: Hypothesis, none: Fit) -> list[Array | Fit]:
-        """Where a search begins: the fit of none; for a one-sided effect, well within its range instead.
-
-        At zero, where such an effect ends, the tolerances of the others can take its place.
-        """
+        """Where searches begin: the fit of none, or all combinations of the starts of what is named where it has several or is
+        one-sided: at zero, where such an effect ends, the tolerances of the others could take its place."""
         p = self._problem.parameters
         if not self.needs_own(named):
             return [none]
@@ -54,7 +52,7 @@ class Starts:
         free = np.flatnonzero(~p.of_effect)[p.calibrated]
         if not free.size:
             return start
-        theta, best = start.copy(), np.inf
+        theta, least_chi_square = start.copy(), np.inf
         for _ in range(8):
             predicted, slope = self._problem.linearise(theta, free.tolist())
             if not np.isfinite(predicted).all():
@@ -62,9 +60,9 @@ class Starts:
                 continue
             columns = self._problem.noise.whiten(slope * p.sd[free])
             residual = self._problem.noise.whiten(self._problem.observed - predicted)
-            if best - float(residual @ residual) < 0.01 * best:
+            if least_chi_square - float(residual @ residual) < 0.01 * least_chi_square:
                 break
-            best = float(residual @ residual)
+            least_chi_square = float(residual @ residual)
             step = np.linalg.lstsq(columns, residual, rcond=None)[0]
             theta[free] = np.clip(theta[free] + p.sd[free] * step, p.lower[free], p.upper[free])
         return theta

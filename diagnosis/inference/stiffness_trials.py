@@ -57,23 +57,24 @@ class StiffnessTrials:
 def stiffness_trials(
     states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
 ) -> StiffnessTrials:
-    """From forces missed (n,) by the baseline and the slope (n, k) of all values there; other values are not looked at."""
+    """Noise and stiffness of a campaign's stiffness trials, from the baseline's residuals `missed` (n,) of all values and their
+    derivatives `slope` (n, k), of which the forces are used."""
     rows = np.flatnonzero(labels.kind == 3)
     state, trial = labels.state[rows], labels.trial[rows]
     by_source = {
         source: slope[rows][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
     }
-    stiff = np.zeros(len(rows))
+    stiffness = np.zeros(len(rows))  # N/m: derivative of the force by the place of contact
     for t in np.unique(trial):
         # Before contact there is no force; the specimen is the same.
-        stiff[trial == t] = np.abs(by_source["touch"][trial == t]).max()
-    stiff = np.maximum(stiff, 1e-9)
+        stiffness[trial == t] = np.abs(by_source["touch"][trial == t]).max()
+    stiffness = np.maximum(stiffness, 1e-9)
     data = Repeated(
         missed[rows, None],
         states.condition[state],
         ("force",),
-        stiff[:, None, None],
+        stiffness[:, None, None],
         {source: Scatter(values[:, None, None], trial) for source, values in by_source.items()},
         np.zeros(len(rows), bool),
         np.zeros((len(rows), 1, 0)),
@@ -81,17 +82,17 @@ def stiffness_trials(
         np.zeros(len(rows)),
     )
     default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
-    floor = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))
-    alone = np.hypot(floor.channel["force"], floor.pressure * stiff)
-    erring = np.sqrt(alone**2 + sum((floor.trial[k] * by_source[k]) ** 2 for k in by_source))
-    repeated = reading_rms(replace(data, residual=data.residual / stiff[:, None]), np.ones(1, bool))
-    reading = repeated if np.isfinite(repeated) else float(np.sqrt(np.mean((erring / stiff) ** 2)))
+    noise = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))
+    reading_sd = np.hypot(noise.channel["force"], noise.pressure * stiffness)
+    total_sd = np.sqrt(reading_sd**2 + sum((noise.trial[k] * by_source[k]) ** 2 for k in by_source))
+    from_repeats = reading_rms(replace(data, residual=data.residual / stiffness[:, None]), np.ones(1, bool))
+    noise_floor = from_repeats if np.isfinite(from_repeats) else float(np.sqrt(np.mean((total_sd / stiffness) ** 2)))
 
-    def spread(values: Array) -> Array:
+    def by_state(values: Array) -> Array:
         out = np.full(len(states), np.nan)
         out[state] = values
         return out
 
     trials = set(trial.tolist())
     names = frozenset(p.name for p in infos if p.trial in trials)
-    return StiffnessTrials(floor, reading, spread(stiff), spread(erring), names)
+    return StiffnessTrials(noise, noise_floor, by_state(stiffness), by_state(total_sd), names)

@@ -63,25 +63,26 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     with_tip = states.take(~states.pushed)
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None
-    seen = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), MOST_STATES)))
+    compared = with_tip.take(np.isin(np.arange(len(with_tip)), spread_over(len(with_tip), MOST_STATES)))
     try:
-        p = prepare(robot, seen, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
+        p = prepare(robot, compared, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
     except (BadCase, np.linalg.LinAlgError):  # too far from the data to compare conventions
         return None
     parameters, starts = p.problem.parameters, Starts(p.problem)
-    others = tuple(e for e in BESIDE if e in parameters.ids)
+    other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
+        """rms (m) of the tip with these effects free, and the parameters fitted."""
         prior = parameters.prior(parameters.mask(named), 0.0)
-        found = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        missed = p.gap(p.problem.observed - found.predicted)
-        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), found.theta
+        best = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
+        missed = p.gap(p.problem.observed - best.predicted)
+        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), best.theta
 
-    cap, _ = fitted(others, parameters.mean)
+    cap, _ = fitted(other_effects, parameters.mean)
     names = {name: i for i, name in enumerate(parameters.names)}
     start = parameters.mean.copy()
     start[names[f"{THRUST}.share"]] = 1.0
-    walls, theta = fitted((THRUST, *others), starts.recalibrated(start))
+    walls, theta = fitted((THRUST, *other_effects), starts.recalibrated(start))
     if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
         return None
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}

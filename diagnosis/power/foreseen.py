@@ -54,12 +54,12 @@ def foreseen(robot: Robot, table: Columns, seed: int = 1) -> Case:
     values = forward.predict(np.clip(theta, low, high))
     if not np.isfinite(values).all():
         raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
-    read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
+    columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
     for name in "xyz":
         rows = observed.channel == name
-        read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
+        columns_read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
     n = len(design)
-    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **read}))
+    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
 
 
 def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
@@ -74,20 +74,20 @@ def additions(
     seed: int = 2,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[Addition, ...]:
-    """What each experiment of the menu would bring beside a plan, most for its time first."""
-    before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
+    """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
+    right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
     menu = candidate_experiments(case.robot, states(case)[0])
-    listed = []
+    brought = []
     for k, e in enumerate(menu):
         progress((k + 1) / (len(menu) + 1))
         try:
-            wider = _with(case, e, seed)
+            extended = _with(case, e, seed)
         except BadCase:
             continue
-        after = power(of_case(wider, catalogue), tuple(catalogue), each, seed).right
-        listed.append(Addition(e, after, after - before))
+        right_after = power(of_case(extended, catalogue), tuple(catalogue), each, seed).right
+        brought.append(Addition(e, right_after, right_after - right_before))
     progress(1.0)
-    return tuple(sorted(listed, key=lambda a: -a.per_hour))
+    return tuple(sorted(brought, key=lambda a: -a.per_hour))
 
 
 def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:

@@ -72,22 +72,22 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     right = cause == named
     weight = np.where(cause == "", PRIOR_OF_NUMBER[0], (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects))
     weight /= weight.sum()
-    third = np.clip(np.digitize(size, np.linspace(*CAUSE, len(SIZES) + 1)) - 1, 0, len(SIZES) - 1)
+    size_class = np.clip(np.digitize(size, np.linspace(*CAUSE, len(SIZES) + 1)) - 1, 0, len(SIZES) - 1)
 
-    def of(effect: str) -> EffectPower:
-        own = cause == effect
+    def rates_of(effect: str) -> EffectPower:
+        with_cause = cause == effect
         floors = [plan.floors(w.done[effect]) / w.size for w in worlds if w.cause == effect]
-        parts = {name: right[own & (third == k)] for k, name in enumerate(SIZES)}
-        taken_for = Counter(str(n) or "none" for n in named[own & ~right])
+        right_by_size = {name: right[with_cause & (size_class == k)] for k, name in enumerate(SIZES)}
+        taken_for = Counter(str(n) or "none" for n in named[with_cause & ~right])
         return EffectPower(
             effect,
             carries=float(np.median(floors)),
-            right={name: float(part.mean()) if part.size else None for name, part in parts.items()},
-            sure=float(np.mean((right & (probability > CAUSE_PROBABILITY))[own])),
-            taken_for=tuple((n, count / int(own.sum())) for n, count in taken_for.most_common()),
+            right={name: float(part.mean()) if part.size else None for name, part in right_by_size.items()},
+            sure=float(np.mean((right & (probability > CAUSE_PROBABILITY))[with_cause])),
+            taken_for=tuple((n, count / int(with_cause.sum())) for n, count in taken_for.most_common()),
         )
 
     share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
     interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
     unseen = tuple(e for e in catalogue if e not in plan.effects)
-    return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(of, plan.effects)), unseen)
+    return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(rates_of, plan.effects)), unseen)

@@ -101,29 +101,30 @@ class World:
 
 
 def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> World:
-    """One world with a cause (empty: none)."""
+    """One world with a cause (empty: none), by the equation at the top of the file; `clutter`: standard deviations of all other
+    effects in plausible scales, one of which this world has."""
     linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
     y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
-    size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
-    y += size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
-    about, amount, done = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
+    y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
+    clutter_sd, cause_size, responses = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
     basis = d.problem.form_error_basis
     for effect in d.effects:
         columns = d.sizes(effect)
-        way = rng.standard_normal(len(columns))
-        way /= np.linalg.norm(way)
-        beside = about * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
-        theta = way * (amount if effect == cause else beside)
+        direction = rng.standard_normal(len(columns))
+        direction /= np.linalg.norm(direction)
+        clutter_size = clutter_sd * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
+        theta = direction * (cause_size if effect == cause else clutter_size)
         theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
         response = noise.colour(linear.effects[:, columns] @ theta)
-        wrong = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
-        done[effect] = noise.whiten(response * (1 + wrong))
-        y += done[effect]
-    return World(y, cause, amount, done)
+        law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
+        responses[effect] = noise.whiten(response * (1 + law_error))
+        y += responses[effect]
+    return World(y, cause, cause_size, responses)
 
 
 def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
-    """None and every single effect, and their probabilities (worlds, hypotheses) for readings (worlds, n), as calibrated.
+    """None and every single effect, and their probabilities (worlds, hypotheses) for whitened readings (worlds, n).
 
     As `inference.evidence.weigh`, for many worlds at once: what is common to all is factorised once. Bounds cut what is named.
     """
@@ -131,21 +132,21 @@ def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], 
     named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
     k = linear.effects.shape[1]
     # Readings as further columns: X^T C^-1 X holds the information, and the score and misfit of each world.
-    every = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
+    with_readings = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
     evidence = np.empty((len(named), len(readings)))
     for i, h in enumerate(named):
         mask, terms = p.mask(h), []
-        for g, row in enumerate(replace(every, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
+        for g, row in enumerate(replace(with_readings, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
             for f, accumulated in enumerate(row):
-                x, misfit = accumulated.information, np.diag(accumulated.information)[k:]
-                of_worlds = replace(accumulated, information=x[:k, :k], score=x[k:, :k])
+                gram, misfit = accumulated.information, np.diag(accumulated.information)[k:]
+                of_worlds = replace(accumulated, information=gram[:k, :k], score=gram[k:, :k])
                 for s, spike in enumerate(KNOWN.spikes):
                     prior = p.prior(mask, float(spike), linear.effect_size)
                     log_p, mean, covariance = of_worlds.update(prior)
                     cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
-                    allowed = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
-                    allowed = allowed - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
-                    terms.append(log_p - 0.5 * misfit + allowed + KNOWN.log_weights[s, g, f])
+                    within_bounds = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
+                    within_bounds = within_bounds - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
+                    terms.append(log_p - 0.5 * misfit + within_bounds + KNOWN.log_weights[s, g, f])
         evidence[i] = logsumexp(terms, axis=0)
     score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
     return named, softmax(score, axis=1) / (1 + SAME_ODDS)

@@ -22,7 +22,7 @@ from ..pressure_limits import PressureLimits, let_off
 from ..registry import Driver
 from ..serial_line import SerialLine, show
 from .settings import WRITTEN, Measure, check_loop, check_source, put_right
-from .wire import FAULT_CODES, LOCKED, AlicatUnit, Readout
+from .wire import FAULT_CODES, LOCKED, ROUNDING, AlicatUnit, Readout
 
 
 class Config(RegulatorsConfig):
@@ -160,7 +160,7 @@ class Alicat:
         try:
             firmwares = find_units(self.name, self._line, self._units, self._twice)
             self._versions = [version_of(firmware) for firmware in firmwares]
-            about = [self._check(channel, firmware) for channel, firmware in enumerate(firmwares)]
+            models = [self._check(channel, firmware) for channel, firmware in enumerate(firmwares)]
             for channel, unit in enumerate(self._units):
                 frame = self._twice(unit.poll)
                 self._confirmed[channel], self._measured[channel] = frame.setpoint, frame.measured
@@ -171,8 +171,8 @@ class Alicat:
         self._limits.start_from(self._confirmed)
         return Identity(
             "Alicat",
-            ", ".join(dict.fromkeys(model for model, _ in about)),
-            ", ".join(f"{unit.letter}:{serial}" for unit, (_, serial) in zip(self._units, about, strict=True)),
+            ", ".join(dict.fromkeys(model for model, _ in models)),
+            ", ".join(f"{unit.letter}:{serial}" for unit, (_, serial) in zip(self._units, models, strict=True)),
             ", ".join(dict.fromkeys(firmwares)),
         )
 
@@ -278,6 +278,7 @@ class Alicat:
         return model, serial
 
     def _check_settings(self, channel: int) -> None:
+        """Check what a unit controls, its unit of measure, range and set-point source; write the other settings."""
         unit, version, measure = self._units[channel], self._versions[channel], self._measures[channel]
         self._twice(lambda: check_loop(self.name, unit))
         self._twice(measure.ask)
@@ -321,32 +322,32 @@ class Alicat:
         unit = self._units[channel]
         frame = self._twice(unit.poll)
         unlocked = channel in self._locked and LOCKED not in frame.codes
-        moved = abs(frame.setpoint - self._confirmed[channel]) > 0.6 * unit.digit
-        if channel in self._doubtful or unlocked or moved or self._jumps(channel, frame):
-            before = unit.pa
+        setpoint_moved = abs(frame.setpoint - self._confirmed[channel]) > ROUNDING * unit.digit
+        if channel in self._doubtful or unlocked or setpoint_moved or self._jumps(channel, frame):
+            pa_before = unit.pa
             self._ask_measure(channel)
             self._doubtful.discard(channel)
             if unlocked:
                 self._locked.discard(channel)
                 self._lock_panels()
-            if unit.pa != before:
+            if unit.pa != pa_before:
                 frame = self._twice(unit.poll)
         self._measured[channel] = frame.measured
         return frame
 
     def _jumps(self, channel: int, frame: Readout) -> bool:
+        """Whether a reading has changed as much as by another unit of measure."""
         low, high = sorted((abs(self._measured[channel]), abs(frame.measured)))
-        # units of measure that could be confused lie further apart
-        return high > JUMP_ABOVE and high > 1.5 * low
+        return high > JUMP_ABOVE and high > 1.5 * low  # units of measure that could be confused lie further apart
 
     def _ask_measure(self, channel: int) -> None:
-        measure, unit, held = self._measures[channel], self._units[channel], self._confirmed[channel]
-        if measure.tells or held <= 0:
+        measure, unit, setpoint = self._measures[channel], self._units[channel], self._confirmed[channel]
+        if measure.tells or setpoint <= 0:
             self._twice(measure.ask)
             return
-        self._twice(lambda: measure.try_out(held))
+        self._twice(lambda: measure.try_out(setpoint))
         if not measure.wrong:
-            self._twice(lambda: unit.set(held))  # the share was rounded
+            self._twice(lambda: unit.set(setpoint))  # the share was rounded
 
     # -- one channel
     def _set_channel(self, channel: int, pressure: float) -> None:
@@ -362,14 +363,14 @@ class Alicat:
         # rounding to the unit's digits must not lead above the limit
         pressure = min(round(pressure / digit), math.floor(self.config.max_pressure / digit + 1e-6)) * digit
         frame = self._twice(lambda: unit.set(pressure))
-        before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
+        setpoint_before, self._confirmed[channel] = self._confirmed[channel], frame.setpoint
         if pressure > 0 and self._jumps(channel, frame):
             self._ask_measure(channel)
             self._let_off_wrong()
         self._measured[channel] = frame.measured
-        if abs(frame.setpoint - pressure) > 0.6 * digit:
+        if abs(frame.setpoint - pressure) > ROUNDING * digit:
             asked = f"unit {unit.letter} was set to {pressure / 1e3:.2f} kPa but holds {frame.setpoint / 1e3:.2f} kPa"
-            if abs(frame.setpoint - before) <= 0.6 * digit:
+            if abs(frame.setpoint - setpoint_before) <= ROUNDING * digit:
                 raise DeviceFault(self.name, f"{asked} as before: it ignores the serial line; set its set-point source to serial")
             raise BadReply(self.name, f"{asked}: it was clamped or misread; check its set-point limits and the cable")
         self._raise_fault(unit, frame)

@@ -11,12 +11,14 @@ import re
 from dataclasses import dataclass
 
 from ..errors import WrongDevice
-from .wire import COUNTS, PA, UNITS, AlicatUnit, Variable
+from .wire import COUNTS, PA, ROUNDING, UNITS, AlicatUnit, Variable
 
 KNOWS_FULL_SCALE = (6, 0)
 """First firmware that answers FPF, and so reports its unit of measure."""
 UNKNOWN = 1e6
 """Pa taken for a unit of measure that is not known: the largest, so that no pressure passes for vented."""
+TRIAL_COUNTS = 160
+"""Of `COUNTS`: 5 kPa on a unit of 2 MPa, the widest that rig.yaml takes, and less on any other."""
 TRIAL_SHARE = 0.25
 """By which what it shows may differ from what rig.yaml makes of that: nominal ranges are rounded, units lie further apart."""
 
@@ -47,7 +49,7 @@ class Measure:
             )
 
     def ask(self) -> None:
-        """Ask for it, or have it tried before the next pressure."""
+        """Ask for unit of measure and range; of a unit that does not tell, have them tried before the next pressure."""
         if not self.tells:
             self.untried = True
             return
@@ -71,14 +73,13 @@ class Measure:
                 f"{self._full_scale / 1e3:g} kPa; correct full_scale in rig.yaml, or fit the right unit",
             )
 
-    def try_out(self, held: float = 0.0) -> None:
-        """Of a unit that does not tell: send `held` (Pa, or a small pressure) as a share of the full scale, which is the same
+    def try_out(self, pressure: float = 0.0) -> None:
+        """Of a unit that does not tell: send `pressure` (Pa, or a small pressure) as a share of the full scale, which is the same
         whatever it shows, and see what it makes of that."""
-        # 5 kPa on a unit of 2 MPa, the widest that rig.yaml takes, and less on any other
-        counts = round(held / self._full_scale * COUNTS) or 160
+        counts = round(pressure / self._full_scale * COUNTS) or TRIAL_COUNTS
         wanted = counts / COUNTS * self._full_scale
         shown = self._unit.set_share(counts).setpoint / self._unit.pa
-        if abs(shown * self._pa - wanted) <= max(TRIAL_SHARE * wanted, 0.6 * self._unit.digit):
+        if abs(shown * self._pa - wanted) <= max(TRIAL_SHARE * wanted, ROUNDING * self._unit.digit):
             self._unit.pa, self.untried, self.wrong = self._pa, False, ""
             return
         fits = [name for name, (_, pa) in UNITS.items() if abs(shown * pa - wanted) <= TRIAL_SHARE * wanted]
@@ -146,13 +147,13 @@ WRITTEN = (
 def put_right(name: str, unit: AlicatUnit, version: tuple[int, int], settings: tuple[UnitSetting, ...]) -> None:
     """Read each setting that this firmware has, write it when it is wrong, read it back. Raises WrongDevice."""
     for setting in settings:
-        if version < setting.since or (found := setting.value(unit.setting(setting.query))) in (None, setting.needed):
+        if version < setting.since or (value := setting.value(unit.setting(setting.query))) in (None, setting.needed):
             continue
         unit.setting(setting.write)
         if (now := setting.value(unit.setting(setting.query))) != setting.needed:
             raise WrongDevice(
                 name,
-                f"unit {unit.letter}: {setting.name} (register {setting.query}) was {found}, is {now or 'not reported'} and must "
+                f"unit {unit.letter}: {setting.name} (register {setting.query}) was {value}, is {now or 'not reported'} and must "
                 f"be {setting.needed}, because {setting.why}; set it at its panel",
             )
 

@@ -38,6 +38,8 @@ COUNTS = 64000
 """A set-point can also be sent as this many parts of the full scale, which is independent of the unit of measure."""
 FRAME = re.compile(r"[A-Z]((?:\s+[+-]?\d+(?:\.\d+)?){2,})((?:\s+[A-Z0-9]{3})*)\s*")
 """Firmware before 8v00 gives the set-point without its sign."""
+ROUNDING = 0.6
+"""Digits by which a set-point read back may differ from the one sent: half a digit, and the arithmetic."""
 LOCKED = "LCK"
 """Status code: the buttons of the front panel are locked."""
 FAULT_CODES = {
@@ -110,16 +112,14 @@ class AlicatUnit:
         """From the manufacturer's table, lines such as `A M04 Model Number PC-60PSIG-D`; empty when not reported."""
         with self._line.lock:
             lines = [self._ask("??M*")]
-            # M00 to M09
-            while len(lines) < 10:
+            while len(lines) < 10:  # M00 to M09
                 try:
                     lines.append(self._line.read_until(CR).decode("ascii", "replace"))
                 except NoReply:
                     break
         table = {m[1]: m[2] for text in lines if (m := re.search(r"\b(M\d\d)\s+(.*)", text))}
         model = table.get("M04", "").removeprefix("Model Number").strip()
-        serial = table.get("M05", "").removeprefix("Serial Number").strip()
-        return model, serial
+        return model, table.get("M05", "").removeprefix("Serial Number").strip()
 
     def full_scale(self, reading: int) -> tuple[float, int, str]:
         """Range of a reading: value, code and name of its unit of measure. Firmware 6v00 and later."""

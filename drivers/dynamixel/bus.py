@@ -24,7 +24,8 @@ from ..errors import BadReply, NoReply, Refused
 from ..serial_line import SerialPort
 
 ATTEMPTS = 3
-ALERT = 0x80
+ALERT, DAMAGED = 0x80, 3
+"""Bit of the error byte: the servo has a hardware error; and its value for an instruction that arrived damaged."""
 MARKS = (6, 7, 9, 10, 11, 12)
 """Lengths (bytes) of a read from address 0 by which the line is caught up, used in turn; no other answer is so long."""
 CATCH_UP_WAITS = 3.0
@@ -34,7 +35,7 @@ ID, LENGTH, ERROR, PARAMETERS = 4, 5, 8, 9
 REFUSALS = {
     1: "it could not process the instruction",
     2: "undefined instruction",
-    3: "the instruction arrived damaged (CRC)",
+    DAMAGED: "the instruction arrived damaged (CRC)",
     4: "value out of range",
     5: "wrong data length",
     6: "value beyond the limit set in the servo",
@@ -130,8 +131,7 @@ class Servo(SerialPort):
 
     def read(self, register: Register) -> int:
         """Value of a register, signed where it is defined so."""
-        data = self.read_block(register.address, register.size)
-        return int.from_bytes(data, "little", signed=register.signed)
+        return int.from_bytes(self.read_block(register.address, register.size), "little", signed=register.signed)
 
     def read_block(self, address: int, size: int) -> bytes:
         """`size` bytes of neighbouring registers."""
@@ -175,8 +175,7 @@ class Servo(SerialPort):
                     value, result, error = call(port)
                 except IndexError:  # the SDK trips over an answer that is shorter than it should be
                     value, result, error, self._odd = None, COMM_RX_CORRUPT, 0, "too few bytes"
-                # the servo received a damaged instruction, which is worth repeating
-                if result == COMM_SUCCESS and error & ~ALERT != 3:
+                if result == COMM_SUCCESS and error & ~ALERT != DAMAGED:  # what arrived damaged is worth repeating
                     self.quality.sent(len(port.request))
                     self.quality.answered(began, len(port.heard))
                     self.quality.count(attempt > 0)

@@ -146,6 +146,7 @@ class DynamixelSpine(DrumLengthUnit):
             self._set_goal(start, self._config.homing_speed)  # before torque: the old goal may be far away
             self._limit_current(self._config.homing_current)
             self._servo.write(table.TORQUE, 1)
+            # beyond any end stop: the whole length and a fifth more, and one turn
             target = start - self._counts(1.2 * self._config.max_length) - self._config.direction * table.COUNTS_PER_TURN
             self._set_goal(target, self._config.homing_speed)
             self._homing = target
@@ -288,9 +289,9 @@ class DynamixelSpine(DrumLengthUnit):
     def _placed(self, counts: int) -> int:
         """A reading of the position; what no motion explains is read once more: old firmware may be a turn off, now and then."""
         now = self._clock.now()
-        at, before = self._place or (now, counts)
+        read_at, previous = self._place or (now, counts)
         fastest = 2 * max(self._config.max_speed, self._config.homing_speed)
-        if abs(counts - before) > table.COUNTS_PER_TURN / 2 + abs(self._counts(fastest)) * (now - at):
+        if abs(counts - previous) > table.COUNTS_PER_TURN / 2 + abs(self._counts(fastest)) * (now - read_at):
             counts = self._servo.read(table.PRESENT_POSITION)
         self._place = now, counts
         return counts
@@ -359,8 +360,8 @@ class DynamixelSpine(DrumLengthUnit):
                 f"{self._config.watchdog:g} s; disconnect that host, then call stop() to reset it"
             )
         counts = self._placed(counts)
-        velocity_counts = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
-        return _ServoState(self._clock.now(), counts, velocity_counts, current * self._ampere)
+        counts_per_second = velocity * table.RPM / 60 * table.COUNTS_PER_TURN
+        return _ServoState(self._clock.now(), counts, counts_per_second, current * self._ampere)
 
     def _has_restarted(self) -> bool:
         """Whether the servo has lost its volatile registers; read twice before it is believed."""
@@ -405,18 +406,17 @@ class DynamixelSpine(DrumLengthUnit):
 
     def _judge_end_stop(self, counts: int) -> None:
         """Take the stop as zero, unless an earlier run found it elsewhere: jammed granules held one of the two."""
-        before = self._end_stop
-        longer = 0.0 if before is None else self._config.direction * (counts - before) / table.COUNTS_PER_TURN
-        longer *= self._config.metres_per_turn
-        if longer > self._config.homing_tolerance:
+        known_stop = counts if self._end_stop is None else self._end_stop
+        short = self._config.direction * (counts - known_stop) / table.COUNTS_PER_TURN * self._config.metres_per_turn
+        if short > self._config.homing_tolerance:
             self._fault = (
-                f"blocked {longer:.3f} m before the end stop that was found earlier (tolerance "
+                f"blocked {short:.3f} m before the end stop that was found earlier (tolerance "
                 f"{self._config.homing_tolerance} m); un-jam the spine, then home() again"
             )
-        elif longer < -self._config.homing_tolerance:
+        elif short < -self._config.homing_tolerance:
             self._end_stop = None
             self._fault = (
-                f"found the end stop {-longer:.3f} m beyond where an earlier run found it: lengths since then are wrong "
+                f"found the end stop {-short:.3f} m beyond where an earlier run found it: lengths since then are wrong "
                 "by that much; discard them and home() again"
             )
         else:

@@ -80,6 +80,8 @@ def settings(servo: Servo) -> KeptSettings:
     written."""
 
     def one(name: str, register: Register, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
+        """One setting in a register; `written`: the driver may set it right, else another value is refused."""
+
         def write(value: int) -> None:
             if register.address < Address.EEPROM_END:
                 servo.write(TORQUE, 0)
@@ -96,14 +98,14 @@ def settings(servo: Servo) -> KeptSettings:
 
     every = [
         one("status return level", STATUS_RETURN_LEVEL, ANSWER_ALL, "commands would not be confirmed"),
-        one("secondary ID", SECONDARY_ID, lambda held: held if held >= FIRST_INVALID_ID else NO_SECONDARY_ID,
+        one("secondary ID", SECONDARY_ID, lambda value: value if value >= FIRST_INVALID_ID else NO_SECONDARY_ID,
             "the servo would obey commands meant for other servos"),
         one("homing offset", HOMING_OFFSET, 0,
             "with older firmware a bus watchdog that trips would move the cord by it"),
         one("drive mode", DRIVE_MODE, PLAIN_DRIVE, "directions, speeds and torque would differ"),
         one("operating mode", OPERATING_MODE, CURRENT_BASED_POSITION,
             "positions or the current would not hold"),
-        one("shutdown", SHUTDOWN, lambda held: held | SHUTDOWN_CAUSES,
+        one("shutdown", SHUTDOWN, lambda value: value | SHUTDOWN_CAUSES,
             "overheating or overload would not end the torque"),
         replace(one("startup configuration", STARTUP, 0,
                     "the servo would start with torque, or with settings of an earlier program"), read=startup),
@@ -111,7 +113,7 @@ def settings(servo: Servo) -> KeptSettings:
         one("PWM limit", PWM_LIMIT, FULL_PWM,
             "the motor may not reach current_limit, and a stall would not show", written=False),
         one("goal PWM", GOAL_PWM, FULL_PWM, "the motor may not reach current_limit"),
-        one("position P gain", POSITION_P_GAIN, lambda held: max(1, held), "the motor would not hold",
+        one("position P gain", POSITION_P_GAIN, lambda value: max(1, value), "the motor would not hold",
             written=False),
     ]  # fmt: skip
     return KeptSettings(servo.name, "servo", "DYNAMIXEL Wizard", every)

@@ -154,32 +154,32 @@ class FT300S:
             self._need_open()
             self._zeroing.append(readings)
             try:
-                come = self._news.wait_for(lambda: len(readings) >= samples or not self._alive, within)
+                complete = self._news.wait_for(lambda: len(readings) >= samples or not self._alive, within)
             finally:
                 self._zeroing.remove(readings)
             self._need_open()
-            if not come:
+            if not complete:
                 raise StaleReading(
                     self.name,
                     f"only {len(readings)} of {samples} frames arrived for the zero within {within:.1f} s; "
                     + timing.busy_or("check power and cable, then open the sensor again"),
                 )
-            averaged = readings[:samples]
-            if samples > 1 and len(set(averaged)) == 1:
+            series = readings[:samples]
+            if samples > 1 and len(set(series)) == 1:
                 raise DeviceFault(
                     self.name,
                     f"no zero taken: {samples} readings are the same to the last digit, so the sensor stands still; "
                     "power-cycle it, then open it again",
                 )
-            if change := unrest(averaged):
+            if change := unrest(series):
                 raise NotReady(
                     self.name,
                     f"no zero taken, because the load changed meanwhile: {change}, in {samples * PERIOD:g} s; let the tool "
                     "hang free and still, wait until the sensor has warmed up, then take the zero again",
                 )
-            for reading in averaged:
+            for reading in series:
                 self._demand_in_range(reading)
-            mean = [sum(axis) / samples for axis in zip(*averaged, strict=True)]
+            mean = [sum(axis) / samples for axis in zip(*series, strict=True)]
             self._zero = (mean[0], mean[1], mean[2], mean[3], mean[4], mean[5])
             return self._zero
 
@@ -213,6 +213,7 @@ class FT300S:
         )
 
     def _identify_and_start(self) -> Identity:
+        """Read firmware and serial number by Modbus, then switch the stream on; raises `Unreachable`, `WrongDevice`."""
         client = ModbusSerialClient(
             self.config.port, framer=FramerType.RTU, baudrate=BAUD, timeout=self.config.timeout, retries=1
         )
@@ -266,7 +267,7 @@ class FT300S:
 
     # -- the stream
     def _read_stream(self) -> None:
-        seen = 0
+        damaged_before = 0
         while self._running:
             try:
                 data = self._line.read_some()
@@ -276,7 +277,7 @@ class FT300S:
                     self._news.notify_all()
                 return
             for wrench in self._parser.feed(data):
-                damaged, seen = self._parser.damaged - seen, self._parser.damaged
+                damaged, damaged_before = self._parser.damaged - damaged_before, self._parser.damaged
                 self._take(wrench, damaged)
             self.lost = self._parser.damaged + self._gaps.missing
 

@@ -131,14 +131,14 @@ def unrest(readings: Sequence[Vector6]) -> str:
     """
     worst, text = 1.0, ""
     for (axis, unit), noise, values in zip(AXES, NOISE, zip(*readings, strict=True), strict=True):
-        for what, found, limit in _judged(values, noise):
-            if found > worst * limit:
-                worst, text = found / limit, f"{axis} {what} {found:.3g} {unit}, limit {limit:.2g} {unit}"
+        for what, value, limit in _judged(values, noise):
+            if value > worst * limit:
+                worst, text = value / limit, f"{axis} {what} {value:.3g} {unit}, limit {limit:.2g} {unit}"
     return text
 
 
 def _judged(values: Sequence[float], noise: float) -> list[tuple[str, float, float]]:
-    """What of one axis is judged, as words, value and limit."""
+    """Scatter, trend and jump of one axis, each in words with its value and limit; `noise`: standard deviation at rest."""
     n = len(values)
     if n < 2:
         return []
@@ -150,6 +150,7 @@ def _judged(values: Sequence[float], noise: float) -> list[tuple[str, float, flo
     jitter = math.sqrt(sum((b - a) ** 2 for a, b in pairwise(values)) / (2 * (n - 1)))
     sd = min(max(noise, jitter), allowed * noise)
     if n > 2:
+        # the rise of the least-squares line over the series
         trend = 12 * sum((i - (n - 1) / 2) * x for i, x in enumerate(values)) / (n * (n + 1))
         judged.append(("drifts by", abs(trend), TREND_SIGMAS * sd * math.sqrt(12 / n)))
     size = n // PARTS

@@ -19,28 +19,29 @@ class NotOne(ValueError):
     """A name that no body has, or a name or number that several have; the message says what to do."""
 
 
-def body_numbers(names: Sequence[str], told: Definitions) -> dict[str, int]:
-    """Numbers of the bodies with these names. Bodies of other names may be as they like."""
+def body_numbers(names: Sequence[str], definitions: Definitions) -> dict[str, int]:
+    """Numbers of the bodies with these names; raises NotOne. Bodies of other names may be as they like."""
     ids: dict[str, int] = {}
     for name in names:
-        numbers = [number for body, number in told.bodies if body == name]
+        numbers = [number for body, number in definitions.bodies if body == name]
         if not numbers:
-            all_names = [name for name, _ in told.bodies]
-            near = difflib.get_close_matches(name, all_names, n=1, cutoff=0.0)
+            near = difflib.get_close_matches(name, [body for body, _ in definitions.bodies], n=1, cutoff=0.0)
             hint = f"the nearest name is {near[0]!r}" if near else "there are no rigid bodies at all"
-            unread = f" ({'; '.join(told.unread)})" if told.unread else ""
+            unread = f" ({'; '.join(definitions.unread)})" if definitions.unread else ""
             raise NotOne(f"no rigid body {name!r}; {hint}{unread}. Correct the name in rig.yaml or in Motive")
         if len(numbers) > 1:
-            of = " and ".join(map(str, numbers))
-            raise NotOne(f"several rigid bodies are named {name!r}: numbers {of}. Rename all but one in Motive")
-        sharing = [body for body, number in told.bodies if number == numbers[0]]
+            listed = " and ".join(map(str, numbers))
+            raise NotOne(f"several rigid bodies are named {name!r}: numbers {listed}. Rename all but one in Motive")
+        sharing = [body for body, number in definitions.bodies if number == numbers[0]]
         if len(sharing) > 1:
-            of = " and ".join(map(repr, sharing))
-            raise NotOne(f"rigid bodies {of} have the same streaming ID {numbers[0]}. Give each an ID of its own in Motive")
+            listed = " and ".join(map(repr, sharing))
+            raise NotOne(f"rigid bodies {listed} have the same streaming ID {numbers[0]}. Give each an ID of its own in Motive")
         ids[name] = numbers[0]
     return ids
 
 
+FARTHEST = 20.0
+"""m; no camera volume is larger."""
 NOWHERE: Vector3 = (math.nan, math.nan, math.nan)
 
 
@@ -128,8 +129,7 @@ def remedy(body: RigidBody | None) -> str:
         return "no frame holds it: let Motive stream rigid bodies, and check that it is active there"
     if not body.tracked:
         return "clear the cameras' view of it"
-    # m; no camera volume is larger
-    if all(abs(part) < 20.0 for part in body.position) and _unit(body.rotation):
+    if all(abs(part) < FARTHEST for part in body.position) and _unit(body.rotation):
         return ""
     place, turn = (", ".join(f"{part:g}" for part in parts) for parts in (body.position, body.rotation))
     return f"its place ({place}) m or rotation ({turn}) cannot be true: check its definition and units in Motive"

@@ -33,12 +33,14 @@ comes later than that is lost to the recording, and is counted so."""
 AHEAD, FASTEST = 1000, 1000.0
 """Frames that may be missing at once, and frames a second of silence that may be missing beyond them: more is no gap, the
 count has changed."""
+LATE_FRAMES, RESTART_FRAMES = 300, 3
+"""Frames by which one may come late; and frames in a row that are neither late nor next, by which a new count shows."""
 
 
 @dataclass
 class _Held:
     sample: BodySample
-    came: float
+    came: float  # host time, s
 
 
 class Order:
@@ -49,12 +51,12 @@ class Order:
         """Frames that never came, or too late."""
         self.newest: BodySample | None = None
         """Of those that came, the one with the highest number."""
-        self._next: int | None = None
-        self._held: dict[int, _Held] = {}
-        self._strange: list[BodySample] = []
-        self._out: list[BodySample] = []
-        self._anew = False
-        self._came = 0.0
+        self._next: int | None = None  # number of the frame that is handed out next
+        self._held: dict[int, _Held] = {}  # by number, frames that wait for those before them
+        self._strange: list[BodySample] = []  # frames in a row whose numbers do not fit
+        self._out: list[BodySample] = []  # of an earlier count, to be handed out first
+        self._anew = False  # the server may have been restarted
+        self._came = 0.0  # host time of the newest frame
 
     def connected_again(self) -> None:
         """The server may have been restarted: a lower number begins a new count."""
@@ -69,16 +71,15 @@ class Order:
             self._next = number
         ahead = number - self._next
         if 0 <= ahead <= AHEAD + FASTEST * (now - self._came if self._came else 0.0):
-            return self._accept(sample, now)
-        if newest is not None and -300 <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
-            return False
+            return self._accept(sample, now)  # the next one, or the one behind a gap
+        if newest is not None and -LATE_FRAMES <= ahead < 0 and sample.device_time <= newest.device_time and not self._anew:
+            return False  # too late: its place has been handed out
         if self._strange and not 0 < number - self._strange[-1].frame <= AHEAD:
-            self._strange.clear()
+            self._strange.clear()  # not in a row with this one
         self._strange.append(sample)
-        # three frames in a row that fit no gap and no lateness: the server's count has begun anew
-        if len(self._strange) < 3 and not (self._anew and ahead < 0):
+        if len(self._strange) < RESTART_FRAMES and not (self._anew and ahead < 0):
             return False
-        self._begin(self._strange[0].frame)
+        self._begin(self._strange[0].frame)  # the server counts anew
         for earlier in self._strange[:-1]:
             self._accept(earlier, now, keep=True)
         return self._accept(sample, now)
@@ -89,10 +90,9 @@ class Order:
         while self._held and self._next is not None:
             first = min(self._held)
             if first > self._next and now - min(h.came for h in self._held.values()) < WINDOW:
-                break
+                break  # those before it may still come
             self.lost += first - self._next
-            held = self._held.pop(first)
-            out.append(held.sample)
+            out.append(self._held.pop(first).sample)
             self._next = first + 1
         t = min((h.sample.t for h in self._held.values()), default=float("inf"))
         for k in range(len(out) - 1, -1, -1):
@@ -263,6 +263,7 @@ class NatNetMocap:
             self._notice(f"{self.name}: {text}")
 
     def _meet(self, server: NatNetServer) -> Identity:
+        """Ask who the server is and which bodies it has, and wait for a frame; raises `Unreachable`, `WrongDevice`."""
         self._wait(server, lambda: self._info is not None, packets.CONNECT, self._no_server)
         info = self._info
         assert info is not None
@@ -284,10 +285,10 @@ class NatNetMocap:
 
     def _no_server(self) -> Unreachable | WrongDevice:
         within = f"within {self._config.timeout} s"
-        if odd := self._noticed.get("unreadable"):
-            return WrongDevice(self.name, f"the device at {self._where} is not a NatNet server: {odd}")
-        other = self._noticed.get("elsewhere")
-        ignored = f" (datagrams from {other} were ignored)" if other else ""
+        if unreadable := self._noticed.get("unreadable"):
+            return WrongDevice(self.name, f"the device at {self._where} is not a NatNet server: {unreadable}")
+        sender = self._noticed.get("elsewhere")
+        ignored = f" (datagrams from {sender} were ignored)" if sender else ""
         return Unreachable(
             self.name,
             f"no NatNet server answers at {self._where} {within}{ignored}; check that Motive streams (Data Streaming on), "
@@ -323,6 +324,7 @@ class NatNetMocap:
 
     # -- streaming
     def _run(self, server: NatNetServer) -> None:
+        """Hand out frames in order until `close`; ask anew when none come or it is in doubt which bodies there are."""
         patience = max(ASK_AGAIN, 3 / self._config.rate)
         began = timing.now()
         while not self._stopping.is_set():
@@ -347,6 +349,7 @@ class NatNetMocap:
                 self._tell(str(e), f"{e}; what cannot be read is ignored", kind="unreadable")
 
     def _take(self, server: NatNetServer, kind: int, content: Cursor) -> None:
+        """Use one message by its kind; raises `Unreadable`."""
         if kind == packets.SERVERINFO:
             self._take_info(server, packets.server_info(content))
         elif self._info is None:  # the layout of all others depends on the server's version
@@ -377,18 +380,19 @@ class NatNetMocap:
         self._asked_at = timing.now()
         server.try_asking(packets.REQUEST_MODELDEF)
 
-    def _take_definitions(self, told: Definitions) -> None:
-        for part in told.unread:
+    def _take_definitions(self, definitions: Definitions) -> None:
+        for part in definitions.unread:
             self._tell(part, f"{part}; it is ignored", kind=part.partition(" at byte")[0])
         doubt = ""
         try:
-            self._ids = body_numbers(self._names, told)
+            self._ids = body_numbers(self._names, definitions)
         except NotOne as e:
             doubt = str(e)
         with self._lock:
-            self._definitions, self._doubt = told, doubt
+            self._definitions, self._doubt = definitions, doubt
 
     def _take_frame(self, server: NatNetServer, frame: MocapFrame) -> None:
+        """Make a sample of a frame, valid or not, and keep it for `latest` and the sink."""
         if frame.models_changed and not self._changed:
             self._ask_who(server, "Motive's list of bodies has changed and it has not said yet which there are")
         self._changed = frame.models_changed
@@ -401,8 +405,8 @@ class NatNetMocap:
         why = remedy(body)
         if self._config.body in shared:
             why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
-        if past := self._past(frame):
-            why = past
+        if not_live := self._not_live(frame):
+            why = not_live
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -411,7 +415,7 @@ class NatNetMocap:
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
             valid=not (why or self._doubt),
-            markers=tuple(to_base.tracked_place(None if n in shared or past else bodies[n]) for n in self._config.markers),
+            markers=tuple(to_base.tracked_place(None if n in shared or not_live else bodies[n]) for n in self._config.markers),
         )
         now = timing.now()
         if not self._order.take(sample, now):
@@ -422,7 +426,7 @@ class NatNetMocap:
             if newest is not None and newest.valid:
                 self._valid, self._valid_at = newest, now
 
-    def _past(self, frame: MocapFrame) -> str:
+    def _not_live(self, frame: MocapFrame) -> str:
         """Why a frame does not show the present; empty for one that does."""
         if self._mode == packets.EDIT:
             return "Motive plays a take that was recorded (Edit mode): set Motive to Live"

@@ -129,18 +129,18 @@ def message(data: bytes) -> tuple[int, Cursor]:
 
 
 def server_info(c: Cursor) -> ServerInfo:
-    """Raises Unreadable."""
+    """Read who answered; raises Unreadable."""
     try:
         name = c.data[c.skip(256) : c.at]
         application, version = (c.data[c.skip(4) : c.at] for _ in range(2))
     except Short:
         raise Unreadable(f"the server's description ends at byte {c.end}, it must have {HEADER.size + 264}") from None
-    told = ServerInfo(_decoded(name.split(b"\0")[0]), ".".join(map(str, application)), (version[0], version[1]))
+    info = ServerInfo(_decoded(name.split(b"\0")[0]), ".".join(map(str, application)), (version[0], version[1]))
     if c.left < 15:
-        return told
+        return info
     frequency, port, multicast = struct.unpack_from("<QH?", c.data, c.at)
     group = ".".join(map(str, c.data[c.at + 11 : c.at + 15])) if multicast else ""
-    return replace(told, data_port=port, group=group, frequency=float(frequency))
+    return replace(info, data_port=port, group=group, frequency=float(frequency))
 
 
 def mode(c: Cursor) -> int:
@@ -155,12 +155,12 @@ def definitions(c: Cursor, version: Version) -> Definitions:
     """The rigid bodies that can be read, and a sentence for each definition that cannot."""
     bodies: list[tuple[str, int]] = []
     unread: list[str] = []
-    start, named = c.at, "the count of model definitions"
+    start, part_name = c.at, "the count of model definitions"
     try:
         for _ in range(int(c.unpack(NUMBER)[0])):
-            start, named = c.at, "model definition"
+            start, part_name = c.at, "model definition"
             kind = int(c.unpack(NUMBER)[0])
-            named = f"{KINDS[kind]} definition" if 0 <= kind < len(KINDS) else f"definition of the unknown kind {kind}"
+            part_name = f"{KINDS[kind]} definition" if 0 <= kind < len(KINDS) else f"definition of the unknown kind {kind}"
             if version >= (4, 1):
                 size = int(c.unpack(NUMBER)[0])
                 part = Cursor(c.data, c.skip(size), c.at)
@@ -174,20 +174,20 @@ def definitions(c: Cursor, version: Version) -> Definitions:
             except Short:
                 if part is c:
                     raise
-                unread.append(f"{named} at byte {start} cannot be read")
+                unread.append(f"{part_name} at byte {start} cannot be read")
     except Short:
-        unread.append(f"{named} at byte {start} cannot be read, nor what follows it")
+        unread.append(f"{part_name} at byte {start} cannot be read, nor what follows it")
     return Definitions(tuple(bodies), tuple(unread))
 
 
 def _pass_definition(c: Cursor, kind: int, version: Version) -> None:
     """Pass over a definition that does not state its size; of a rigid body, name and number have been read."""
-    if kind == 0:
+    if kind == 0:  # name, names of markers
         c.text()
         c.texts()
     elif kind == 1:
         _pass_body_definition(c, version)
-    elif kind == 2:
+    elif kind == 2:  # name, number, bones: each name, number, body
         c.text()
         c.skip(4)
         for _ in range(c.count(1)):
@@ -199,13 +199,13 @@ def _pass_definition(c: Cursor, kind: int, version: Version) -> None:
         c.text()
         c.skip(4 * (2 + 3 + 144 + 12 + 2))
         c.texts()
-    elif kind == 4:
+    elif kind == 4:  # number, name, serial number, two types, channels
         c.skip(4)
         c.text()
         c.text()
         c.skip(8)
         c.texts()
-    elif kind == 5:
+    elif kind == 5:  # name, position, orientation
         c.text()
         c.skip(28)
     else:
@@ -266,34 +266,34 @@ SECTIONS: tuple[tuple[str, Version, Skip], ...] = (
 
 
 def frame(c: Cursor, version: Version) -> MocapFrame:
-    """Raises Unreadable."""
-    start, named = c.at, "the frame's number"
+    """Read a frame; raises Unreadable where a part of it cannot be read."""
+    start, section = c.at, "the frame's number"
     bodies: dict[int, RigidBody | None] = {}
     try:
         number = int(c.unpack(NUMBER)[0])
-        for named, since, passed in SECTIONS:
+        for section, since, skip_one in SECTIONS:
             if version < since:
                 continue
             start, part = c.at, c
             if version >= (4, 1):
                 count, size = (int(n) for n in c.unpack(PAIR))
                 part = Cursor(c.data, c.skip(size), c.at)
-                if named != "rigid bodies":
+                if section != "rigid bodies":
                     continue
                 if not 0 <= count <= size:
                     raise Short
             else:
                 count = c.count(4)
             for _ in range(count):
-                if named == "rigid bodies":
-                    who, body = _body(part, version)
-                    bodies[who] = None if who in bodies else body
+                if section == "rigid bodies":
+                    body_number, body = _body(part, version)
+                    bodies[body_number] = None if body_number in bodies else body
                 else:
-                    passed(c, version)
-        start, named = c.at, "the frame's end"
+                    skip_one(c, version)
+        start, section = c.at, "the frame's end"
         stamp, bits, ticks = _suffix(c, version)
     except Short:
-        raise Unreadable(f"{named} at byte {start} cannot be read") from None
+        raise Unreadable(f"{section} at byte {start} cannot be read") from None
     return MocapFrame(number, stamp, bodies, models_changed=bool(bits & 2), taken=ticks)
 
 

@@ -60,8 +60,7 @@ class NatNetServer:
             with contextlib.suppress(OSError):
                 self.ask(KEEPALIVE)
         sockets = [s for s in (self._socket, self._group) if s is not None]
-        ready = timing.readable(sockets, longest)
-        return [data for s in ready for data in self._received(s)]
+        return [data for s in timing.readable(sockets, longest) for data in self._received(s)]
 
     def close(self) -> None:
         """Tell the server, and close the sockets."""
@@ -71,16 +70,15 @@ class NatNetServer:
         self._socket.close()
 
     def _received(self, heard: socket.socket) -> list[bytes]:
-        found = []
+        datagrams = []
         with contextlib.suppress(OSError):
-            # a flood must not hold the stream's thread
-            for _ in range(100):
+            for _ in range(100):  # a flood must not hold the stream's thread
                 data, sender = heard.recvfrom(65536)
                 if sender[0] == self._address:
-                    found.append(data)
+                    datagrams.append(data)
                 else:
                     self._elsewhere(sender[0])
-        return found
+        return datagrams
 
     def _leave(self) -> None:
         group, self._group = self._group, None
@@ -90,16 +88,16 @@ class NatNetServer:
 
 def _bound(place: tuple[str, int], shared: bool) -> socket.socket:
     """A datagram socket that does not block. `shared`: other programs of this computer may hear the same group."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         if shared:
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind(place)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(place)
     except OSError:
-        made.close()
+        sock.close()
         raise
-    made.setblocking(False)
-    return made
+    sock.setblocking(False)
+    return sock
 
 
 def _interface_towards(address: str, port: int) -> str:

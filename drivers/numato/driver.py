@@ -114,11 +114,11 @@ class NumatoValve:
             self._catch_up()
         self._behind = True
         raw = self._line.ask(command.encode() + b"\r", PROMPT)
-        said = [line for line in re.split(r"[\r\n]+", raw.decode("ascii", "replace")) if line]
-        if said[:1] != [command] or len(said) != 1 + lines:
+        words = [line for line in re.split(r"[\r\n]+", raw.decode("ascii", "replace")) if line]
+        if words[:1] != [command] or len(words) != 1 + lines:
             raise BadReply(self.name, f"answered {show(raw)} to {command!r}; check that this port is the relay module")
         self._behind = False
-        return said[1:]
+        return words[1:]
 
     def _catch_up(self) -> None:
         """Take all owed answers, up to the echo of a new word that is no command. Raises NoReply, BadReply."""

@@ -207,16 +207,15 @@ class PfeifferGauge:
 
     def _not_understood(self, what: str, error: Exception) -> BadReply:
         """The error of an answer that the library rejects: only a wrong checksum speaks against the line."""
-        config, telegram = self._config, self._wire.telegram()
+        where, telegram = f"address {self._config.address} on {self._config.port}", self._wire.telegram()
         if telegram is None:
-            said = f"answered {show(self._wire.heard)} to a request for its {what} ({error})"
-            return BadReply(self.name, f"address {config.address} on {config.port} {said}; check the cable")
+            answer = f"answered {show(self._wire.heard)} to a request for its {what} ({error})"
+            return BadReply(self.name, f"{where} {answer}; check the cable")
         sender, data = telegram
-        if sender != config.address:
-            asked = f"address {config.address} on {config.port} was asked for its {what}"
+        if sender != self._config.address:
+            asked = f"{where} was asked for its {what}"
             return BadReply(self.name, f"{asked}, but address {sender} answered; check the addresses on the line")
         reason = REFUSALS.get(data, "this driver does not know that")
-        where = f"address {config.address} on {config.port}"
         return Refused(self.name, f"{where} answered {data!r} to a request for its {what}: {reason}; see the gauge's manual")
 
 

@@ -122,10 +122,10 @@ class SmcItv:
         with self._lock.stopping():
             failed: list[Unreachable] = []
             for channel, line in enumerate(self._lines):
-                lost = bool(line.lost)
+                was_lost = bool(line.lost)
                 try:
                     line.open()
-                    if lost:  # what was asked before is not answered by the new port; the next answer is marked all the same
+                    if was_lost:  # what was asked before is not answered by the new port; the next answer is marked all the same
                         self._behind[channel] = _Behind()
                 except Unreachable as e:
                     failed.append(e)
@@ -233,6 +233,7 @@ class SmcItv:
 
     # -- opening
     def _recognise(self) -> None:
+        """Raise WrongDevice for a unit that answers an unknown command otherwise than an ITV, Unreachable for silent ports."""
         answers, errors = self._ask_each(dict.fromkeys(range(self.channels), MARK))
         foreign = {channel: show(answer) for channel, answer in answers.items() if answer != UNKNOWN_COMMAND}
         foreign |= {channel: e.message for channel, e in errors.items() if isinstance(e, BadReply)}
@@ -269,13 +270,12 @@ class SmcItv:
 
     def _send_setpoints(self, counts: dict[int, int]) -> tuple[list[int], dict[int, InstrumentError]]:
         """Send set-points in counts; returns the channels that confirmed and the errors of the others."""
-        requests = {channel: b"SET %d" % n for channel, n in counts.items()}
-        answers, errors = self._numbers(requests)
+        answers, errors = self._numbers({channel: b"SET %d" % n for channel, n in counts.items()})
         self._unsure = (self._unsure - answers.keys()) | errors.keys()
         for channel, answer in answers.items():
-            before, self._counts[channel] = self._counts[channel], answer
+            count_before, self._counts[channel] = self._counts[channel], answer
             if answer != counts[channel]:
-                same = " as before: it ignores the serial line, take it out of local operation" if answer == before else ""
+                same = " as before: it ignores the serial line, take it out of local operation" if answer == count_before else ""
                 errors[channel] = DeviceFault(
                     self.name,
                     f"{self.config.ports[channel]} was set to {counts[channel] * self.step / 1e3:.2f} kPa but holds "
@@ -284,7 +284,7 @@ class SmcItv:
         return [channel for channel in answers if channel not in errors], errors
 
     def _numbers(self, requests: dict[int, bytes]) -> tuple[dict[int, int], dict[int, InstrumentError]]:
-        """Ask for numbers 0..1023, twice where the first try fails."""
+        """Ask for numbers 0..1023, twice where the first try fails; returns those that came and the errors, by channel."""
         numbers: dict[int, int] = {}
         errors: dict[int, InstrumentError] = {}
         for attempt in range(2):
@@ -320,7 +320,7 @@ class SmcItv:
         return answers, errors
 
     def _send(self, channel: int, request: bytes) -> None:
-        """Raise NoReply when the answer could not be distinguished from others; a set-point is sent all the same."""
+        """Send a request; NoReply while answers cannot be matched (see `_Behind`), a new set-point is sent even so."""
         line, state = self._lines[channel], self._behind.get(channel)
         if state is not None and state.held:
             now = timing.now()

@@ -105,8 +105,7 @@ class MotorAxis(SerialPort):
 
     def version(self) -> tuple[int, str]:
         """Number of the module and version of its firmware."""
-        # type 1 answers with numbers instead of text
-        value = self._send(TMCLCommand.GET_FIRMWARE_VERSION, 1, 0)
+        value = self._send(TMCLCommand.GET_FIRMWARE_VERSION, 1, 0)  # type 1 answers with numbers instead of text
         return value >> 16 & 0xFFFF, f"{value >> 8 & 0xFF}.{value & 0xFF:02d}"
 
     def get(self, parameter: int) -> int:
@@ -193,8 +192,7 @@ class MotorAxis(SerialPort):
                         "check the addresses on the bus",
                     )
                 elif reply.status < DONE:
-                    reason = TMCLStatus.get_name(reply.status)
-                    refusal = f"{where} refuses {what}: status {reply.status}, {reason}"
+                    refusal = f"{where} refuses {what}: status {reply.status}, {TMCLStatus.get_name(reply.status)}"
                     if reply.status != TMCLStatus.WRONG_CHECKSUM:
                         failure = Refused(self.name, refusal)
                         break
@@ -213,9 +211,9 @@ class MotorAxis(SerialPort):
         heard, window, echo = False, b"", request.to_buffer()
         began, count = timing.now(), 0
         give_up = began + self.timeout
-        while timing.now() <= give_up and (come := line.read(FRAME_BYTES - len(window))):
-            window += come
-            count += len(come)
+        while timing.now() <= give_up and (piece := line.read(FRAME_BYTES - len(window))):
+            window += piece
+            count += len(piece)
             if window == echo:
                 self.quality.echoes, window = True, b""
             elif len(window) == FRAME_BYTES:

@@ -192,8 +192,7 @@ class TmclSpine(DrumLengthUnit):
             def write(value: int) -> None:
                 axis.put(number, value)
 
-            place = f"{name} (axis parameter {number})"
-            return Setting(place, lambda: axis.get(number), needed, why, write if written else None)
+            return Setting(f"{name} (axis parameter {number})", lambda: axis.get(number), needed, why, write if written else None)
 
         resolution = Setting(
             f"resolution (axis parameters {AxisParameter.FULLSTEPS} and {AxisParameter.MICROSTEPS})",
@@ -204,8 +203,7 @@ class TmclSpine(DrumLengthUnit):
         switch = (
             ("left", AxisParameter.LEFT_SWITCH_OFF) if self._config.direction > 0 else ("right", AxisParameter.RIGHT_SWITCH_OFF)
         )
-        least = round(self._microsteps(self._config.max_speed) / STOPS_WITHIN)
-        some, enough = partial(max, 1), partial(max, least)
+        at_least_one, fast_enough = partial(max, 1), partial(max, round(self._microsteps(self._config.max_speed) / STOPS_WITHIN))
         slow = f"a stop would take longer than {STOPS_WITHIN:g} s"
         program = of_module("program stored in the module", ModuleParameter.PROGRAM, 0, "it would move the motor")
         every = [
@@ -219,10 +217,10 @@ class TmclSpine(DrumLengthUnit):
             of_axis("freewheeling mode", AxisParameter.FREEWHEELING, 0, "the motor would not hold"),
             of_axis("step/direction mode", AxisParameter.STEP_DIRECTION, 0, "other signals would move the motor"),
             of_axis("unit mode", AxisParameter.UNITS, 1, "speeds would not be microsteps per second"),
-            of_axis("maximum current", AxisParameter.MAX_CURRENT, some, "the motor would not turn", False),
-            of_axis("standby current", AxisParameter.STANDBY_CURRENT, some, "the motor would not hold", False),
-            of_axis("maximum acceleration", AxisParameter.ACCELERATION, enough, slow, False),
-            of_axis("maximum deceleration", AxisParameter.DECELERATION, enough, slow, False),
+            of_axis("maximum current", AxisParameter.MAX_CURRENT, at_least_one, "the motor would not turn", False),
+            of_axis("standby current", AxisParameter.STANDBY_CURRENT, at_least_one, "the motor would not hold", False),
+            of_axis("maximum acceleration", AxisParameter.ACCELERATION, fast_enough, slow, False),
+            of_axis("maximum deceleration", AxisParameter.DECELERATION, fast_enough, slow, False),
         ]  # fmt: skip
         if self._heartbeat is not None:
             why = "the motor would not stop without the host"
@@ -283,17 +281,17 @@ class TmclSpine(DrumLengthUnit):
         flags = self._axis.get(AxisParameter.ERROR_FLAGS)
         status = self._axis.get(AxisParameter.DRIVER_STATUS)
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
-        deviation = held = self._microsteps(self._config.max_deviation)
+        needed = max_deviation = self._microsteps(self._config.max_deviation)
         restarted = self._axis.restarted()
         if confirm or self._axis.caught_up:  # catching up sets the tick timer anew, which hides a restart before it
-            held = self._axis.get(AxisParameter.MAX_DEVIATION)
-            restarted = restarted or self._forgotten(held)
+            max_deviation = self._axis.get(AxisParameter.MAX_DEVIATION)
+            restarted = restarted or self._forgotten(max_deviation)
             self._axis.caught_up = False
         if restarted:
             self._lose_zero(RESTARTED)
-        elif held != deviation:
+        elif max_deviation != needed:
             self._fault = (
-                f"its deviation stop was set to {held} microsteps by another host, it should be {deviation}; disconnect "
+                f"its deviation stop was set to {max_deviation} microsteps by another host, it should be {needed}; disconnect "
                 "that host, then call stop() to reset it"
             )
         elif damage:

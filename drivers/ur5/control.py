@@ -133,8 +133,7 @@ class ControlThread:
     def watch(self, frequency: float) -> bool:
         """Turn the controller's watchdog on: it stops the program when kicks come less often than `frequency` (Hz)."""
         accepted = self.call(lambda control: control.setWatchdog(frequency))
-        # five kicks within the time after which the watchdog bites
-        self._kick_interval = 1.0 / frequency / 5
+        self._kick_interval = 1.0 / frequency / 5  # five kicks within the time after which the watchdog bites
         return bool(accepted)
 
     def operation(self) -> Operation:
@@ -156,6 +155,7 @@ class ControlThread:
 
     # -- the owner's thread
     def _run(self) -> None:
+        """Connect, then do one call after another and kick the watchdog in between, until told to end."""
         try:
             control = self._connected()
         except RuntimeError as error:
@@ -165,11 +165,14 @@ class ControlThread:
         next_kick = 0.0
         while True:
             now = timing.now()
-            if not control.isConnected():
-                self.give_up("connection lost")
-            elif self._kick_interval is not None and self._broken is None and now >= next_kick:
-                control.kickWatchdog()
-                next_kick = now + self._kick_interval
+            try:
+                if not control.isConnected():
+                    self.give_up("connection lost")
+                elif self._kick_interval is not None and self._broken is None and now >= next_kick:
+                    control.kickWatchdog()
+                    next_kick = now + self._kick_interval
+            except RuntimeError as error:
+                self.give_up(f"connection lost: {error}")
             try:
                 job = self._jobs.get(timeout=self._kick_interval or 0.1)
             except queue.Empty:

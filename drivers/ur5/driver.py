@@ -27,8 +27,8 @@ from .safety import SlowMotion, is_reduced, stop_text
 from .state import ENDED, PLAYING, UR5State
 from .wire import SCRIPT_PORT, Snapshot, UrController
 
-STILL_SPEED, STILL_TURNING = 2e-3, 1e-2
-"""m/s and rad/s: below both the TCP counts as standing; the encoders' noise stays well below."""
+STILL_SPEED, STILL_TURNING, STILL_STATES = 2e-3, 1e-2, 3
+"""m/s and rad/s: below both the TCP counts as standing, the encoders' noise well below; and states in a row that must show it."""
 DEADLINE_FACTOR = 2.0
 """A motion may take this many times as long as computed."""
 LEAST_SLIDER = 1 / DEADLINE_FACTOR
@@ -78,12 +78,12 @@ class UR5:
         if self._control is not None and self._control.alive:
             raise NotReady(self.name, "is already open, or its last connection has not ended; close it, or restart its process")
         config = self.config
-        seen = self._controller.snapshot()
-        identity = self._controller.identify(seen)
+        snapshot = self._controller.snapshot()
+        identity = self._controller.identify(snapshot)
         self._check_identity(identity)
-        self._check_ready(seen)
+        self._check_ready(snapshot)
         self._controller.connect(SCRIPT_PORT).close()  # the library names no port
-        self._seen = seen
+        self._seen = snapshot
         try:
             self._state.open()
             self._control = ControlThread(self.name, config.host, config.timeout)
@@ -106,19 +106,19 @@ class UR5:
         person sets right without opening the arm again.
         """
         control = self._opened()
-        seen = self._controller.snapshot()
-        self._check_ready(seen)
+        snapshot = self._controller.snapshot()
+        self._check_ready(snapshot)
         if paused := self._paused():  # it would answer nothing
             raise DeviceFault(self.name, paused)
-        if not self._controller.in_remote_control(seen):
+        if not self._controller.in_remote_control(snapshot):
             raise NotReady(self.name, "the pendant is in local mode, needed: remote control; switch it there")
-        if seen.speed_slider < LEAST_SLIDER:
+        if snapshot.speed_slider < LEAST_SLIDER:
             raise NotReady(
                 self.name,
-                f"the speed slider is at {seen.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end in "
-                "time; set it to 100 % at the pendant",
+                f"the speed slider is at {snapshot.speed_slider:.0%}, needed at least {LEAST_SLIDER:.0%}: motions would not end "
+                "in time; set it to 100 % at the pendant",
             )
-        tool = Tool(seen.payload, seen.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
+        tool = Tool(snapshot.payload, snapshot.centre_of_gravity, control.call(lambda library: list(library.getTCPOffset())))
         self._tool = self._tool or tool
         tool.check(self.name, self._tool, self.config.payload)
 
@@ -146,14 +146,14 @@ class UR5:
             raise NotReady(self.name, "the speed slider is at 0 %: the arm would not move; set it to 100 % at the pendant")
         if self._move is not None and self.moving():
             raise NotReady(self.name, "still moving; wait until moving() is False, or call stop()")
-        before = control.operation().number
+        previous = control.operation().number
         if not control.call(lambda library: library.moveL(list(goal), speed, acceleration, True)):
             self._raise_cause(control)
             raise BadReply(self.name, f"the controller refused {millimetres(goal)}; see the log on the pendant")
         allowed = DEADLINE_FACTOR * ur5_motion.duration(here, goal, speed, acceleration)
         deadline = Deadline.after(self._clock, allowed, self.config.timeout)
         slow = SlowMotion(ur5_motion.top_speed(here, goal, speed, acceleration))
-        self._move = _StartedMotion(goal, self._started(control, before), deadline, slow)
+        self._move = _StartedMotion(goal, self._started(control, previous), deadline, slow)
 
     def moving(self) -> bool:
         """True until the last started motion has ended at its goal.
@@ -176,9 +176,9 @@ class UR5:
             if move.deadline.expired:
                 self._take_too_long(move)
             return True
-        off = ur5_motion.distance_between(sample.tcp_pose, move.goal)
-        turned = ur5_motion.turn_between(sample.tcp_pose, move.goal)
-        if off <= self.config.position_tolerance and turned <= self.config.turn_tolerance and _still(sample):
+        distance = ur5_motion.distance_between(sample.tcp_pose, move.goal)
+        turn = ur5_motion.turn_between(sample.tcp_pose, move.goal)
+        if distance <= self.config.position_tolerance and turn <= self.config.turn_tolerance and _still(sample):
             self._move = None
             return False
         # The state comes over a connection of its own and may be some cycles behind.
@@ -187,7 +187,7 @@ class UR5:
             self._move = None
             raise DeviceFault(
                 self.name,
-                f"motion ended {off * 1e3:.2f} mm and {turned:.4f} rad from its target {millimetres(move.goal)}, "
+                f"motion ended {distance * 1e3:.2f} mm and {turn:.4f} rad from its target {millimetres(move.goal)}, "
                 f"tolerance {self.config.position_tolerance * 1e3:g} mm and {self.config.turn_tolerance:g} rad; "
                 "was the arm stopped or pushed?",
             )
@@ -210,7 +210,7 @@ class UR5:
         travel = self.config.max_speed / self.config.stop_deceleration + STOP_ALLOWANCE
         deadline = Deadline.after(self._clock, travel, self.config.timeout)
         still, last = 0, sample.device_time
-        while still < 3:
+        while still < STILL_STATES:  # in a row
             sample = self._fresh(control)
             if sample.device_time != last:
                 last = sample.device_time
@@ -244,13 +244,13 @@ class UR5:
         return self._control
 
     def _check_identity(self, identity: Identity) -> None:
-        for what, wanted, found in (
+        for what, wanted, reported in (
             ("model", self.config.model, identity.model),
             ("serial number", self.config.serial, identity.serial),
         ):
-            if wanted and found and wanted != found:
+            if wanted and reported and wanted != reported:
                 raise WrongDevice(
-                    self.name, f"{what} at {self.config.host} is {found!r}, not {wanted!r}; check address and configuration"
+                    self.name, f"{what} at {self.config.host} is {reported!r}, not {wanted!r}; check address and configuration"
                 )
 
     def _stopped(self, bits: int) -> str:
@@ -329,9 +329,9 @@ class UR5:
             return
         if not control.call(lambda library: library.setTcp(list(tcp))):
             raise BadReply(self.name, f"the controller refused the TCP {tcp}; see the log on the pendant")
-        found = control.call(lambda library: library.getTCPOffset())
-        if not same_pose(found, tcp):
-            raise BadReply(self.name, f"TCP read back as {found} instead of {tcp}; see the log on the pendant")
+        read_back = control.call(lambda library: library.getTCPOffset())
+        if not same_pose(read_back, tcp):
+            raise BadReply(self.name, f"TCP read back as {read_back} instead of {tcp}; see the log on the pendant")
 
     def _started(self, control: ControlThread, before: int) -> int:
         """Number of the motion that was just sent, once the controller counts it; a quick one may be over by then."""

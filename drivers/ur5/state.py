@@ -113,8 +113,7 @@ class UR5State:
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
             raise NotReady(self.name, "the library has not released the last connection; restart the program")
-        seen = self.controller.snapshot()
-        identity = self.controller.identify(seen)
+        identity = self.controller.identify(self.controller.snapshot())
         try:
             self._receive = rtde_receive.RTDEReceiveInterface(self.controller.host, -1.0, VARIABLES)
         except RuntimeError as error:

@@ -62,7 +62,7 @@ class _Rtde:
 
     def __init__(self, name: str, where: str, line: socket.socket) -> None:
         self.name, self.where, self.line = name, where, line
-        self._said = ""
+        self._last_text = ""
         """The last text message of the controller."""
 
     def ask(self, kind: int, body: bytes, length: int | None = None) -> bytes:
@@ -75,8 +75,7 @@ class _Rtde:
 
     def subscribe(self, names: Sequence[str]) -> list[str]:
         """Ask for output variables; returns their types, `NOT_FOUND` for what is not offered."""
-        # the one package that is waited for comes at 10 Hz
-        answer = self.ask(_OUTPUTS, struct.pack(">d", 10.0) + ",".join(names).encode())
+        answer = self.ask(_OUTPUTS, struct.pack(">d", 10.0) + ",".join(names).encode())  # at 10 Hz: one package is awaited
         return answer[1:].decode("ascii", "replace").split(",")
 
     def receive(self, kind: int) -> bytes:
@@ -88,7 +87,7 @@ class _Rtde:
             body = self._exactly(size - _HEADER.size)
             if got == kind:
                 return body
-            self._said = " ".join("".join(chr(byte) if 32 <= byte < 127 else " " for byte in body).split())
+            self._last_text = " ".join("".join(chr(byte) if 32 <= byte < 127 else " " for byte in body).split())
 
     def _exactly(self, count: int) -> bytes:
         data = b""
@@ -105,10 +104,10 @@ class _Rtde:
         return data
 
     def _ceased(self, how: str) -> Unreachable:
-        said = f", and says {self._said!r}" if self._said else ""
+        text = f", and says {self._last_text!r}" if self._last_text else ""
         return Unreachable(
             self.name,
-            f"{self.where} accepts the connection but {how}{said}; is it the arm's controller, has it finished starting, and is "
+            f"{self.where} accepts the connection but {how}{text}; is it the arm's controller, has it finished starting, and is "
             "its safety setup confirmed at the pendant?",
         )
 
@@ -154,7 +153,7 @@ class UrController:
             if len(data) != layout.size:
                 raise WrongDevice(name, f"{where} sends {len(data)} bytes of data instead of {layout.size}; check the line")
             values = layout.unpack(data)
-        seen = Snapshot(
+        snapshot = Snapshot(
             (version[0], version[1], version[2], version[3]),
             robot_mode=int(values[1]),
             safety_bits=int(values[2]),
@@ -163,8 +162,8 @@ class UrController:
             tcp_speed=(values[5], values[6], values[7], values[8], values[9], values[10]),
         )
         if len(values) == 11:
-            return seen
-        return replace(seen, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
+            return snapshot
+        return replace(snapshot, payload=values[11], centre_of_gravity=(values[12], values[13], values[14]))
 
     def identify(self, seen: Snapshot) -> Identity:
         """Ask the dashboard for model, serial number and PolyScope version; what this version cannot tell stays empty."""
@@ -194,19 +193,19 @@ class UrController:
         except Unreachable as error:
             raise _without_dashboard(name, where, seen) from error
         with line:
-            come = b""
+            received = b""
 
             def hear() -> str:
-                nonlocal come
+                nonlocal received
                 try:
-                    while b"\n" not in come and len(come) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
-                        come += piece
+                    while b"\n" not in received and len(received) < LONGEST_LINE and (piece := timing.recv(line, LONGEST_LINE)):
+                        received += piece
                 except TimeoutError as error:
-                    silent = f"dashboard {where} is silent for {self.timeout:g} s; restart the controller"
-                    raise Unreachable(name, silent) from error
+                    silence = f"dashboard {where} is silent for {self.timeout:g} s; restart the controller"
+                    raise Unreachable(name, silence) from error
                 except OSError as error:
                     raise Unreachable(name, f"dashboard {where} closed the connection ({error})") from error
-                text, _, come = come.partition(b"\n")
+                text, _, received = received.partition(b"\n")
                 return text.decode("utf-8", "replace").strip()
 
             def ask(question: str) -> str:

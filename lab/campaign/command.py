@@ -62,7 +62,7 @@ class Stops:
         self._cycles = self._cycles + times * cycles(plan, self._chambers)[0]
 
     def before(self, plan: Plan, done: CampaignProgress) -> str:
-        """Why a plan must not begin."""
+        """Why a plan must not begin: its duration or cycles would exceed a stop rule; empty where it may."""
         longest, most = self.rules.max_duration, self.rules.max_cycles
         if longest is not None and done.seconds + plan.seconds > longest:
             return (
@@ -85,7 +85,7 @@ class Stops:
             self._tips.setdefault((cell, trial, step), []).append(tip)
 
     def after(self, done: CampaignProgress) -> str:
-        """Why the campaign must not go on after a run."""
+        """Why the campaign must not go on after a run: lost samples, failures, or scatter of the tip; empty where it may."""
         if self.rules.max_lost is not None and done.lost > self.rules.max_lost:
             return f"stop.max_lost = {self.rules.max_lost}: {done.lost} samples were lost"
         if self.failed >= self.rules.max_failed:
@@ -137,7 +137,7 @@ class Session:
         self.stops = Stops(campaign.file.stop, campaign.chambers)
         self.screen = Screen(campaign.file.campaign, campaign.runs[0].job.rig.clock.speed)
         self._rig: Rig | None = None
-        self._open: list[str] = []
+        self._open: list[str] = []  # names of the instruments that are
         self._safe = True
         self._displaced = False
         self._said = False
@@ -204,7 +204,8 @@ class Session:
         return found_of(self.folder / run.folder)
 
     def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
-        """One recording, with the instruments that are needed open; None: it failed, and may be tried again."""
+        """Make one recording (of a run, or of a warm-up: None), with the instruments `needs` open, and note it in the journal.
+        Returns how the session ended or `Ended(True)`; None: the run failed, and may be tried again."""
         if why := self.stops.before(job.plan, self.journal.done):
             return Ended(False, why)
         number = None if run is None else run.number
@@ -218,8 +219,8 @@ class Session:
             self.journal.began(number)
             begun = rig.clock.now()
             folder_in(folder.parent, folder.name)
-            before, total = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up's progress is none
-            with self.screen.part(before, total):
+            done_s, total_s = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up's progress is none
+            with self.screen.part(done_s, total_s):
                 result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
             return self._failed(number, e, 0.0, 0)
@@ -262,7 +263,7 @@ class Session:
         return None
 
     def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
-        """The rig with these instruments: the one at hand where it has just them."""
+        """A rig with these instruments open: the one at hand where it has just them."""
         if self._rig is not None and self._rig.needed(needs) == self._open:
             self._rig.actuators.pulse.mark()
             return self._rig
@@ -308,11 +309,12 @@ def plan(path: Path, rig_path: Path) -> Result:
 
 
 def _show_plan(c: CampaignDesign, planned: Mapping[str, Any]) -> None:
+    """Print runs, durations, what a person has to do before which run, cycles by chamber, and margins to the limits."""
     sheet = Sheet("run", "block", "protocol", "condition", "about", "hands", box=None, pad_edge=False)
     tasks: list[str] = []
     for run in planned["runs"]:
-        before = f"run {run['run']}" if run["run"] else "the warm-up"
-        run_tasks = [f"before {before}: {hand['do']}" for hand in run["hands"]]
+        which_run = f"run {run['run']}" if run["run"] else "the warm-up"
+        run_tasks = [f"before {which_run}: {hand['do']}" for hand in run["hands"]]
         numbers = ", ".join(f"task {len(tasks) + i}" for i, _ in enumerate(run_tasks, 1))
         tasks += run_tasks
         run_number, block = (str(run[key] or "") for key in ("run", "block"))
@@ -327,10 +329,10 @@ def _show_plan(c: CampaignDesign, planned: Mapping[str, Any]) -> None:
     out.print(f"hands are needed {c.hands} times, the first time included")
     for number, task in enumerate(tasks, 1):
         out.print(f"  task {number}, {task}", soft_wrap=True)
-    alike: dict[tuple[int, float], list[str]] = {}
+    chambers_by_load: dict[tuple[int, float], list[str]] = {}
     for chamber in planned["chambers"]:
-        alike.setdefault((chamber["cycles"], chamber["highest_pa"]), []).append(str(chamber["chamber"]))
-    for (count, highest), chambers in alike.items():
+        chambers_by_load.setdefault((chamber["cycles"], chamber["highest_pa"]), []).append(str(chamber["chamber"]))
+    for (count, highest), chambers in chambers_by_load.items():
         if count:
             named = f"chamber{'s' if len(chambers) > 1 else ''} {', '.join(chambers)}"
             out.print(f"  {named}: {count} pressure cycles, up to {shown(highest, 'Pa')}", soft_wrap=True)
@@ -351,16 +353,16 @@ def _checked(path: Path, rig_path: Path) -> CampaignDesign:
 
 
 def plan_dict(c: CampaignDesign) -> dict[str, Any]:
-    """The plan as JSON has it."""
+    """The plan as JSON has it: runs with what a person has to do before each, cycles by chamber, limits and margins."""
     counts, highest = c.cycles()
-    runs, stands = [], None
+    runs, stands = [], None  # the set-up that stands
     limits: dict[str, float] = {}
     for run, j in c.jobs:
         hands = []
         for setup in setups(j.plan):
             if setup != stands:
-                about = {"mount": setup.mount, "tip_mass_kg": setup.tip_mass, "roll_deg": setup.roll_deg}
-                hands.append({"do": preparations(setup, stands), **about, "vacuum_pa": setup.vacuum})
+                mounted = {"mount": setup.mount, "tip_mass_kg": setup.tip_mass, "roll_deg": setup.roll_deg}
+                hands.append({"do": preparations(setup, stands), **mounted, "vacuum_pa": setup.vacuum})
             stands = setup
         for key, value in j.plan.limits.items():
             limits[key] = max(limits.get(key, value), value)
@@ -409,6 +411,7 @@ def resume_command(folder: Path, rig_path: Path) -> str:
 
 
 def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool) -> Result:
+    """Do what is left of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
     try:
         ended = Session(c, folder, journal, watched=watched).go()
     except Exception:

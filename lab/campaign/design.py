@@ -34,7 +34,8 @@ Slot = tuple[int, Cell]
 
 
 def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped: bool) -> list[Slot]:
-    """All runs in order; `hands`: of each protocol the set-up of each of its conditions.
+    """All runs in order, conditions of a block shuffled by `seed`; `hands`: of each protocol the set-up of each condition;
+    `grouped`: a set-up is kept for all blocks before the next, so that a person changes it as seldom as possible.
 
     >>> ordered([["light", "light", "heavy"]], 2, 1, True)
     [(1, (0, 1)), (1, (0, 0)), (2, (0, 1)), (2, (0, 0)), (1, (0, 2)), (2, (0, 2))]
@@ -42,14 +43,14 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
     rng = random.Random(seed)
     cells = [[(part, k) for k in range(len(conditions))] for part, conditions in enumerate(hands)]
     if not grouped:
-        return [(block, c) for own in cells for block in range(1, blocks + 1) for c in rng.sample(own, len(own))]
-    plots = [
+        return [(block, cell) for part in cells for block in range(1, blocks + 1) for cell in rng.sample(part, len(part))]
+    cells_by_setup = [
         {setup: [(part, k) for k, s in enumerate(conditions) if s == setup] for setup in dict.fromkeys(conditions)}
         for part, conditions in enumerate(hands)
     ]
     return [
         (block, cell)
-        for conditions, order in zip(plots, fewest_changes([list(p) for p in plots], rng), strict=True)
+        for conditions, order in zip(cells_by_setup, fewest_changes([list(p) for p in cells_by_setup], rng), strict=True)
         for setup in order
         for block in range(1, blocks + 1)
         for cell in rng.sample(conditions[setup], len(conditions[setup]))
@@ -57,16 +58,16 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
 
 
 def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> list[list[Hashable]]:
-    """The set-ups of each part in random order, where as many parts as possible begin as the one before ended."""
-    best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}
+    """Set-ups of each part in random order, most parts beginning as the one before ended: best orders by their last set-up."""
+    best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}  # last set-up -> (set-ups kept, orders)
     for part in parts:
-        mixed = rng.sample(list(part), len(part))
+        shuffled = rng.sample(list(part), len(part))
         by_last: dict[Hashable, tuple[int, list[list[Hashable]]]] = {}
-        for first in mixed:
-            for last in mixed if len(mixed) == 1 else [s for s in mixed if s != first]:
-                order = [first, *(s for s in mixed if s not in (first, last)), *([last] if last != first else [])]
-                for before, (kept, orders) in best.items():
-                    score = kept + (before == first and bool(orders))
+        for first in shuffled:
+            for last in shuffled if len(shuffled) == 1 else [s for s in shuffled if s != first]:
+                order = [first, *(s for s in shuffled if s not in (first, last)), *([last] if last != first else [])]
+                for last_before, (kept, orders) in best.items():
+                    score = kept + (last_before == first and bool(orders))
                     if last not in by_last or score > by_last[last][0]:
                         by_last[last] = (score, [*orders, order])
         best = by_last
@@ -192,8 +193,7 @@ def campaign_of(
 
     `progress` is told how many conditions of how many are checked.
 
-    Raises ConfigError with the problems of all runs, each with the place in the file or the run it comes from.
-    """
+    Raises ConfigError with the problems of all runs, each with the place in the file or the run it comes from."""
     file, source = load_campaign(path)
     seed_given = file.seed is not None
     file = file if seed_given else file.model_copy(update={"seed": seed})
@@ -233,9 +233,9 @@ def _jobs(
         condition = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
         set_to = {key: _as_list(experiment, key, value) for key, value in values.items()}
         lines = _lines(source, place, picked)
-        given = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
+        run_source = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
         try:
-            yield condition, job(name, rig_path, [], given, experiment if file is not None else None, rig)
+            yield condition, job(name, rig_path, [], run_source, experiment if file is not None else None, rig)
         except ConfigError as e:
             where = "" if e.placed or not condition else f"{condition}: "
             for problem in e.problems:
@@ -249,19 +249,20 @@ def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
 
 
 def _lines(source: Source, place: Loc, picked: Mapping[str, int]) -> dict[Loc, int]:
-    """The lines of the campaign's file at which the keys of one run's parameters stand."""
-    found: dict[Loc, int] = {}
+    """Key of one run's parameters -> line of the campaign's file: below `parameters`, or that of the value picked (its number in
+    the list, `picked`) below `conditions`; `place`: where the protocol stands."""
+    line_of: dict[Loc, int] = {}
     same, varied = (*place, "parameters"), (*place, "conditions")
     for loc, line in source.lines.items():
         if loc == (*place, "protocol"):
-            found[("protocol",)] = line
+            line_of[("protocol",)] = line
         elif loc[: len(same)] == same and len(loc) > len(same):
-            found[loc[len(same) :]] = line
+            line_of[loc[len(same) :]] = line
         elif loc[: len(varied)] == varied and len(loc) > len(varied) + 1:
             key, number = loc[len(varied)], loc[len(varied) + 1]
             if picked.get(str(key)) == number:
-                found[(key, *loc[len(varied) + 2 :])] = line
-    return found
+                line_of[(key, *loc[len(varied) + 2 :])] = line
+    return line_of
 
 
 def _short(value: Any) -> str:
@@ -270,7 +271,7 @@ def _short(value: Any) -> str:
 
 
 def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, rig: RigFile) -> Job | None:
-    """Cycles of each group of chambers that is inflated, to the highest pressure that it gets."""
+    """A job of cycles of each group of chambers that is inflated, to its highest pressure; None where none is wanted."""
     highest: dict[tuple[int, ...], float] = {}
     rate, speed = 0.0, 0.0
     for run in runs:
@@ -294,8 +295,7 @@ def planned_table(campaign: CampaignDesign, channels: Sequence[str] = ()) -> Col
     """What `lab.diagnose` will get, without readings: one row for each state that the campaign will read, in order.
 
     Trials are numbered on from run to run as `lab.files.inputs.read_case` numbers those of the recordings; `t` is s of rig time
-    since the campaign's begin as planned. See `planned_columns`, also for `channels`.
-    """
+    since the campaign's begin as planned. See `planned_columns`, also for `channels`."""
     rows: list[dict[str, Any]] = []
     trials, begun = 0, 0.0
     for run, j in campaign.jobs:

@@ -225,7 +225,7 @@ class RunState:
 
 
 def found_of(folder: Path) -> RunState:
-    """What the folder of a run holds; torn recordings are recovered on the way. Raises ConfigError, RecordingError."""
+    """The state of the run in a folder, after recovering torn recordings. Raises ConfigError, RecordingError."""
     mend(folder)
     for journal in sorted(folder.glob("*.journal")):
         progress = read_run(journal)
@@ -236,10 +236,10 @@ def found_of(folder: Path) -> RunState:
             continue
         broken = find(journal)
         last = _there(journal.parent / progress.recordings[-1][0])
-        about = {} if last is None else Recording.open(last, truncated=True).metadata
-        counts = counted({"counts": about.get("counts", {})}).values()
+        metadata = {} if last is None else Recording.open(last, truncated=True).metadata
+        counts = counted({"counts": metadata.get("counts", {})}).values()
         lost = sum((c.get("lost") or 0) + (c.get("dropped") or 0) for c in counts)
-        return RunState(broken, about.get("outcome", {}).get("outcome") == "completed", lost)
+        return RunState(broken, metadata.get("outcome", {}).get("outcome") == "completed", lost)
     return RunState(None)
 
 

@@ -63,7 +63,8 @@ def _by_step(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
 
 
 def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
-    """The same, by the nearest state."""
+    """(rows,) line of the file with the nearest state (spine length and pressures within `SPINE_WITHIN` and `PRESSURE_WITHIN`,
+    mass and roll the same) for each row of the table, -1 where it has none. Raises ConfigError."""
     pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
     missing = [name for name in pressures if name not in predicted]
     if missing:
@@ -71,34 +72,32 @@ def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
             f"{path}: has neither trial and step nor {missing[0]}; give the columns trial and step, or the state: "
             f"spine_length (m) and p1..p{len(pressures)} (Pa)"
         )
-    theirs = np.column_stack([np.asarray(predicted[name], float) for name in pressures])
-    highest, measured = float(np.nanmax(theirs)), float(np.nanmax(case.table.pressures, initial=0.0))
-    # a file whose pressures are this small has another unit
-    if measured > PRESSURE_WITHIN and highest < 0.01 * measured:
-        raise ConfigError(
-            f"{path}: its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
-        )
-    spine = np.asarray(predicted.get("spine_length", np.zeros(len(theirs))), float)
-    others = [name for name in ("tip_mass", "roll_deg") if name in predicted]
-    place, table = np.full(len(case.table), -1), case.table
-    lengths, given = np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in others}
+    predicted_pressures = np.column_stack([np.asarray(predicted[name], float) for name in pressures])
+    highest, measured = float(np.nanmax(predicted_pressures)), float(np.nanmax(case.table.pressures, initial=0.0))
+    if measured > PRESSURE_WITHIN and highest < 0.01 * measured:  # in another unit
+        text = f"its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
+        raise ConfigError(f"{path}: {text}")
+    spine = np.asarray(predicted.get("spine_length", np.zeros(len(predicted_pressures))), float)
+    settings = [name for name in ("tip_mass", "roll_deg") if name in predicted]
+    line_of_row, table = np.full(len(case.table), -1), case.table
+    lengths, measured_settings = np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in settings}
     for i, pressures_read in enumerate(table.pressures):
-        by_pressure = np.abs(theirs - pressures_read).max(axis=1) / PRESSURE_WITHIN
-        far = np.maximum(by_pressure, np.abs(spine - lengths[i]) / SPINE_WITHIN)
-        for name in others:
-            far[np.asarray(predicted[name], float) != given[name][i]] = np.inf
-        nearest = int(np.nanargmin(far)) if np.isfinite(far).any() else 0
-        place[i] = nearest if far[nearest] <= 1.0 else -1
-    if (place < 0).all():
+        by_pressure = np.abs(predicted_pressures - pressures_read).max(axis=1) / PRESSURE_WITHIN
+        distance = np.maximum(by_pressure, np.abs(spine - lengths[i]) / SPINE_WITHIN)
+        for name in settings:
+            distance[np.asarray(predicted[name], float) != measured_settings[name][i]] = np.inf
+        nearest = int(np.nanargmin(distance)) if np.isfinite(distance).any() else 0
+        line_of_row[i] = nearest if distance[nearest] <= 1.0 else -1
+    if (line_of_row < 0).all():
         raise ConfigError(
-            f"{path}: predicts none of the {len(place)} states of the table to {PRESSURE_WITHIN / 1e3:g} kPa and "
+            f"{path}: predicts none of the {len(line_of_row)} states of the table to {PRESSURE_WITHIN / 1e3:g} kPa and "
             f"{SPINE_WITHIN * 1e3:g} mm of spine; pressures are in Pa, lengths in m"
         )
-    return place
+    return line_of_row
 
 
 def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
-    """Columns of a file in the order of the case's table."""
+    """The columns of a file as a baseline: `place` (rows,) names its line for each row of the case's table, -1 for none (NaN)."""
     table, chambers = case.table, len(case.robot.actuators.azimuths_deg)
     seen = place >= 0
 
@@ -180,8 +179,7 @@ def from_simulator(
 ) -> Baseline:
     """What a simulator predicts of a case, as it is and, where asked for, with each of its own parameters varied.
 
-    Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks.
-    """
+    Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks."""
     specs = (*catalogue.values(), *TOLERANCES.values(), AREA)
     scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
     unknown = [p for p in forward.parameters if p not in scale]
@@ -189,8 +187,8 @@ def from_simulator(
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
     settings = _settings(case)
     distinct, place = _distinct(settings)
-    states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]
-    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []
+    states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
+    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
     baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
@@ -198,8 +196,8 @@ def from_simulator(
         for i, part in enumerate(states):
             try:
                 mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
-                asked = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
-                read = forward.predict(asked, {parameter: step} if parameter else {})
+                states_of_part = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
+                read = forward.predict(states_of_part, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
             parts.append(_arrays(name, read, len(part), len(case.robot.markers)))

@@ -180,17 +180,18 @@ def _leaves(annotation: object) -> list[object]:
 
 
 def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]) -> dict[Any, Any]:
+    """The table `raw` with its values in SI (see `_convert`), and deviations behind +- moved to its table `uncertainty`."""
     out = dict(raw)
-    beside_numbers: dict[str, float | None] = {}
+    deviations: dict[str, float | None] = {}
     for key, field in model.model_fields.items():
         if key not in raw:
             continue
-        value, beside = _number_and_spread(raw[key], field)
-        if beside is not None:
-            beside_numbers[_uncertain(field)] = _spread(value, beside, field, model, (*loc, key), problems)
+        value, spread = _number_and_spread(raw[key], field)
+        if spread is not None:
+            deviations[_uncertain(field)] = _spread(value, spread, field, model, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems)
-    if beside_numbers and isinstance(out.get("uncertainty", {}), dict):
-        out["uncertainty"] = beside_numbers | out.get("uncertainty", {})
+    if deviations and isinstance(out.get("uncertainty", {}), dict):
+        out["uncertainty"] = deviations | out.get("uncertainty", {})
     return out
 
 
@@ -226,6 +227,7 @@ def _spread(
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
+    """A value, or those of its list or table, with texts such as "250 kPa" in the field's unit; else a problem is added."""
     unit = unit_of(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)
@@ -311,6 +313,7 @@ def _inside(data: Any, step: str | int) -> object:
 
 
 def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel]) -> str:
+    """An error of pydantic as one sentence: key, value with unit, limit, and what to write instead."""
     kind, context = error["type"], error.get("ctx", {})
     key = _dotted(loc)
     field, siblings = field_at(loc, data, model)
@@ -328,8 +331,8 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
               "less_than": ("lt", "below"), "less_than_equal": ("le", "at most")}  # fmt: skip
     if kind in limits:
         name, word = limits[kind]
-        value, others = float(error["input"]), meant(float(error["input"]), unit, lambda v: _within(field, v))
-        hint = f"; did you mean {' or '.join(others)}?" if others else ""
+        value, in_other_units = float(error["input"]), meant(float(error["input"]), unit, lambda v: _within(field, v))
+        hint = f"; did you mean {' or '.join(in_other_units)}?" if in_other_units else ""
         return f"{key} = {sized(value, unit)}: must be {word} {sized(context[name], unit)}{hint}"
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
@@ -358,7 +361,7 @@ def _within(field: FieldInfo | None, value: float) -> bool:
 
 
 def field_at(loc: Loc, data: object, model: type[BaseModel]) -> tuple[FieldInfo | None, list[str]]:
-    """The field at loc, and the keys that its table may have."""
+    """The field at a location in the data of a model (None where it has none), and the keys that its table may have."""
     current: type[BaseModel] | None = model
     field: FieldInfo | None = None
     siblings = list(model.model_fields)

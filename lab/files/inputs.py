@@ -61,8 +61,7 @@ class Case:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
-    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.edits.reading`).
-    """
+    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.edits.reading`)."""
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     for path in inputs:
@@ -73,14 +72,14 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             if robot_path is None:
                 robots.append(_robot_in(read_yaml(path / "robot.yaml")))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
-    parts += [(_names(group), table) for group, table in _in_time(campaigns(recordings))]
+    parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
         robots += [_robot_in(_attached_robot(recording)) for recording in recordings]
     else:
         robots = [_robot_in(read_yaml(robot_path))]
     source, robot = robots[0]
-    for other, its in robots[1:]:
-        if _body(its) != _body(robot):
+    for other, other_robot in robots[1:]:
+        if _body(other_robot) != _body(robot):
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
             )
@@ -118,8 +117,7 @@ def _demand_case(path: Path) -> None:
 def without_torn(paths: Sequence[Path]) -> list[Path]:
     """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
 
-    The recording is left out with a note. One that is whole counts, and its recovered file is left out instead.
-    """
+    The recording is left out with a note. One that is whole counts, and its recovered file is left out instead."""
     left_out: dict[Path, Path] = {}
     for path in paths:
         saved = path.with_name(f"{path.stem}-recovered.mcap")
@@ -203,10 +201,6 @@ def marked_notes(table: Table) -> list[str]:
 def _named(table: Table, own: NDArray[np.bool_]) -> str:
     states = np.flatnonzero(own).tolist()
     return ", ".join(table.place(i) for i in states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
-
-
-def _names(recordings: Sequence[Recording]) -> str:
-    return ", ".join(str(recording.path) for recording in recordings)
 
 
 def attached(recording: Recording, name: str) -> str:

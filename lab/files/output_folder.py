@@ -20,8 +20,7 @@ def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = F
     """Raise ConfigError where a folder holds what would be mixed with, or lost by, what is to be written.
 
     `rewritten`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless
-    it holds `inputs`, other recordings, or the folder in which the command runs.
-    """
+    it holds `inputs`, other recordings, or the folder in which the command runs."""
     path = folder.resolve()
     if not path.exists():
         return
@@ -35,17 +34,16 @@ def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = F
             f"{folder}: holds {', '.join(strange[:MOST_NAMED])}{more}, which would stay there with what is written; give another "
             "folder, or --replace to replace it as a whole"
         )
-    kept = [place for place in (*inputs, Path.cwd(), Path.home()) if path in (place.resolve(), *place.resolve().parents)]
+    must_stay = [place for place in (*inputs, Path.cwd(), Path.home()) if path in (place.resolve(), *place.resolve().parents)]
     if held and CRATE not in held:
-        kept += list(path.rglob("*.mcap"))[:1]
-    if held and kept:
-        raise ConfigError(f"{folder}: is not replaced, as that would delete {kept[0]}; give another folder")
+        must_stay += list(path.rglob("*.mcap"))[:1]
+    if held and must_stay:
+        raise ConfigError(f"{folder}: is not replaced, as that would delete {must_stay[0]}; give another folder")
 
 
 @contextlib.contextmanager
 def whole(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
-    """A new folder that takes the place of `folder` when the block ends without error; before that nothing there changes. See
-    `demand_free`, which is asked first."""
+    """A new folder, see `demand_free`, that takes the place of `folder` as a whole when the block ends without error."""
     demand_free(folder, rewritten, replace, inputs)
     path = folder.resolve()
     empty = path.is_dir() and not any(path.iterdir())

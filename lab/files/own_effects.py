@@ -32,11 +32,10 @@ def stated_by(robot: Robot, file: Path | None = None) -> Mapping[str, EffectSpec
 
 
 def catalogue(robot: Robot, file: Path | None = None) -> tuple[Mapping[str, EffectSpec], tuple[str, ...]]:
-    """All effects by id, and what is not among them though an installed package announces it: an answer that weighs less than
-    it seems to must say so.
+    """All effects by id, and complaints about those that an installed package announces but that cannot be used: an answer that
+    weighs fewer effects than it seems to must say so.
 
-    What is not the project's is tried on the robot first. Raises ConfigError, and `BadEffect` for an effect of the file.
-    """
+    Effects that are not the project's are tried on the robot first. Raises ConfigError, and `BadEffect` for one of the file."""
 
     def tried(name: str, thing: object) -> dict[str, EffectSpec]:
         try:

@@ -103,7 +103,7 @@ def _settled(
     offers: Mapping[str, list[tuple[Entry, T]]],
     faults: Mapping[str, list[str]],
 ) -> Registered[T]:
-    """Who has which name."""
+    """Decide who has each name: the project, else the one package that offers it; `offers`, `faults`: by announced name."""
     usable, broken, doubts = dict(ours), dict(missing), {}
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
@@ -142,8 +142,7 @@ def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:
 def python_file(path: Path) -> tuple[ModuleType, bytes]:
     """A Python file, run, and its text as it was run; raises ConfigError when it cannot be.
 
-    It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name.
-    """
+    It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name."""
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if not path.exists():
         near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)

@@ -46,10 +46,10 @@ def find(run: Path) -> Broken:
         names.pop()  # the crash came before the file was there
     recordings = [_open(_beside(journal, name), progress.campaign) for name, _ in names]
     table = merged(recordings)
-    held = {trial: int((table.trial == trial).sum()) for trial in progress.done}
-    finished = 0
+    rows = {trial: int((table.trial == trial).sum()) for trial in progress.done}
+    finished = 0  # a trial of which a row is missing from the recordings is done again, with all after it
     while finished < progress.finished and (
-        finished + 1 in progress.skipped or held[finished + 1] == progress.done[finished + 1]
+        finished + 1 in progress.skipped or rows[finished + 1] == progress.done[finished + 1]
     ):
         finished += 1
     first = recordings[0]

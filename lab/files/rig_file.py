@@ -315,8 +315,7 @@ def same_rig(path: Path, sha256: str) -> RigFile:
 def within_robot(rig: RigFile, most: float | None) -> RigFile:
     """The rig whose regulators may not be told more than its robot bears: `most` Pa, `max_pressure` of robot.yaml.
 
-    The guard goes by this one: it clips set-points and judges readings by the lower of the two limits.
-    """
+    The guard goes by this one: it clips set-points and judges readings by the lower of the two limits."""
     pressure = rig.instruments.pressure
     if pressure is None or most is None or most >= pressure.max_pressure:
         return rig
@@ -346,7 +345,7 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
         if last is None:
             raise
         return Readable(last, {}, (f"{e}\nmaking the rig safe by the rig.yaml that it was last used with",))
-    kept, notes = _sound_tables(source, last)
+    sound, notes = _sound_tables(source, last)
     missing = _unusable(source.data)
     tables: dict[str, Any] = {}
     for key, table in source.data["instruments"].items():
@@ -364,7 +363,7 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
             tables[key] = last_table
             notes.append(f"{path}: has no instruments.{key} any more; using it as the rig was last used with it")
     robot = (path.parent / "robot.yaml").resolve()
-    rig = kept.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
+    rig = sound.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
     return Readable(rig.read_from(path.resolve()), missing, tuple(notes))
 
 

@@ -31,8 +31,7 @@ def robot_yaml(robot: Robot, given: str = "") -> str:
 
     `given`: the robot.yaml that it was derived from, whose comments, order and layout are kept. A changed value stands in the
     unit that it had, to `WRITTEN_DIGITS`. What the robot has no more is removed, or commented out where it holds a comment.
-    A text that cannot be edited is replaced as a whole.
-    """
+    A text that cannot be edited is replaced as a whole."""
     text = given
     try:
         # the last pass finds nothing to change
@@ -118,7 +117,7 @@ class _Edited:
         return "".join([*parts, self._given[start:end]])
 
     def _value(self, node: yaml.Node, data: Any, before: Any, after: Any, loc: Loc) -> Iterator[_Edit]:
-        """Edits that turn a value into another one."""
+        """Edits from a value to another: `node`, `data` as in the text, `before`, `after` as in models. Raises _Anew."""
         if isinstance(node, yaml.MappingNode) and isinstance(before, dict) and isinstance(after, dict):
             yield from self._table(node, data, before, after, loc)
             return
@@ -158,7 +157,7 @@ class _Edited:
         """Edits that turn a table into another one: of values that differ, and of entries that only one of the two has."""
         by_number = all(isinstance(key, float) for key in (*before, *after))
         entries = {float(raw) if by_number else raw: _EntryNodes(raw, *pair) for raw, pair in zip(data, node.value, strict=True)}
-        gone = [key for key in entries if key in before and key not in after]
+        removed = [key for key in entries if key in before and key not in after]
         added = {key: value for key, value in after.items() if key not in entries and before.get(key) != value}
         edits: dict[Any, list[_Edit]] = {key: [] for key in entries}
         for key, (raw, _, value) in entries.items():
@@ -172,14 +171,14 @@ class _Edited:
         like = next((entry.value for entry in entries.values() if by_number), None)
         lines = {key: f"{in_one_line(key)}: {self._written(value, like, loc)}" for key, value in added.items()}
         if not node.flow_style:
-            edits |= {key: [self._without(entries[key])] for key in gone}
+            edits |= {key: [self._without(entries[key])] for key in removed}
             fresh = {key: f"{lines[key]}\n" if by_number else _entry(key, value) for key, value in added.items()}
             yield from itertools.chain(*edits.values(), self._added(node, entries, fresh))
-        elif gone or added:
+        elif removed or added:
             start, end = node.start_mark.index, node.end_mark.index
             if "#" in self._given[start:end]:
                 raise _Anew
-            for key in entries.keys() - gone:
+            for key in entries.keys() - removed:
                 lines[key] = self._with(entries[key].name.start_mark.index, entries[key].value.end_mark.index, edits[key])
             order = sorted(lines) if by_number else [*(key for key in entries if key in lines), *added]
             yield _Edit(start, end, f"{{{', '.join(lines[key] for key in order)}}}")

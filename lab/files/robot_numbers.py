@@ -27,11 +27,11 @@ def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
-    """What to ask about robot.yaml: a message each."""
-    own, outer = robot.actuators, robot.outer_radius
-    if own.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
+    """Messages that ask about numbers of robot.yaml that robots rarely have: path radius, density, tip mass, Poisson's ratio."""
+    driven, outer = robot.actuators, robot.outer_radius
+    if driven.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
         yield (
-            f"{own.words.kind}.path_radius is {1e3 * own.path_radius:.4g} mm, {own.path_radius / outer:.2g} times the "
+            f"{driven.words.kind}.path_radius is {1e3 * driven.path_radius:.4g} mm, {driven.path_radius / outer:.2g} times the "
             f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
         )
     if 0 < robot.density < LEAST_DENSITY:

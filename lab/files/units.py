@@ -68,8 +68,7 @@ class UnitError(ValueError):
 def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> float:
     """The number in `text` ("250 kPa", "3e5") in `unit`; a bare number is taken to be in `unit` already.
 
-    `known`: the units that will do, and their size; all of this SI unit unless given. Raises UnitError naming them.
-    """
+    `known`: the units that will do, and their size; all of this SI unit unless given. Raises UnitError naming them."""
     match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         raise UnitError(f"{text[:LONGEST]!r} is not a number with a unit; write for example {example(unit)}")
@@ -79,7 +78,7 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
     name = plain_unit(match[2])
     factors = KINDS.get(unit, {unit: 1.0}) if known is None else known
     if name not in factors:
-        alike = [known for known in factors if known.lower() == name.lower()]
+        alike = [other for other in factors if other.lower() == name.lower()]
         hint = f"did you mean {' or '.join(alike)}?" if alike else f"use one of {', '.join(factors)}"
         raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; {hint}")
     return value * factors[name]

@@ -174,7 +174,7 @@ class Door:
         self._left.close()
 
     def _listens(self, address: str) -> bool:
-        """Listen there; False when somebody else does. A file that cannot be written is no name: the others are enough."""
+        """Listen at an address; False when another program does. A file that cannot be written is not needed: True."""
         if not _is_file(address):
             listening = _bound(address)
         elif not _free(address):
@@ -200,20 +200,20 @@ class Door:
             except (OSError, ValueError):  # closed meanwhile
                 continue
             strangers = False
-            for one in ready:
-                if one in self._asking:
-                    self._read(one)
+            for connection in ready:
+                if connection in self._asking:
+                    self._read(connection)
                 else:
-                    strangers |= self._accept(one)
-            for late in [one for one, question in self._asking.items() if timing.now() > question.until]:
+                    strangers |= self._accept(connection)
+            for late in [line for line, question in self._asking.items() if timing.now() > question.until]:
                 self._forget(late)
             if strangers:
                 timing.sleep(PACE)
-        for one in list(self._asking):
-            self._forget(one)
+        for connection in list(self._asking):
+            self._forget(connection)
 
     def _accept(self, listening: socket.socket) -> bool:
-        """Take who waits; whether there were strangers among them."""
+        """Accept the connections that wait; whether there were strangers (accounts that are not believed) among them."""
         strangers = False
         for _ in range(MOST_AT_ONCE):
             try:
@@ -243,7 +243,7 @@ class Door:
         connection.close()
 
     def _read(self, connection: socket.socket) -> None:
-        """What has come of one question; whatever is wrong with it concerns nobody but who asked."""
+        """Read what has come of a question, answer it once it is whole, then close; one that is wrong is closed unanswered."""
         question = self._asking[connection]
         try:
             data = connection.recv(LONGEST_QUESTION)
@@ -259,8 +259,9 @@ class Door:
             self._forget(connection)
 
     def _answer(self, connection: socket.socket, question: _Question) -> None:
-        asked = read_json(question.data)
-        what = asked.get("do") if isinstance(asked, dict) else None
+        """Say who the guard is; for `land` keep the connection until the rig has landed. Raises ValueError, OSError."""
+        message = read_json(question.data)
+        what = message.get("do") if isinstance(message, dict) else None
         if what not in ("who", "land"):
             connection.send(_as_line({"error": "ask who or land"}))
             return
@@ -381,7 +382,7 @@ class _Talk:
     over: bool = False
 
     def connect(self) -> None:
-        """Try to ask; what fails for now is tried again."""
+        """Connect and ask; note who is there (`owner`), and whether it is over. What fails for now is tried again."""
         self.line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.line.setblocking(False)
         try:
@@ -404,7 +405,7 @@ class _Talk:
                 self.owner = Owner("", about=f"a program that cannot be asked ({e.strerror})")
 
     def read(self) -> None:
-        """Take in what has come."""
+        """Read what has come and act on each whole line; `over` once the answer is whole, or is none."""
         assert self.line is not None
         data = b""
         with contextlib.suppress(OSError):
@@ -422,7 +423,7 @@ class _Talk:
         self.over = self.over or len(self.data) > LONGEST
 
     def _hear(self, message: Any) -> None:
-        """One line of the answer. Raises ValueError when it is none."""
+        """Take one line of the answer: first who the guard is, then what its landing reached. Raises ValueError for another."""
         owner = self.owner
         if owner is None or not isinstance(message, dict):
             raise ValueError("no answer")
@@ -431,13 +432,13 @@ class _Talk:
             self.over = True
             return
         names = message.get("names")
-        guard, rig, about = (str(message.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
+        guard, rig, served = (str(message.get(key, ""))[:1000] for key in ("guard", "rig", "about"))
         self.owner = replace(
             owner,
             guard=guard,
             rig=rig,
             names=frozenset(str(name) for name in names) if isinstance(names, list) else frozenset(),
-            about=about,
+            about=served,
             ending=message.get("ending") is True,
             believed=owner.believed or (self.own_rig and owner.uid in believed_accounts(rig)),
         )
@@ -453,14 +454,16 @@ class _Talk:
 
 
 def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
-    """Who is at these addresses, or at all, each once, with its answer to `land`; all are asked at the same time."""
+    """Ask (`what`: who or land) the guards at these addresses, or at all of this computer, in parallel; each once, with its
+    answer to `land`, None where it gave none. `rig` decides who is believed."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
     where = _all_addresses() if addresses is None else addresses
     talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
     open_talks = talks
     while open_talks:
         lines = {talk.line: talk for talk in open_talks if talk.line is not None}
-        for talk in [talk for talk in open_talks if talk.line is None and timing.now() >= talk.again][: MOST_OPEN - len(lines)]:
+        due = [talk for talk in open_talks if talk.line is None and timing.now() >= talk.again]
+        for talk in due[: MOST_OPEN - len(lines)]:
             talk.connect()
             if talk.line is not None:
                 lines[talk.line] = talk
@@ -560,7 +563,8 @@ def _free(path: str) -> bool:
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
-    """Listen at a file for this account and root, in place of a crash's; returns what removes it. Raises OSError."""
+    """Listen at a file for this account and root, replacing the one that a crash left; returns a function that removes the file.
+    The socket is bound under another name and renamed, so that nobody finds it before it listens. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     temporary = f".{secrets.token_hex(4)}.sock"

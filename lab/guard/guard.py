@@ -113,9 +113,9 @@ class Guard:
         self._deciding = timing.Lock()
         self._why = ""
         """Why the rig was landed last."""
-        self._clip_logged = 0.0
-        self._last = SafeReport()
-        self._closed = False
+        self._clip_logged = 0.0  # host time, s
+        self._last = SafeReport()  # of the last landing
+        self._closed = False  # everything was landed for good
 
     def _make(self, name: str, config: Any) -> Any:
         if name == "valve" and self.rig.safe.keep_vacuum:
@@ -166,7 +166,10 @@ class Guard:
         return None
 
     def do(self, command: Command[Any]) -> Any:
-        """One command of the program to an instrument."""
+        """Perform one command of the program at an instrument; returns the driver's result.
+
+        A command that energises is refused after and during a landing, and waits for settings to be read at the begin of a trial.
+        A lost line, or another device than expected, lands the rig. Raises what the driver raises, RigLanded, RigLocked."""
         name = command.instrument
         if name not in self.own.drivers:
             raise ValueError(f"{command}: this rig has no such instrument")
@@ -250,7 +253,8 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        """Set-points (Pa a channel) within the limits; returns those held. Sent ones that are not confirmed count as taken."""
+        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed.
+        Where they do not confirm, the monitor takes any of them to be set. Clipping is reported, once a second."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -264,16 +268,15 @@ class Guard:
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_logged > LOG_EVERY:
             self._clip_logged = now
-            asked, got = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
-            self.tell(Event("clipped", f"pressure set-points clipped: asked {asked} kPa, set {got} kPa"))
+            requested, confirmed = (", ".join(f"{p / 1e3:.1f}" for p in ps) for ps in (pressures, held))
+            self.tell(Event("clipped", f"pressure set-points clipped: asked {requested} kPa, set {confirmed} kPa"))
         return held
 
     # -- landing
     def make_safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
         """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
 
-        What is not open is opened, trying for `reach` host seconds.
-        """
+        What is not open is opened, trying for `reach` host seconds."""
         with self._landing_lock:
             if self._closed:
                 return self._last
@@ -284,7 +287,7 @@ class Guard:
             return self._reached(self.landing.make_safe(names, keep_vacuum, reach), f"landed ({why})")
 
     def _reached(self, report: SafeReport, what: str) -> SafeReport:
-        """Note what a landing has reached; the latch goes when everything is confirmed."""
+        """Note in journal and latch what a landing (`what`) has reached; the latch goes when everything is confirmed."""
         self._last = report
         if self.latch is not None:
             if self.energised or not report.confirmed:
@@ -322,7 +325,7 @@ class Guard:
             try:
                 timing.Thread(target=go, name="land", daemon=True).start()
                 return
-            except RuntimeError:  # the computer has no room for one more thread
+            except RuntimeError:  # the computer has no room for one more thread: land in this one
                 pass
         go()
 
@@ -346,8 +349,7 @@ class Guard:
     def resume(self) -> None:
         """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
 
-        Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped.
-        """
+        Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped."""
         if self.handed_over:
             raise self._refusal()
         for name in self.own.opened:
@@ -379,7 +381,8 @@ class Guard:
         self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
 
     def _read(self, name: str, rate: PollRate) -> None:
-        """Another device than expected, and a line that is lost, land the rig while it is energised."""
+        """Read an instrument if it is open, tell the program the sample or error, and its notices; wait for the next reading.
+        Another device than expected, and a line that is lost, land the rig while it is energised."""
         due = timing.now() + 1 / self.rig.poll
         if name in self.own.opened:
             sample: Any
@@ -438,8 +441,7 @@ class Guard:
     def close(self, lives_on: float = 0.0) -> None:
         """Land what may still be energised, disconnect everything, let another guard have the rig.
 
-        What is not confirmed is tried for `lives_on` host seconds more; what is, is disconnected at once, but for the gauge.
-        """
+        What is not confirmed safe is tried for `lives_on` host seconds more; the rest but the gauge is disconnected before."""
         self.finish()
         until = timing.now() + lives_on
         if going := self.landing.going:  # the gauge shows whether the spine is released

@@ -70,9 +70,7 @@ class Hosted:
     def _open(self, command: Command[R]) -> R:
         """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
         connected is closed first, and gets a new process.
-
-        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing.
-        """
+        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing."""
         if self._connected:
             self._close()
         deadline = timing.now() + OPEN_WITHIN
@@ -105,7 +103,8 @@ class Hosted:
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, command: Command[R], within: float) -> R:
-        """Make a call there; one that does not return `within` host seconds costs the process its life."""
+        """Send a command to the host process and return its result; kill the process if none comes `within` host seconds.
+        Raises what the driver raises, NoReply where it was killed or an earlier call has not returned, NotReady if not open."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{command}: an earlier call has not returned; its process was killed")
         try:
@@ -254,6 +253,7 @@ class HostedArmState:
         return newest[1]
 
     def _receive(self, line: Connection, process: Child, opened: queue.Queue[Identity | InstrumentError]) -> None:
+        """Thread of one stream: pass the outcome of opening to `opened`, then samples to the sink, until the process ends."""
         with contextlib.suppress(EOFError, OSError):
             while True:
                 message = timing.receive(line)
@@ -314,7 +314,7 @@ def serve(given: list[int]) -> int:
 def _serve(line: Connection, setup: Setup) -> None:
     """Answer calls until the line is closed; stop the arm when it is silent for SILENT_AFTER host seconds, and at the end."""
     driver = _driver(setup)
-    stopped = True
+    stopped = True  # since the last motion: a stop is sent once a silence
     with contextlib.suppress(EOFError, OSError):
         while True:
             if not timing.readable([line], SILENT_AFTER):
@@ -343,7 +343,7 @@ def _answer(driver: Any, command: Command[Any]) -> tuple[bool, Any]:
 
 
 def _send(line: Connection, setup: Setup) -> None:
-    """Send what a stream brings until the line is closed or something comes through it."""
+    """Send identity or error, then batches (samples lost, host time, samples, doubt about the newest), until told to end."""
     samples: queue.Queue[ArmSample] = timing.Queue()
     driver = _driver(setup, samples.put)
     try:

@@ -80,7 +80,7 @@ def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
 
 
 def _line_identities(port: str) -> set[str]:
-    """A device by its number and its paths, a port of a computer (`socket://`, `rfc2217://`) by address and number."""
+    """All names of a serial line, to find two spellings of it: paths and number of a device, or addresses and port of a host."""
     port = port.strip()
     if "://" in port:
         try:
@@ -90,15 +90,15 @@ def _line_identities(port: str) -> set[str]:
             return {port}
     identities = {os.path.abspath(port), os.path.realpath(port)}
     with contextlib.suppress(OSError, ValueError):
-        about = os.stat(port)
-        if stat.S_ISCHR(about.st_mode):
-            identities.add(f"device {os.major(about.st_rdev)}:{os.minor(about.st_rdev)}")
+        status = os.stat(port)
+        if stat.S_ISCHR(status.st_mode):
+            identities.add(f"device {os.major(status.st_rdev)}:{os.minor(status.st_rdev)}")
     return identities
 
 
 @functools.lru_cache
 def _hosts(host: str) -> frozenset[str]:
-    """A computer by its numeric addresses, and its name. A name server that is silent holds nothing up for long."""
+    """The name and numeric addresses of a computer; the name alone where no name server answers within `RESOLVE_WITHIN`."""
     host = host.strip().rstrip(".").lower()
     texts: list[str] = []
 

@@ -91,8 +91,7 @@ class Landing:
     def make_safe(self, names: Sequence[str], keep_vacuum: bool, reach: float = 0.0) -> SafeReport:
         """Stop these instruments; returns when each is confirmed or its time is over. Never raises.
 
-        Those that are not open are opened, trying for `reach` host seconds.
-        """
+        Those that are not open are opened, trying for `reach` host seconds."""
         began = timing.now()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
         self.end(order)
@@ -144,7 +143,8 @@ class Landing:
         timing.Thread(target=go, name="open-gauge", daemon=True).start()
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
-        """Stop one instrument, again where the stop overtook a command, then read it, until it is safe or somebody ends it."""
+        """Stop one instrument and read it, until it is confirmed safe or `end` is called; a thread of its own.
+        The stop is sent every `AGAIN`, and at once where it overtook a command that was on its way and may undo it."""
         name = attempts.name
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened
@@ -154,18 +154,18 @@ class Landing:
             confirmed = False
             try:
                 if overtook or timing.now() >= again_at:
-                    before, again_at = self._rig.busy(name), timing.now() + AGAIN
+                    busy, again_at = self._rig.busy(name), timing.now() + AGAIN
                     try:
                         stop()
                     finally:
                         attempts.sent.set()
-                    accepted, overtook = True, before
+                    accepted, overtook = True, busy
                 if closed and self._is_open(name):
                     closed, deadline = False, timing.now() + self._within
                 confirmed, text = is_safe()
             except Exception as e:  # noqa: BLE001 - whatever one driver does must not keep the others from stopping
-                failed = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
-                text = str(e) if accepted else f"{failed}: {e}"
+                failure = "cannot be reached" if not self._is_open(name) else "did not accept the stop"
+                text = str(e) if accepted else f"{failure}: {e}"
                 if isinstance(e, LOST) and name != "arm":
                     self._rig.lost.add(name)
             if overtook and confirmed:

@@ -19,6 +19,9 @@ from recordings.ambient import AMBIENT
 
 from ..files.rig_file import RigFile
 
+FOLLOWS_AFTER = 1.0
+"""s near its set-point after which a channel follows it again."""
+
 
 class PressureEnvelope:
     """Bounds (Pa gauge) of one channel, and since when it has been away from its set-point.
@@ -64,8 +67,8 @@ class PressureEnvelope:
         self._lowest, self._highest = math.inf, -math.inf
         if abs(measured - setpoint) <= self._error:
             self._outside, self._near_since = 0, min(self._near_since, t)
-            # a stuck channel is merely passed by its set-point in a ramp
-            if t - self._near_since >= 1.0:
+            # near for a while: in a ramp the set-point merely passes a stuck channel
+            if t - self._near_since >= FOLLOWS_AFTER:
                 self._off_since = math.inf
             return False
         self._off_since, self._near_since = min(self._off_since, t), math.inf
@@ -75,6 +78,8 @@ class PressureEnvelope:
         return self._outside >= 2 and t - self._off_since >= self._patience
 
 
+ROUNDED = 2e3
+"""Pa by which regulators may round the set-points that they hold."""
 SLACK = 0.01
 """m beyond max_length that an encoder may show before the spine counts as out of control."""
 
@@ -131,7 +136,7 @@ class LimitMonitor:
         return tuple(p * share for p in pressures)
 
     def check(self, name: str, sample: Any) -> LimitFinding | None:
-        """The first thing that is wrong with a reading."""
+        """The first limit that a reading of the instrument `name` is beyond; None where there is none."""
         if isinstance(sample, PressureSample):
             return self._pressure(name, sample)
         if isinstance(sample, GaugeSample):
@@ -153,6 +158,7 @@ class LimitMonitor:
         return None
 
     def _pressure(self, name: str, sample: PressureSample) -> LimitFinding | None:
+        """The first that is wrong: a channel, the sum over chambers, a set-point lost, a channel that does not follow its own."""
         pressure = self._rig.instruments.pressure
         if pressure is None:
             return None
@@ -180,8 +186,7 @@ class LimitMonitor:
         differing = [
             (channel, confirmed, held)
             for channel, (confirmed, held) in enumerate(zip(last_confirmed, sample.setpoint, strict=True), 1)
-            # Pa; regulators round the set-points that they hold
-            if abs(confirmed - held) > 2e3
+            if abs(confirmed - held) > ROUNDED
         ]
         twice = [state for state in differing if state[0] in self._differed]  # a single reading of a channel may be wrong
         self._differed = {channel for channel, _, _ in differing}
@@ -195,12 +200,12 @@ class LimitMonitor:
         )
 
     def _holds(self, name: str, sample: PressureSample) -> LimitFinding | None:
-        """Whether each channel follows its own set-point, whatever the others do."""
+        """The channel that is farthest above its set-point (land), else below it (pause), of those that do not follow theirs."""
         channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
         deviating = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
         if not deviating:
             return None
-        p, asked, channel = max(deviating, key=lambda found: found[0] - found[1])  # one too high calls for more
+        p, asked, channel = max(deviating, key=lambda state: state[0] - state[1])  # one too high calls for more
         text = (
             f"channel {channel} measures {p / 1e3:.1f} kPa instead of its set-point of {asked / 1e3:.1f} kPa for more than "
             f"{self._limits.pressure_error_time:g} s"
@@ -248,8 +253,7 @@ class DriverSettings:
         """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again.
 
         `trial`: a trial begins with what is commanded next. Without it only a jump is looked into: a vent passes through ratios
-        of units too, and what was read then says nothing of the panel when the next trial begins.
-        """
+        of units too, and what was read then says nothing of the panel when the next trial begins."""
         if name in self._jumped or (trial and name in self._due):
             if (confirm := getattr(self._drivers[name], "confirm_settings", None)) is not None:
                 confirm()

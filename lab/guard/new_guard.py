@@ -33,10 +33,9 @@ from .messages import SafeReport, SafeStep
 def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:
     """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
-    `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same.
-    """
+    `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same."""
     guard = Guard(file, clock, despite_latch=True, about=why)
-    held = ""
+    held = ""  # who keeps the rig and does not land it
     try:
         guard.take_over()
     except door.CannotBeAsked as e:
@@ -57,8 +56,7 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
 
 
 def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
-    """Land a rig whose guard was lost; unlock it when everything is confirmed. Another process lands the rest as soon as its line
-    comes back."""
+    """Land a rig whose guard was lost; unlock it when all is confirmed, else another process goes on landing it."""
     why = "the guard was lost"
     report = make_safe_with_new_guard(file, clock, names, why, unlock=True)
     if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
@@ -73,8 +71,7 @@ RESCUING: list[Child] = []
 def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
     """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
 
-    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile.
-    """
+    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile."""
     nowhere = subprocess.DEVNULL
     process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
     RESCUING.append(process)

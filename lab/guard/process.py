@@ -85,7 +85,8 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _look(self) -> None:
-        """Land an energised rig whose program was silent for `safe.heartbeat` seconds of being awake; tell it that we live."""
+        """Take in the pulse, once: act on its records, land an energised rig whose program was silent for `safe.heartbeat` s of
+        the time this process was awake, and send a sign of life back."""
         guard = self._guard
         timing.readable([self._pulse.pipe], LOOK)
         records = self._pulse.take()
@@ -120,10 +121,10 @@ class ProgramWatch(timing.Thread):
 
 
 def _serve(guard: Guard, commands: Connection) -> None:
-    """Take commands until the program says goodbye or is gone."""
+    """Perform orders and commands and send the answers, until the program sends END or is gone; then land what is energised."""
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, asked = timing.receive(commands)
+            number, asked = timing.receive(commands)  # an order or a command, answered under its number
             if asked is Order.END:
                 going = guard.finish()
                 if going:
@@ -158,8 +159,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     """Take the rig over and serve the program until it says goodbye or is gone; 0, or 1 where another program has the rig or
     rig.yaml was changed meanwhile.
 
-    Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`.
-    """
+    Each answer is (number of the command, whether it was done, its result or error); number 0 answers `Start`."""
     try:
         start: Start = timing.receive(commands)
     except (EOFError, OSError):  # the program ended before it said anything

@@ -176,7 +176,8 @@ class ForceLimit:
             self._pulse.send(*found)
 
     def _beyond(self, sample: WrenchSample) -> tuple[bytes, float] | None:
-        """The kind of record and the value (N or N m) beyond its limit."""
+        """The kind of record and the force or moment (N or N m) that is beyond a limit; None within all of them.
+        Raw readings count against the sensor's range; the load, beyond the zero or else the unloaded tool, against the limits."""
         force, moment = (max(map(abs, half)) for half in (sample.raw[:3], sample.raw[3:]))
         if force > self._sensor.max_force:
             return FORCE_RANGE, force

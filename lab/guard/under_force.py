@@ -77,7 +77,8 @@ class UnderForce:
                 self._drive(lambda: self._arm.move_to(*motion))
 
     def moving(self) -> bool:
-        """See Arm.moving; True as well while a motion waits. Raises StaleReading when it has waited too long."""
+        """See Arm.moving; True as well while a motion waits, which is begun again once samples flow. Raises StaleReading when
+        motions have waited longer than `limits.max_age`."""
         with self._turn:
             motion = self._goal
             if motion is None or not self._waits:
@@ -158,7 +159,7 @@ class UnderForce:
 
     def _watch(self) -> None:
         """Stop a motion whose samples stay away; a thread of its own, since a stop takes its time."""
-        failed = 0
+        failed = 0  # tries in a row
         while not self._finished:
             self._under_way.wait()
             began = timing.now()
@@ -168,15 +169,15 @@ class UnderForce:
             except Exception as e:  # noqa: BLE001 - see Guard.go_on
                 self._fail(f"no force samples, and the arm was not stopped: {type(e).__name__}: {e}", None)
             timing.sleep(LOOK)
-            past = timing.now() - began
-            self._stood = self._stood + past if self._waits else max(0.0, self._stood - past)
+            elapsed = timing.now() - began
+            self._stood = self._stood + elapsed if self._waits else max(0.0, self._stood - elapsed)
 
     def _hold(self, last: bool) -> bool:
         """Stop the arm until samples come, unless it arrived or one came; False when it refuses, a failure at the `last` try."""
         locked = self._turn.acquire(timeout=STOP_WAITS)  # then the stop goes ahead of an earlier call, without the lock
         try:
-            late = self._age()
-            if self._goal is None or late <= self._limits.max_age_in_motion:
+            age = self._age()
+            if self._goal is None or age <= self._limits.max_age_in_motion:
                 return True
             self._waits = True  # before the stop: `moving` must not take the arm's standing still for its arrival
             try:
@@ -186,7 +187,7 @@ class UnderForce:
                 if last:
                     self._fail(f"no force samples, and the arm does not accept the stop: {e}", e)
                 return False
-            self._say(late)
+            self._say(age)
             return True
         finally:
             if locked:

@@ -25,11 +25,10 @@ LAST = ("point", "axis")
 
 
 def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, notes: Sequence[str] = ()) -> Series:
-    """What can be read as columns of one length; the rest is named in the notes. Raises ConfigError.
+    """The variables of a file (`given`, by name) that can be read as columns of one length; the notes name the rest.
 
-    A table (n, k) becomes columns NAME.1 .., or 1 .. when it was asked for; k x n is turned. Tables, cells of numbers or
-    words, words, dates and fields of structures become columns.
-    """
+    A table (n, k) becomes columns NAME.1 .., or 1 .. when `source.variable` asks for it; k x n is transposed. Tables, cells of
+    numbers or words, words, dates and fields of structures become columns. `form` names the kind of file. Raises ConfigError."""
     if source.axes:
         return Series(path, dict(_by_axes(path, given, source.axes)), form)
     if source.variable is not None:
@@ -38,61 +37,63 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     parts = [(label, part) for name, value in given.items() for label, part in parts_of(name, value, alone)]
     arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
     judged = {label: part for label, part in parts if isinstance(part, Judged)}
-    left = [f"{label} ({part})" for label, part in parts if isinstance(part, str)]
-    deep = {label: part.shape for label, part in parts if isinstance(part, np.ndarray) and part.ndim > 2}
-    for name, shape in deep.items():
-        left.append(f"{name} (of the shape {shape}: say in source.axes what each dimension counts)")
+    unread = [f"{label} ({part})" for label, part in parts if isinstance(part, str)]
+    of_three_dimensions = {label: part.shape for label, part in parts if isinstance(part, np.ndarray) and part.ndim > 2}
+    for name, shape in of_three_dimensions.items():
+        unread.append(f"{name} (of the shape {shape}: say in source.axes what each dimension counts)")
     if not arrays and not judged:
-        if deep:
-            name, shape = next(iter(deep.items()))
+        if of_three_dimensions:
+            name, shape = next(iter(of_three_dimensions.items()))
             raise ConfigError(
                 f"{path}: {name} has the shape {shape}; say in source.axes what each dimension counts, such as "
                 f"{name}: [trial, time, point, axis]"
             )
-        raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(left)}" if left else ""))
+        raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(unread)}" if unread else ""))
     numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
     rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])
-    named = {len(p.values): p.values.tolist() for p in judged.values() if p.values.dtype.kind == "U" and len(p.values) != rows}
-    headed = [n for a in arrays.values() if a.ndim == 2 for n in named if n in a.shape]
+    # a list of words that is as long as a matrix is wide names the columns of the matrix
+    names = {len(p.values): p.values.tolist() for p in judged.values() if p.values.dtype.kind == "U" and len(p.values) != rows}
+    used_as_names = [n for a in arrays.values() if a.ndim == 2 for n in names if n in a.shape]
     columns: dict[str, Judged] = {}
-    told = list(notes)
+    all_notes = list(notes)
     for label, part in [(label, part) for label, part in parts if label in arrays or label in judged]:
         if isinstance(part, Judged):
             if len(part.values) == rows:
                 columns[label] = part
-            elif part.values.dtype.kind == "f" or len(part.values) not in headed:
-                left.append(f"{label} ({len(part.values)} instead of {rows} rows)")
+            elif part.values.dtype.kind == "f" or len(part.values) not in used_as_names:
+                unread.append(f"{label} ({len(part.values)} instead of {rows} rows)")
             continue
         assert isinstance(part, np.ndarray)
         if len(part) != rows and rows in part.shape:
-            told.append(f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension")
+            all_notes.append(f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension")
             part = part.T
         if len(part) != rows:
-            left.append(f"{label} ({len(part)} instead of {rows} rows)")
+            unread.append(f"{label} ({len(part)} instead of {rows} rows)")
             continue
         demand_columns(path, len(columns) + part[0].size)
         for k, column in enumerate(np.atleast_2d(part.T), 1):
-            heading = k if part.ndim == 1 or part.shape[1] not in named else named[part.shape[1]][k - 1] or k
+            heading = k if part.ndim == 1 or part.shape[1] not in names else names[part.shape[1]][k - 1] or k
             columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(column)
-    if left:
-        told.append(f"not read: {', '.join(left)}")
-    made = of_judged(path, columns, form)
-    return replace(made, notes=(*told, *made.notes))
+    if unread:
+        all_notes.append(f"not read: {', '.join(unread)}")
+    series = of_judged(path, columns, form)
+    return replace(series, notes=(*all_notes, *series.notes))
 
 
 def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | Judged | str]]:
-    """Arrays of numbers, columns, or why there is none, of one variable; `alone`: a table's columns keep their names."""
+    """What a variable holds, as (label, content): an array of numbers, a column as `judge` has it, or a text that says why it is
+    neither. A table, a structure and a table of cells have several; `alone`: the labels of a table leave out its name."""
     import pandas as pd
 
-    if isinstance(value, pd.DataFrame):
+    if isinstance(value, pd.DataFrame):  # of a timetable the index is the time, a column here
         value = (
             value.reset_index() if pd.api.types.is_datetime64_any_dtype(value.index) or value.index.dtype.kind == "m" else value
         )
         units = dict(zip(value.columns, value.attrs.get("VariableUnits", ()), strict=False))
         for label in value.columns:
-            for own, part in parts_of(str(label) if alone else f"{name}.{label}", value[label].to_numpy(), alone):
+            for column, part in parts_of(str(label) if alone else f"{name}.{label}", value[label].to_numpy(), alone):
                 unit = str(units.get(label, ""))
-                yield own, replace(part, unit=part.unit or unit) if isinstance(part, Judged) else part
+                yield column, replace(part, unit=part.unit or unit) if isinstance(part, Judged) else part
         return
     array = np.asarray(value)
     if array.dtype.names and array.size == 1:
@@ -110,10 +111,10 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
     elif array.dtype.kind in "Mm":
         yield name, of_frame(pd.Series(array.reshape(-1)))
     elif array.dtype.kind == "O" and array.ndim == 2 and min(array.shape) > 1:
-        above = [np.asarray(cell).squeeze() for cell in array[0]]
-        named = all(a.dtype.kind == "U" and a.size == 1 for a in above)
-        for k, cells in enumerate(array[named:].T):
-            yield f"{name}.{above[k] if named else k + 1}", _cells(cells)
+        first_row = [np.asarray(cell).squeeze() for cell in array[0]]
+        has_headings = all(a.dtype.kind == "U" and a.size == 1 for a in first_row)
+        for k, cells in enumerate(array[has_headings:].T):
+            yield f"{name}.{first_row[k] if has_headings else k + 1}", _cells(cells)
     elif array.dtype.kind == "O" and array.size > 1:
         yield name, _cells(array.reshape(-1))
     elif array.dtype.kind == "U" and array.size > 1:
@@ -124,25 +125,26 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
 
 
 def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
-    """A column of cells that each hold one number or one text; of equal arrays a table."""
+    """One column, numbers or words as `judge` has it, of cells with one number or text each; a table (n, k) of cells with k
+    numbers each; else the reason (text) why it is neither."""
     import pandas as pd
 
-    found = [np.asarray(cell).squeeze() for cell in cells.tolist()]
-    if all(f.dtype.kind in "fiub" and f.ndim == 1 and f.size == found[0].size > 1 for f in found):
-        return np.array(found, np.float64)
+    contents = [np.asarray(cell).squeeze() for cell in cells.tolist()]
+    if all(c.dtype.kind in "fiub" and c.ndim == 1 and c.size == contents[0].size > 1 for c in contents):
+        return np.array(contents, np.float64)
     words = []
-    for one in found:
-        if one.size == 1 and one.dtype.kind == "O":
-            one = np.asarray(one.reshape(-1)[0]).squeeze()
-        if one.size > 1 or one.dtype.kind not in "fiubUO":
+    for content in contents:
+        while content.size == 1 and isinstance(content.item(), np.ndarray | np.generic):  # cells within cells
+            content = np.asarray(content.item()).squeeze()
+        value = content.item() if content.size == 1 else None
+        if content.size > 1 or content.dtype.kind not in "fiubUO" or not isinstance(value, bool | int | float | str | None):
             return "cells that hold more than one number or text"
-        one = one.reshape(-1)
-        words.append("" if not one.size or one[0] is None else str(one[0]) if one.dtype.kind == "U" else repr(float(one[0])))
+        words.append("" if value is None else value if isinstance(value, str) else repr(float(value)))
     return judge(pd.Series(words, dtype=str))
 
 
 def _rows(arrays: Sequence[NDArray[Any]]) -> int:
-    """How many rows arrays have: those of a single column say it, else the size that all share."""
+    """How many rows arrays have: the length of those of a single column, else the size that all share."""
     shapes = [a.shape for a in arrays]
     single = {s[0] for s in shapes if len(s) == 1}
     if not single:
@@ -167,8 +169,9 @@ def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:
 
 
 def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Array]]:
-    """Arrays whose dimensions have names: `point` and `axis` become columns NAME.1.x, all others rows, and their number a
-    column."""
+    """Columns by label of arrays whose dimensions have names (`axes`, by array).
+    Each combination of indices of all dimensions but `point` and `axis` is a row, with a column of indices (from 1) for each of
+    these; `point` and `axis` tell columns NAME.1.x apart. An array that lacks a dimension repeats its values along it."""
     arrays: dict[str, Array] = {}
     sizes: dict[str, int] = {}
     for name, dimensions in axes.items():
@@ -182,16 +185,16 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
         for dimension, size in zip(dimensions, arrays[name].shape, strict=True):
             if sizes.setdefault(dimension, size) != size:
                 raise ConfigError(f"{path}: {name} has {size} in {dimension!r}, another array {sizes[dimension]}")
-    rows = [d for d in sizes if d not in LAST]
-    demand_bounded(path, 8 * math.prod(sizes[d] for d in rows) * (len(rows) + len(arrays)))
-    at = dict(zip(rows, np.indices([sizes[d] for d in rows]).reshape(len(rows), -1), strict=True))
-    yield from ((dimension, (index + 1).astype(np.float64)) for dimension, index in at.items())
+    row_axes = [d for d in sizes if d not in LAST]
+    demand_bounded(path, 8 * math.prod(sizes[d] for d in row_axes) * (len(row_axes) + len(arrays)))
+    index_of = dict(zip(row_axes, np.indices([sizes[d] for d in row_axes]).reshape(len(row_axes), -1), strict=True))
+    yield from ((dimension, (index + 1).astype(np.float64)) for dimension, index in index_of.items())
     for name, array in arrays.items():
-        last = [d for d in axes[name] if d in LAST]
-        for k in np.ndindex(*(sizes[d] for d in last)):
-            place = at | dict(zip(last, k, strict=True))
-            label = ("xyz"[i] if d == "axis" and i < 3 else str(i + 1) for d, i in zip(last, k, strict=True))
-            yield ".".join([name, *label]), array[tuple(place[d] for d in axes[name])]
+        column_axes = [d for d in axes[name] if d in LAST]
+        for k in np.ndindex(*(sizes[d] for d in column_axes)):
+            indices = index_of | dict(zip(column_axes, k, strict=True))
+            label = ("xyz"[i] if d == "axis" and i < 3 else str(i + 1) for d, i in zip(column_axes, k, strict=True))
+            yield ".".join([name, *label]), array[tuple(indices[d] for d in axes[name])]
 
 
 def read_numpy(path: Path, source: Source) -> Series:
@@ -203,7 +206,7 @@ def read_numpy(path: Path, source: Source) -> Series:
         objects = [name for name, (dtype, _) in types.items() if dtype.hasobject]
         if objects and (len(objects) == len(types) or {source.variable, *source.axes} & set(objects)):
             raise ConfigError(f"{path}: {', '.join(objects)[:200]} {OBJECTS}")
-        # before anything is made of it: a few bytes of text take hundreds as a cell
+        # before arrays are made of the bytes: a few bytes of text take hundreds as a cell
         demand_bounded(path, sum(count * _size(dtype) for dtype, count in types.values() if not dtype.hasobject))
         given = {name: np.load(io.BytesIO(arrays[name]), allow_pickle=False) for name in types if name not in objects}
     except ConfigError:

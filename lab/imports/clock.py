@@ -86,18 +86,19 @@ def unit_of_steps(times: Array) -> str:
 
 
 def seconds(values: Array, unit: str, factor: float) -> Array:
-    """Times in s: by their unit; dates as numbers without one, or beyond what it allows, by their size."""
-    middle = float(np.nanmedian(np.abs(values)))
-    if not unit or middle * factor >= EPOCH[1]:
-        size = next((s for s in EPOCH_UNITS if EPOCH[0] <= middle * s < EPOCH[1]), None)
-        zero = 0.0
+    """Times in s. Numbers without a unit, or too large for theirs, are dates where some unit of `EPOCH_UNITS`, or days, makes one
+    of them: then s since 1970; else they count in `factor` s."""
+    typical = float(np.nanmedian(np.abs(values)))
+    if not unit or typical * factor >= EPOCH[1]:
+        unit_s = next((s for s in EPOCH_UNITS if EPOCH[0] <= typical * s < EPOCH[1]), None)
+        day_of_1970 = 0.0
         steps = np.diff(values[np.isfinite(values)])
         if not unit and len(steps) and float(np.median(np.abs(steps))) < DAY_STEP:
-            zero = next((day for first, last, day in DAYS if first <= middle < last), 0.0)
-            size = 86_400.0 if zero else size
-        if size is not None:
-            start = float(values[np.isfinite(values)][0])
-            return (values - start) * size + (start - zero) * size
+            day_of_1970 = next((day for first, last, day in DAYS if first <= typical < last), 0.0)
+            unit_s = 86_400.0 if day_of_1970 else unit_s
+        if unit_s is not None:
+            start = float(values[np.isfinite(values)][0])  # subtracted first, or counts of ns lose their last digits
+            return (values - start) * unit_s + (start - day_of_1970) * unit_s
     return values * factor
 
 
@@ -109,8 +110,9 @@ def gaps(t: Array) -> NDArray[np.bool_]:
 
 
 def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) -> Timeline:
-    """Judge the times (n,) s of a file, as they stand in it; `tick` s is the unit of the column, `place` names a row (from 0);
-    `several`: states are means of several rows, which gaps end."""
+    """Put the times (n,) s of a file in order, and note or ask about what is wrong with them: rows without a time, late rows,
+    clocks that were set or overflow, gaps. `tick` (s) is the unit of the column, `place` names a row (from 0); `several`: states
+    are means of several rows, so that gaps matter."""
     rows = np.flatnonzero(np.isfinite(t))
     line = Timeline(t[rows], rows, np.zeros(len(rows), np.int64))
     if absent := len(t) - len(rows):
@@ -132,49 +134,52 @@ def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) 
 
 
 def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
-    """Move times behind each step of the clock to where they belong, and begin a run where times begin again."""
+    """Where times step back or far ahead, shift all later ones so that they go on, and begin a run where they begin again.
+    A step is judged in this order: a counter overflowed; a clock was set by half hours; times begin again (another run); a clock
+    was set back a little. Any other step stays as it is."""
     steps, usual = np.diff(line.t), period(line.t)
-    plain = np.abs(steps[np.abs(steps) < max(FAR * usual, LEAST_GAP)])
-    regular = bool(len(plain)) and float(np.percentile(plain, 95)) <= 2 * usual
-    near = max(AT_ONCE, min(0.5 * usual, 5 * AT_ONCE))
-    shift, again, begin = np.zeros(len(line.t)), [], float(line.t[0]) if len(line.t) else 0.0
+    small = np.abs(steps[np.abs(steps) < max(FAR * usual, LEAST_GAP)])
+    regular = bool(len(small)) and float(np.percentile(small, 95)) <= 2 * usual
+    tolerance = max(AT_ONCE, min(0.5 * usual, 5 * AT_ONCE))
+    shift, run_rows, run_start = np.zeros(len(line.t)), [], float(line.t[0]) if len(line.t) else 0.0
     for i in np.flatnonzero((steps < 0) | (steps > max(FAR * usual, LEAST_GAP))).tolist():
-        before, after, off = float(line.t[i]), float(line.t[i + 1]), float(steps[i]) - usual
-        where, change = place(int(line.rows[i + 1])), HALF_HOUR * round(off / HALF_HOUR)
-        of_clock = regular and change and abs(off - change) <= near and abs(change) <= LARGEST_CHANGE * HALF_HOUR
-        on_the_hour = abs((before + usual + near) % (2 * HALF_HOUR)) <= 2 * near
-        if modulus := _overflow(line.t, off, usual, tick):
+        before, after, excess = float(line.t[i]), float(line.t[i + 1]), float(steps[i]) - usual
+        where, set_by = place(int(line.rows[i + 1])), HALF_HOUR * round(excess / HALF_HOUR)
+        of_clock = regular and set_by and abs(excess - set_by) <= tolerance and abs(set_by) <= LARGEST_CHANGE * HALF_HOUR
+        # forward, only on the hour (else that time may have passed); back, not to where the run began (else a run begins)
+        on_the_hour = abs((before + usual + tolerance) % (2 * HALF_HOUR)) <= 2 * tolerance
+        if modulus := _overflow(line.t, excess, usual, tick):
             shift[i + 1 :] += modulus
             line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is read as going on")
-        elif of_clock and (on_the_hour if off > 0 else abs(after - begin) > near):
-            shift[i + 1 :] -= change
+        elif of_clock and (on_the_hour if excess > 0 else abs(after - run_start) > tolerance):
+            shift[i + 1 :] -= set_by
             line.questions.append(
-                f"{where}: the clock goes {'forward' if off > 0 else 'back'} by {abs(change) / 3600:g} h between two rows, which "
-                f"follow each other every {usual:.3g} s: taken for a clock that was set (summer time, time zone), and later rows "
-                "are read as going on; if that time did pass, write them to a file of their own"
+                f"{where}: the clock goes {'forward' if excess > 0 else 'back'} by {abs(set_by) / 3600:g} h between two rows, "
+                f"which follow each other every {usual:.3g} s: taken for a clock that was set (summer time, time zone), and "
+                "later rows are read as going on; if that time did pass, write them to a file of their own"
             )
         elif steps[i] < -max(AT_ONCE, 3 * usual):
-            again.append(i + 1)
+            run_rows.append(i + 1)
             shift[i + 1 :] += BETWEEN_RUNS - steps[i]
-            if abs(after - begin) > near:
+            if abs(after - run_start) > tolerance:
                 line.questions.append(
                     f"{where}: times fall by {-steps[i]:.4g} s, but not to where they began: was the clock set? Another trial "
                     "begins there; write the rows from there on to a file of their own if they are of another run"
                 )
-            begin = after
+            run_start = after
         elif steps[i] < 0 and regular and _set_back(line.t, i, usual):
             shift[i + 1 :] += usual - steps[i]
             line.questions.append(
                 f"{where}: the clock goes back by {usual - steps[i]:.3g} s while rows go on every {usual:.3g} s: taken for a "
                 "clock that was set, and later rows are read as going on"
             )
-    if again:
-        i = again[0]
+    if run_rows:
+        i = run_rows[0]
         line.notes.append(
-            f"times begin again {len(again)} times, first in {place(int(line.rows[i]))} ({line.t[i - 1]:.6g} s to "
+            f"times begin again {len(run_rows)} times, first in {place(int(line.rows[i]))} ({line.t[i - 1]:.6g} s to "
             f"{line.t[i]:.6g} s): each time another trial begins, {BETWEEN_RUNS:g} s later"
         )
-    line.t, line.run = line.t + shift, np.searchsorted(np.array(again), np.arange(len(line.t)), side="right")
+    line.t, line.run = line.t + shift, np.searchsorted(np.array(run_rows), np.arange(len(line.t)), side="right")
 
 
 def _overflow(t: Array, off: float, usual: float, tick: float) -> float:
@@ -192,12 +197,13 @@ def _set_back(t: Array, i: int, usual: float) -> bool:
 
 
 def _far(line: Timeline, place: Callable[[int], str]) -> Iterator[str]:
-    """About gaps within a run, and times that are too coarse to tell how long anything was held."""
+    """Ask about the first gap within a run, and about times that are too coarse to tell how long anything was held."""
     usual, steps = period(line.t), np.diff(line.t)
-    found = np.flatnonzero(gaps(line.t)[1:] & (np.diff(line.run) == 0)) + 1
-    if len(found):
-        first, more = int(found[0]), f" ({len(found)} such steps)" if len(found) > 1 else ""
-        whole = abs(steps[first - 1] / HALF_HOUR - round(steps[first - 1] / HALF_HOUR)) * HALF_HOUR <= 2 * max(usual, AT_ONCE)
+    gap_rows = np.flatnonzero(gaps(line.t)[1:] & (np.diff(line.run) == 0)) + 1
+    if len(gap_rows):
+        first, more = int(gap_rows[0]), f" ({len(gap_rows)} such steps)" if len(gap_rows) > 1 else ""
+        half_hours = steps[first - 1] / HALF_HOUR
+        whole = abs(half_hours - round(half_hours)) * HALF_HOUR <= 2 * max(usual, AT_ONCE)
         yield (
             f"{place(int(line.rows[first]))}: a gap of {steps[first - 1]:.5g} s"
             f"{' (whole hours or half hours)' if whole else ''} in rows that follow each other every {usual:.3g} s{more}: no "

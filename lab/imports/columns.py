@@ -104,12 +104,11 @@ def looks_like_value(word: str) -> bool:
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
           parsed: pd.Series[float] | None = None, comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
-    """Numbers where most cells that hold something are numbers, else times, else words.
+    """Read a column: as numbers where most cells that hold something are numbers, else as times (s), else as words.
 
-    `parsed`: cells without blanks around them as `pandas.to_numeric` has them, where that is known.
+    `missing`: further words for a missing value; `parsed`: what `pandas.to_numeric` makes of the cells, where that is known.
     `decimal` decides where commas and points both occur; `comma_splits`: commas separate columns, and none is a decimal mark;
-    `commas`: another column of the file has decimal commas.
-    """
+    `commas`: another column of the file has decimal commas."""
     import pandas as pd
 
     if parsed is None:
@@ -117,58 +116,60 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
         parsed = pd.to_numeric(cells, errors="coerce")
     filled, values = np.array(cells != "", bool), np.array(parsed, np.float64)
     values[~np.isfinite(values)] = np.nan
-    open_ = np.isnan(values) & filled
-    words = [w for w in map(str, pd.unique(cells[open_])) if not is_missing(w, missing)]
-    plain = [str(w) for w in pd.unique(cells[~open_ & filled])]
+    unread_cells = np.isnan(values) & filled
+    words = [w for w in map(str, pd.unique(cells[unread_cells])) if not is_missing(w, missing)]
+    plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])]
     if not words:
-        dotted = [w for w in plain if "." in w]
-        if decimal != "." and (decimal or commas) and dotted and _in_thousands(dotted, plain):
-            values = np.array(cells.map({w: number(w, ",", True) for w in plain}), np.float64)
+        dotted = [w for w in plain_numbers if "." in w]
+        if decimal != "." and (decimal or commas) and dotted and _in_thousands(dotted, plain_numbers):
+            values = np.array(cells.map({w: number(w, ",", True) for w in plain_numbers}), np.float64)
             return Judged(values, note=_of_thousands(dotted[0], ","))
         return Judged(values)
-    points = any("." in w for w in plain)
+    points = any("." in w for w in plain_numbers)
     with_commas = [w for w in words if "," in w]
-    thousands = decimal is None and not points and _in_thousands(with_commas, plain)
+    thousands = decimal is None and not points and _in_thousands(with_commas, plain_numbers)
     mark, grouped = _marks(words, points, "." if thousands else decimal, comma_splits)
-    if mark == "," and grouped:  # points stand between thousands: "1.234" is no fraction here
-        values[:], again = np.nan, [str(w) for w in pd.unique(cells)]
+    if mark == "," and grouped:  # points stand between thousands: "1.234", parsed as a fraction, is read again
+        values[:], unread = np.nan, [str(w) for w in pd.unique(cells)]
     else:
-        again = words
-    meanings = {w: v for w in again if (v := number(w, mark, grouped)) is not None}
+        unread = words
+    meanings = {w: v for w in unread if (v := number(w, mark, grouped)) is not None}
     unit = ""
     if not meanings and np.isnan(values).all():
         unit, meanings = _with_unit(words)
     values = np.where(np.isnan(values), np.array(cells.map(meanings), np.float64), values)
-    open_ = np.array(cells.isin([w for w in words if w not in meanings]), bool)
+    unread_cells = np.array(cells.isin([w for w in words if w not in meanings]), bool)
     note = ""
     doubtful = decimal is None and not comma_splits and not (commas and mark == ",")
     if doubtful and with_commas and all(map(_is_grouped, with_commas)):
         note = _of_thousands(with_commas[0], mark)
-    if not open_.any():
+    if not unread_cells.any():
         return Judged(values, unit, note=note)
-    if open_.sum() >= np.isfinite(values).sum():
+    if unread_cells.sum() >= np.isfinite(values).sum():
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")
-    found = tuple(dict.fromkeys(map(str, cells[open_].head(1000))))[:MOST_WORDS]
-    return Judged(values, unit, Strange(int(np.argmax(open_)), found, int(open_.sum()), np.array(cells, dtype=np.str_)), note)
+    shown = tuple(dict.fromkeys(map(str, cells[unread_cells].head(1000))))[:MOST_WORDS]
+    strange = Strange(int(np.argmax(unread_cells)), shown, int(unread_cells.sum()), np.array(cells, dtype=np.str_))
+    return Judged(values, unit, strange, note)
 
 
 def without_fillers(values: Array, missing: Sequence[str | float] = ()) -> tuple[Array, dict[float, int]]:
-    """A column without numbers that stand for nothing, and how many of each there were."""
+    """The column (n,) with NaN for numbers that stand for a missing value, and number -> how many cells held it.
+
+    Such are those beyond `BEYOND`, those of `missing`, and `FILLERS` that lie far above all others."""
     declared = [v for m in missing if (v := number(str(m))) is not None]
     size = np.abs(values)
-    found = {float(v): int((values == v).sum()) for v in np.unique(values[size >= BEYOND])[:MOST_WORDS]}
+    counts = {float(v): int((values == v).sum()) for v in np.unique(values[size >= BEYOND])[:MOST_WORDS]}
     values = np.where(size >= BEYOND, np.nan, values)
-    for one in {*declared, *FILLERS}:
-        at = values == one
-        if not at.any():
+    for filler in {*declared, *FILLERS}:
+        filled = values == filler
+        if not filled.any():
             continue
-        rest = size[~at & np.isfinite(size)]
-        # all other numbers lie far below a filler
-        if one in declared or (rest.size and float(rest.max()) < 0.1 * abs(one)):
-            found[one] = int(at.sum())
-            values = np.where(at, np.nan, values)
-    return values, found
+        rest = size[~filled & np.isfinite(size)]
+        if filler in declared or (rest.size and float(rest.max()) < 0.1 * abs(filler)):
+            counts[filler] = int(filled.sum())
+            values = np.where(filled, np.nan, values)
+    return values, counts
 
 
 def of_frame(cells: pd.Series[Any], missing: Sequence[str | float] = ()) -> Judged:

@@ -42,46 +42,44 @@ if TYPE_CHECKING:
 
 
 def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
-    """The columns of a file, by its ending, or of the parts of one recording; raises ConfigError.
+    """Read the columns of a file with the reader for its ending, or those of the parts of one recording; raises ConfigError.
 
-    `named`: columns that are wanted where reading others costs much; None: all.
-    """
+    `named`: columns that are wanted where reading others costs much; None: all."""
     parts = (paths,) if isinstance(paths, Path) else paths
     path = parts[0]
     if path.suffix.lower() == RECORDING:
         from .recording_topics import read_topics
 
-        found = read_topics(parts, source, named)
+        series = read_topics(parts, source, named)
     else:
         reader = READERS.get(path.suffix.lower())
         if reader is None:
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
             raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; {remedy}")
-        found = reader(path, source)
-    found = of_rows_in_turn(cleaned(found, source.missing))
-    if not len(found):
+        series = reader(path, source)
+    series = of_rows_in_turn(cleaned(series, source.missing))
+    if not len(series):
         raise ConfigError(f"{path}: has no rows of numbers")
-    demand_columns(path, len(found.names))
-    return found
+    demand_columns(path, len(series.names))
+    return series
 
 
 def _parquet(path: Path, source: Source) -> Series:
-    """Columns of a Parquet file, what is inside lists and structures as NAME.1 .. and NAME.FIELD; one that cannot be read costs
-    itself alone."""
+    """The columns of a Parquet file, as `_of_columns` has them; raises ConfigError, before unpacking where it holds too much."""
     parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
     try:
         file = parquet.ParquetFile(path)
-        names, about = file.schema_arrow.names, file.metadata
-        groups = [about.row_group(g) for g in range(about.num_row_groups)]
+        names, metadata = file.schema_arrow.names, file.metadata
+        groups = [metadata.row_group(g) for g in range(metadata.num_row_groups)]
         values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
         size = max(8 * values, sum(group.total_byte_size for group in groups))
     except Exception as e:
         raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
-    demand_bounded(path, max(size, 8 * about.num_rows * len(names)))  # a value that repeats takes no bytes
+    demand_bounded(path, max(size, 8 * metadata.num_rows * len(names)))  # a value that repeats takes no bytes
     try:
         columns = file.read().columns
-    except Exception:  # of one column, which is found below
+    except Exception:  # one column is broken: `cells` reads them one by one, so that it alone is left out
         columns = None
 
     def cells(k: int) -> pd.Series[Any]:
@@ -115,30 +113,30 @@ def of_data_frame(frame: pd.DataFrame, missing: Sequence[str | float] = ()) -> S
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
     columns = [(name, str(kind), partial(frame.iloc.__getitem__, (slice(None), k)))
                for k, (name, kind) in enumerate(zip(names, frame.dtypes, strict=True))]  # fmt: skip
-    stated = {str(name): str(unit) for name, unit in dict(frame.attrs.get("units", {})).items()}
-    made = _of_columns(Path(FRAME), FRAME, columns, missing)
-    return replace(made, units={**stated, **made.units}, lines=index.to_numpy())
+    stated_units = {str(name): str(unit) for name, unit in dict(frame.attrs.get("units", {})).items()}
+    series = _of_columns(Path(FRAME), FRAME, columns, missing)
+    return replace(series, units={**stated_units, **series.units}, lines=index.to_numpy())
 
 
 def _of_columns(
     path: Path, form: str, columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]], missing: Sequence[str | float]
 ) -> Series:
-    """Columns by name, type and cells, what is inside lists and structures as NAME.1 .. and NAME.FIELD; one that cannot be read
-    costs itself alone."""
+    """Judge columns (name, type, function that returns the cells) one by one; a note names each that cannot be read.
+    What lists and structures hold becomes columns NAME.1 .. and NAME.FIELD. Raises ConfigError where no column can be read."""
     judged: dict[str, Judged] = {}
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):
         try:
             for label, cells in _flat(name, columns[k][2]()):
-                one = of_frame(cells, missing)
-                known = one.unit or (heading(name).unit if one.values.dtype.kind == "f" and label != name else "")
-                judged[label if label not in judged else f"{label} ({k + 1})"] = replace(one, unit=known)
+                column = of_frame(cells, missing)
+                unit = column.unit or (heading(name).unit if column.values.dtype.kind == "f" and label != name else "")
+                judged[label if label not in judged else f"{label} ({k + 1})"] = replace(column, unit=unit)
         except Exception as e:  # whatever a library raises about a column
             notes.append(f"column {name!r} ({columns[k][1]}) is left out: {_reason(e)}")
     if not judged:
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
-    made = of_judged(path, judged, form)
-    return replace(made, notes=(*notes, *made.notes))
+    series = of_judged(path, judged, form)
+    return replace(series, notes=(*notes, *series.notes))
 
 
 def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
@@ -169,7 +167,7 @@ RATES = (0.01, 1e5)
 
 
 def _c3d(path: Path, source: Source) -> Series:
-    """Columns `time`, LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
+    """Columns `time` (s), LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
     library = package("c3d", path)
     data = read_bounded(path, LARGEST, ConfigError)
     try:
@@ -192,19 +190,19 @@ def _c3d(path: Path, source: Source) -> Series:
     if not RATES[0] <= rate <= RATES[1]:
         raise ConfigError(f"{path}: states {rate:g} frames a second, which no camera has; export the take again")
     points = np.array([p for p, _ in frames], np.float64)
-    seen = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])
-    columns = {"time": np.arange(len(seen)) / rate}
-    for k, label in enumerate(unique(labels, seen.shape[1])):
-        columns |= {f"{label}.{axis}": seen[:, k, i] for i, axis in enumerate("xyz")}
-    known = dict.fromkeys([c for c in columns if c != "time"], unit) if unit else {}
+    places = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])  # a residual below 0: the marker was not seen
+    columns = {"time": np.arange(len(places)) / rate}
+    for k, label in enumerate(unique(labels, places.shape[1])):
+        columns |= {f"{label}.{axis}": places[:, k, i] for i, axis in enumerate("xyz")}
+    unit_of = dict.fromkeys([c for c in columns if c != "time"], unit) if unit else {}
     if frames[0][1].size:
         means = np.array([a.mean(axis=1) for _, a in frames], np.float64)
         for k, label in enumerate(unique(channels, means.shape[1])):
             name = label if label not in columns else f"{label} (analog)"
             columns[name] = means[:, k]
             if k < len(units) and units[k]:
-                known[name] = units[k]
-    return Series(path, columns, f"C3D, {rate:g} Hz", known)
+                unit_of[name] = units[k]
+    return Series(path, columns, f"C3D, {rate:g} Hz", unit_of)
 
 
 def _texts(reader: Any, key: str) -> list[str]:

@@ -36,27 +36,26 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
 
     `columns`: column of trials.csv -> heading, "heading [unit]", or an entry of map.yaml; other columns go by their names.
     `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else, and by further
-    keys, trials, steps, repeats and branches are worked out as those of a file.
-    """
+    keys, trials, steps, repeats and branches are worked out as those of a file."""
     columns = {} if columns is None else columns
     if not isinstance(columns, Mapping):
         raise ConfigError(f"{CALL}: columns: write columns of trials.csv and their headings, such as {{'p1': 'P_left [bar]'}}")
     if "files" in keys:
         raise ConfigError(f"{CALL}: files: a DataFrame has none; give its columns, constants and points themselves")
-    words = _table(keys, "source").get("missing", ())
-    missing = tuple(words) if isinstance(words, list | tuple) else ()
+    missing_words = _table(keys, "source").get("missing", ())
+    missing = tuple(missing_words) if isinstance(missing_words, list | tuple) else ()
     series = of_data_frame(frame, missing)
     columns = {name: _entry(series, entry) for name, entry in columns.items()}
-    own = _own_names(series) | columns
-    if not keys and set(REQUIRED) <= own.keys():
-        return _as_it_is(series, check(Source(CALL, {"columns": own}, {}), _Columns).columns, robot)
+    entries = _own_names(series) | columns  # what the caller states goes before a column's own name
+    if not keys and set(REQUIRED) <= entries.keys():
+        return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), _Columns).columns, robot)
     series = of_rows_in_turn(cleaned(series, missing))
-    wanted = check(Source(CALL, _as_map({**keys, "columns": columns}, own), {}), Map)
+    wanted = check(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), Map)
     demand_units(wanted, robot.actuators.words, f"{CALL}: ")
     quantities = quantities_of(series, wanted, robot.actuators.words)
-    made = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
-    doubts = (*made.table.warnings, *made.notes, *made.questions)
-    return replace(made.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
+    result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
+    doubts = (*result.table.warnings, *result.notes, *result.questions)
+    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
 
 
 class _Columns(FileTable):
@@ -66,7 +65,7 @@ class _Columns(FileTable):
 
 
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:
-    """The table of these columns, without rows that lack a value."""
+    """The table of these columns of trials.csv (by name), without rows that lack a required value; raises ConfigError."""
     if wrong := [name for name in columns if column_order(name) is None]:
         raise ConfigError(f"{CALL}: columns.{wrong[0]}: is no column of trials.csv")
     file, values = File(series, robot.actuators.words), dict[str, NDArray[Any]]()
@@ -74,19 +73,19 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         values[name] = translated(series, name, column, ()) if name in TEXTS else in_si(file, name, column)
     values = {name: v if name in TEXTS else np.where(np.isfinite(v), v, np.nan) for name, v in values.items()}
     lacking = lacks(values)
-    kept = np.flatnonzero([not why for why in lacking])
-    if not len(kept):
+    complete = np.flatnonzero([not why for why in lacking])
+    if not len(complete):
         raise ConfigError(f"{FRAME}, {series.place(0)}: {lacking[0]}")
     used = {name_of(series, column.column, f"columns.{name}") for name, column in columns.items()}
     ignored = tuple(name for name in series.names if name not in used)
     try:
-        usable = {name: column[kept] for name, column in values.items()}
-        table = checked(usable, lambda row: f"{FRAME}, {series.place(int(kept[row]))}", ignored)
+        usable = {name: column[complete] for name, column in values.items()}
+        table = checked(usable, lambda row: f"{FRAME}, {series.place(int(complete[row]))}", ignored)
     except BadTable as e:
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
-    told = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    return replace(table, warnings=(*told, *table.warnings))
+    left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
+    return replace(table, warnings=(*left_out_notes, *table.warnings))
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -117,7 +116,7 @@ def _own_names(series: Series) -> dict[str, Any]:
 
 
 def _as_map(keys: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys of a map, with those columns `own` that no key describes otherwise."""
+    """Add to the keys of a map those columns `own` (name -> entry) of which no other key says where they come from."""
     trials, points = _table(keys, "trials"), _table(keys, "points")
     described = {
         *_table(keys, "constants"),
@@ -127,6 +126,8 @@ def _as_map(keys: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     }
     described |= {"trial"} if trials.get("begin") == "state" or "change" in trials else set()
     columns = {name: entry for name, entry in own.items() if name in keys["columns"] or name not in described}
-    turned = "orientation" in keys or not set(ORIENTATION) <= own.keys()
-    turn = {} if turned else {"orientation": {"columns": [own[name]["column"] for name in ORIENTATION], "order": "wxyz"}}
-    return {**keys, "columns": columns, **turn}
+    no_quaternion = "orientation" in keys or not set(ORIENTATION) <= own.keys()
+    orientation = (
+        {} if no_quaternion else {"orientation": {"columns": [own[name]["column"] for name in ORIENTATION], "order": "wxyz"}}
+    )
+    return {**keys, "columns": columns, **orientation}

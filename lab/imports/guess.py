@@ -60,10 +60,10 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     turns, angles = quadruples(headings), turning(headings)
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
     counting = [h for h in headings if h.name not in used and _counts(h, series)]
-    others = [h for h in headings if h.name not in used and h not in counting]
-    if not _actuators(series, others, robot):  # "chamber" of a robot of one
-        counting, others = [], [*others, *counting]
-    pressures = _pressures(g, series, others, robot)
+    remaining = [h for h in headings if h.name not in used and h not in counting]
+    if not _actuators(series, remaining, robot):  # "chamber" of a robot of one
+        counting, remaining = [], [*remaining, *counting]
+    pressures = _pressures(g, series, remaining, robot)
     used |= {h.name for h in counting} | set(pressures)
     tip = guess_tip(g, series, [h for h in headings if h.name not in used and h.name in series.numbers], robot)
     guess_quaternion(g, series, turns, tip.columns)
@@ -103,14 +103,15 @@ def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dic
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
-    found = _actuators(series, headings, robot)
-    by = {h.name: h for h in headings}
-    read = {name: n for name, n in found.items() if not by[name].asked_for}
-    chosen = read or found
+    """Propose column and unit of each chamber or tendon; return the columns used, in order. Raises ConfigError without any."""
+    actuator_of = _actuators(series, headings, robot)
+    by_name = {h.name: h for h in headings}
+    measured = {name: n for name, n in actuator_of.items() if not by_name[name].asked_for}
+    chosen = measured or actuator_of
     names = sorted(chosen, key=lambda name: chosen[name])
-    first = {chosen[name]: name for name in reversed(names)}
-    numbered = len(first) >= len(robot.actuators.azimuths_deg)
-    again = [name for name in names if numbered and first[chosen[name]] != name]
+    first_of = {chosen[name]: name for name in reversed(names)}
+    numbered = len(first_of) >= len(robot.actuators.azimuths_deg)
+    again = [name for name in names if numbered and first_of[chosen[name]] != name]
     names = [name for name in names if name not in again]
     wanted = len(robot.actuators.azimuths_deg)
     if not names:
@@ -119,11 +120,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             g.doubt("constants.p1", "no column of pressures: 0 is right for a body that nothing inflates")
             return []
         if series.form.startswith(MOTION_CAPTURE):
-            g.say(
-                "constants",
-                {f"p{k + 1}": "?" for k in range(wanted)},
-                f"{series.form} holds no pressures: fill them in",
-            )
+            g.say("constants", {f"p{k + 1}": "?" for k in range(wanted)}, f"{series.form} holds no pressures: fill them in")
             g.doubt(
                 "constants",
                 "write each chamber's pressure, such as p1: 50 kPa, or for each file under files: {PATTERN: {p1: 50 kPa, ..}}",
@@ -135,15 +132,15 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give "
             f"both, or {JOIN}; else write map.yaml by hand (docs: data from elsewhere)"
         )
-    units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by[n] for n in names])
+    units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
-    electric = sorted({by[n].stated for n in names if by[n].stated.casefold() in ELECTRIC})
+    electric = sorted({by_name[n].stated for n in names if by_name[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
-        own = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
-        unit = units[own]
-        entry: dict[str, Any] = {"column": own, "unit": unit.name}
+        name = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
+        unit = units[name]
+        entry: dict[str, Any] = {"column": name, "unit": unit.name}
         if unit.absolute:
             entry["zero"] = "absolute"
         g.say(f"columns.p{k + 1}", entry, f"{unit.why}{'; starts at the atmosphere' if unit.absolute else ''}")
@@ -151,7 +148,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         g.doubts.append(
             f"columns.p1 .. are read in {electric[0]}: write the sensor's scale (kPa per {electric[0]}), columns.p1.scale"
         )
-    if not read:
+    if not measured:
         g.doubts.append(
             f"{', '.join(names)} are set-points: no column of measured pressures is found, and regulators lag and leak; "
             "name measured ones where there are any"
@@ -160,8 +157,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         g.doubts.append(f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures")
     if len(names) != wanted:
         g.doubts.append(f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which")
-    if set(found) - set(chosen):
-        g.doubts.append(f"set-points are left out: {', '.join(sorted(set(found) - set(chosen)))}")
+    if set(actuator_of) - set(chosen):
+        g.doubts.append(f"set-points are left out: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
     return names
 
 
@@ -196,13 +193,14 @@ def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, _U
 
 
 def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
+    """The unit of pressures: as the file says; else one in which the lowest is the atmosphere, or the highest is usual."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
 
     def absolute(unit: str) -> bool:
         return abs(low * KINDS["Pa"][unit] - AMBIENT) < 0.05 * AMBIENT
 
-    if said := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
-        return _Unit(said, f"the file says {said} of {h.name!r}", absolute(said))
+    if stated := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
+        return _Unit(stated, f"the file says {stated} of {h.name!r}", absolute(stated))
     for unit in ("kPa", "bar", "mbar", "psi", "Pa"):
         if absolute(unit) and high > 1.02 * low:
             return _Unit(unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", absolute=True)
@@ -214,20 +212,17 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 
 # ------------------------------------------------------------------ the rest
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
+    """Propose what other headings name (time, mass, spine, branch ..), with unit and doubts, and list those not used."""
     ignored = []
     frames = _frames(series, headings)
     for h in headings:
         column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
         if h.name == frames:
-            g.say(
-                "columns.t",
-                {"column": h.name, "scale": 0.01},
-                "GUESSED: no column of time, and some frames are missing",
-            )
+            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no column of time, and some frames are missing")
             g.doubt("columns.t.scale", "how many seconds from frame to frame? 0.01 is a guess")
             continue
-        words = h.name in series.words and column not in ("branch", "protocol", "specimen")
-        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or words:
+        is_text = h.name in series.words and column not in ("branch", "protocol", "specimen")
+        if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or is_text:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
@@ -236,8 +231,8 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
         units = KINDS.get(unit_of(column), ())
-        if said := h.unit if h.unit in units else series.unit_of(h.name, units):
-            entry["unit"], why = said, f"the file says {said} of {h.name!r}"
+        if stated := h.unit if h.unit in units else series.unit_of(h.name, units):
+            entry["unit"], why = stated, f"the file says {stated} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
             if unit := unit_of_steps(series.numbers[h.name]):
                 entry["unit"], step = unit, float(np.nanmedian(np.diff(series.numbers[h.name])))
@@ -278,16 +273,18 @@ def _rises(series: Series, name: str) -> bool:
 
 
 def _branches(series: Series, name: str) -> dict[str, str] | None:
+    """Word of a column -> load or unload; None where the column holds no words, or one that means neither."""
     if name not in series.words:
         return None
     known = {w: branch for branch, words in WORDS_OF_BRANCH.items() for w in words.split()}
-    said = {
+    meanings = {
         str(w): known.get(str(w).strip().casefold()) for w in dict.fromkeys(series.words[name].tolist()) if not is_missing(str(w))
     }
-    return {w: b for w, b in said.items() if b} if all(said.values()) else None
+    return {w: b for w, b in meanings.items() if b} if all(meanings.values()) else None
 
 
 def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) -> None:
+    """Propose plateaus as states where pressures (columns) mostly stand still from row to row; else each row is one."""
     if not pressures:
         return
     values = proposed_pressures(g, series, robot)
@@ -295,13 +292,13 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     span = float(np.ptp(values)) if len(values) else 0.0
     stays = np.abs(np.diff(values, axis=0)).max(axis=1) < STEADY * span if len(values) > 1 else np.zeros(0, bool)
     stretches = 1 + int((~stays).sum())
-    timed = "columns.t" in g.reasons or "time" in series.numbers
+    has_times = "columns.t" in g.reasons or "time" in series.numbers
     # with five rows of the same pressure on average, a file is a time series
     if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         steady = float(f"{STEADY * span / 1e3:.2g}")
         why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
-        if not timed:
+        if not has_times:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
             g.doubt("source.rate", "how many rows a second? 100 is a guess")
 
@@ -321,53 +318,54 @@ def _counts(h: Heading, series: Series) -> bool:
 
 
 def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Sequence[str], robot: Robot) -> None:
-    """Where trials begin: with each value of a column that counts them, or at each return to rest and each change of others."""
+    """Propose where trials begin: where a column counts them, or at each return to rest and change of those `counting`."""
     stages: Stages | None = None
-    every, change = [], []
+    all_changes, begin_trials = [], []
     with suppress(ConfigError):  # the import will say what is wrong
         values = g.values | {"trials": {"change": [h.name for h in counting]}}
-        tried = check(Proposed(series.path.name, values, {}), Map)
-        named = {n: s for n, s in series.strange.items() if n in tried.trials.change}
-        q = quantities_of(replace(series, strange=named), tried, robot.actuators.words)
-        stages = Stages.of(q, tried.states, tried.trials.below)
-        every = changes(q, stages)
+        proposed = check(Proposed(series.path.name, values, {}), Map)
+        strange = {n: s for n, s in series.strange.items() if n in proposed.trials.change}
+        q = quantities_of(replace(series, strange=strange), proposed, robot.actuators.words)
+        stages = Stages.of(q, proposed.states, proposed.trials.below)
+        all_changes = changes(q, stages)
     for h in counting:
-        own = [c for c in every if c.column == h.name]
-        if stages is not None and not _useful(g, series, h, own, stages, robot):
+        changes_here = [c for c in all_changes if c.column == h.name]
+        if stages is not None and not _useful(g, series, h, changes_here, stages, robot):
             continue
-        known = stages is None or all([
-            *(stages.within(own, *rest) for rest in stages.returns()), *map(stages.at_rest, own)
+        # a count of trials changes in every rest and nowhere else
+        counts_trials = stages is None or all([
+            *(stages.within(changes_here, *rest) for rest in stages.returns()), *map(stages.at_rest, changes_here)
         ])  # fmt: skip
         column = quantity(h)
         numbered = h.name in series.numbers and f"columns.{column}" not in g.reasons
-        if numbered and (column == "repeat" or (column == "trial" and known)):
+        if numbered and (column == "repeat" or (column == "trial" and counts_trials)):
             g.say(f"columns.{column}", {"column": h.name}, f"the heading {h.name!r}")
         else:
-            change.append(h.name)
+            begin_trials.append(h.name)
     if "columns.trial" in g.reasons or not pressures:
-        g.doubts += [f"not used: {', '.join(change)}"] if change else []
-    elif change:
-        why = f"each return to rest and each change of {' or '.join(change)} begins a trial"
-        g.say("trials", {"begin": "rest", "change": change}, why)
+        g.doubts += [f"not used: {', '.join(begin_trials)}"] if begin_trials else []
+    elif begin_trials:
+        why = f"each return to rest and each change of {' or '.join(begin_trials)} begins a trial"
+        g.say("trials", {"begin": "rest", "change": begin_trials}, why)
     else:
         g.say("trials", {"begin": "rest"}, "each return to rest begins a trial")
 
 
-def _useful(g: Guess, series: Series, h: Heading, own: Sequence[Change], stages: Stages, robot: Robot) -> bool:
-    """Whether trials may begin at these changes of a column; asks where the data do not show it."""
-    away = [c for c in own if not stages.at_rest(c)]
+def _useful(g: Guess, series: Series, h: Heading, changes_here: Sequence[Change], stages: Stages, robot: Robot) -> bool:
+    """Whether trials may begin at these changes of a column; adds a doubt where rests of the robot contradict them."""
+    away = [c for c in changes_here if not stages.at_rest(c)]
     returns = len(stages.returns())
-    if not own:
+    if not changes_here:
         g.doubts.append(f"not used: {h.name}, which is the same in all rows")
         return False
     if not returns and not stages.resting.all():
         g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
     elif away and returns:
-        used = len(away) <= len(own) / 2 and len(own) < len(stages.start) / 2
+        ignorable = len(away) <= len(changes_here) / 2 and len(changes_here) < len(stages.start) / 2
         driven = robot.actuators.words.fill("{actuators} are {inflated}")
         g.doubts.append(
             f"{h.name!r} changes while {driven} (first from {away[0].before!r} to {away[0].after!r} in "
-            f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if used else 'it is not used'}"
+            f"{series.place(away[0].row)}): {'no trial begins there; correct the cells' if ignorable else 'it is not used'}"
         )
-        return used
+        return ignorable
     return True

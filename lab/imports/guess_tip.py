@@ -54,76 +54,77 @@ class Tip:
 
 
 def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Tip:
-    """Write the columns, the frame and where the straight robot is; raises ConfigError where no tip can be made out."""
-    found = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
-    found = [t for t in found if t.unit in ("", *KINDS["m"])]
-    if not found:
+    """Propose the tip's columns, markers, frame and where the straight robot is; raises ConfigError where there is no tip."""
+    candidates = [t for t in triples(headings) if all(c in series.numbers for c in t.columns)]
+    candidates = [t for t in candidates if t.unit in ("", *KINDS["m"])]
+    if not candidates:
         raise ConfigError(
             f"{series.path}: no three columns x, y, z of a tip are found; there are "
             f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give both, or {JOIN}; else write "
             "map.yaml by hand (docs: data from elsewhere)"
         )
-    tips, bases = (_whole([t for t in found if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
+    tips, bases = (_whole([t for t in candidates if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     if not tips:
-        left = _whole([t for t in found if t not in bases]) or found
-        tips = [max(left, key=lambda t: _spread(_xyz(series, t)))]
-        if len(left) > 1:
+        unnamed = _whole([t for t in candidates if t not in bases]) or candidates
+        tips = [max(unnamed, key=lambda t: _spread(_xyz(series, t)))]
+        if len(unnamed) > 1:
             g.doubt("columns.x", f"no heading names a tip; {' / '.join(tips[0].columns)} move most")
-    bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in found if t not in tips], tips[0])
+    bases = [t for t in bases if t not in tips] or _still(g, series, [t for t in candidates if t not in tips], tips[0])
     rest = _at_rest(g, series, robot)
-    said = {c: unit_in(series, c, KINDS["m"]) for t in (*tips, *bases) for c in t.columns}
-    common = said[tips[0].columns[0]]
-    tip = np.mean([_xyz(series, t, rest, common) for t in tips], axis=0)
-    base = np.mean([_xyz(series, t, rest, common) for t in bases], axis=0) if bases else np.zeros(3)
-    between = tip - base
-    known = np.isfinite(between).all(axis=1)
-    if not known.any():
+    unit_of = {c: unit_in(series, c, KINDS["m"]) for t in (*tips, *bases) for c in t.columns}
+    tip_unit = unit_of[tips[0].columns[0]]
+    tip = np.mean([_xyz(series, t, rest, tip_unit) for t in tips], axis=0)
+    base = np.mean([_xyz(series, t, rest, tip_unit) for t in bases], axis=0) if bases else np.zeros(3)
+    from_base = tip - base
+    has_place = np.isfinite(from_base).all(axis=1)
+    if not has_place.any():
         raise ConfigError(
             f"{series.path}: {' / '.join(tips[0].columns)}: no position is known in any row; write map.yaml by hand (docs: data "
             "from elsewhere)"
         )
-    rests = bool((rest & known).any())
-    rest = rest & known if rests else _lowest(g, series, known, robot)
+    rests = bool((rest & has_place).any())
+    rest = rest & has_place if rests else _lowest(g, series, has_place, robot)
     if not rests:
         g.doubt(
             "frame",
             "in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
             f"{robot.actuators.words.pressures}, and where the straight robot is stays open (straight)",
         )
-    unit, why = _length_unit(g, common, tips[0], between[rest], robot.length)
+    unit, why = _length_unit(g, tip_unit, tips[0], from_base[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
         g.say("points.tip.of", [list(t.columns) for t in tips], f"{len(tips)} group(s) of columns that move with the tip")
         if bases:
             g.say("points.tip.against", [list(t.columns) for t in bases], "they are at the base")
             names += [c for t in bases for c in t.columns]
-        if len(set(said.values())) == 1:  # else each column is read in its own
+        if len(set(unit_of.values())) == 1:  # else each column is read in its own
             g.say("points.tip.unit", unit, why)
     else:
         for axis, column in zip("xyz", tips[0].columns, strict=True):
-            its = f"the file says {said[column]} of {column!r}" if said[column] else why
-            g.say(f"columns.{axis}", {"column": column, "unit": said[column] or unit}, its)
-    others = [t for t in found if t not in tips and t not in bases]
-    along = {t: _xyz(series, t, rest, common) - base for t in others} if len(others) == len(robot.markers) else {}
-    along = dict(sorted(along.items(), key=lambda place: _spread(place[1])))
+            reason = f"the file says {unit_of[column]} of {column!r}" if unit_of[column] else why
+            g.say(f"columns.{axis}", {"column": column, "unit": unit_of[column] or unit}, reason)
+    other_places = [t for t in candidates if t not in tips and t not in bases]
+    # as many other places as robot.yaml has markers are these markers: the less one moves, the nearer it is to the base
+    markers = {t: _xyz(series, t, rest, tip_unit) - base for t in other_places} if len(other_places) == len(robot.markers) else {}
+    markers = dict(sorted(markers.items(), key=lambda place: _spread(place[1])))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen at rest
-        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in (between, *along.values())]
+        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in (from_base, *markers.values())]
     pushed = _Pushed(_push(g, series, headings, robot), _mass_at_rest(series, rest))
-    _frame(g, between * KINDS["m"][unit], resting, robot, rests, pushed)
-    for k, t in enumerate(along, 1):
+    _frame(g, from_base * KINDS["m"][unit], resting, robot, rests, pushed)
+    for k, t in enumerate(markers, 1):
         g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
         if bases:
             g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
         if not unit_in(series, t.columns[0], KINDS["m"]):
             g.say(f"points.m{k}.unit", unit, "as the tip")
-    if len(along) > 1:
-        g.doubt("points.m1", f"{len(along)} places for the markers of robot.yaml: check which is which")
-    elif others and not along:
+    if len(markers) > 1:
+        g.doubt("points.m1", f"{len(markers)} places for the markers of robot.yaml: check which is which")
+    elif other_places and not markers:
         g.doubts.append(
-            f"not used: {', '.join('/'.join(t.columns) for t in others)}; markers along the body go under points.m1 .."
+            f"not used: {', '.join('/'.join(t.columns) for t in other_places)}; markers along the body go under points.m1 .."
         )
-    return Tip(tuple(names), between * KINDS["m"][unit], rest, tuple(c for t in found for c in t.columns))
+    return Tip(tuple(names), from_base * KINDS["m"][unit], rest, tuple(c for t in candidates for c in t.columns))
 
 
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
@@ -201,12 +202,11 @@ class _Pushed:
 
 
 def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: bool, pushed: _Pushed) -> None:
-    """z along the axis on which the resting tip, or a marker nearer to the base, is far from its base; x and y as the actuators
-    bend, right-handed.
-
-    Where markers stand elsewhere, all three axes as the actuators bend. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of
-    markers, from the base on, in the rows at rest; `rests`: whether a robot rests in them.
-    """
+    """Propose the frame: z along the axis of the file on which the resting tip, or a marker nearer to the base, is far from the
+    base; x and y, right-handed, so that the tip moves where the actuators push it.
+    Where the resting body shows no z, actuators decide all three axes. A tip that rests elsewhere than the model does makes
+    `straight: at rest` a proposal. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of markers, from the base on, in the rows at
+    rest; `rests`: whether the robot rests in them."""
     at_rest = resting[0]
     away = float(np.linalg.norm(at_rest))
     aside = _aside(at_rest)
@@ -217,32 +217,32 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
     first, arc = (resting[1], robot.markers[0]) if len(resting) > 1 else (at_rest, robot.length)
     if not abs(np.linalg.norm(first) / arc - 1) < 0.25:  # the base is elsewhere
         first, arc = at_rest, robot.length
-    told = _aside(first) <= 0.5 * arc
-    lies = _axis(first)
-    frames = [Frame(x=x, y=y, z=z) for z in ([lies] if told else ["z", "-z", "x", "-x", "y", "-y"]) for x, y in _turned(z)]
+    shows_z = _aside(first) <= 0.5 * arc
+    z_axes = [_axis(first)] if shows_z else ["z", "-z", "x", "-x", "y", "-y"]
+    frames = [Frame(x=x, y=y, z=z) for z in z_axes for x, y in _turned(z)]
     agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
     best = int(np.argmax(agreement))
-    found = frames[best]
-    bends = f"the tip bends {_sense(robot)} (agreement of directions {agreement[best]:.2f} of 1)"
-    # the frame remains in doubt
+    axes = frames[best]
+    sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
+    bends = f"the tip bends {sense} (agreement of directions {agreement[best]:.2f} of 1)"
     if agreement[best] < 0.9 and np.isfinite(pushed.aside).any():
         g.doubts.append(
-            f"frame.x, frame.y: with the base's x along the file's {found.x} and its y along the file's {found.y} {bends}: "
+            f"frame.x, frame.y: with the base's x along the file's {axes.x} and its y along the file's {axes.y} {bends}: "
             "the best turn about the base's z, but not forced by these data; if base and cameras stand as for an earlier table, "
             "take the frame of its map"
         )
-    if not told:
-        others = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != found.z]
+    if not shows_z:
+        other_axes = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != axes.z]
         g.doubt(
             "frame.z",
             f"where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
-            f"file's {found.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
-            f"up to {max(others):.2f})",
+            f"file's {axes.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
+            f"up to {max(other_axes):.2f})",
         )
-    if (found.x, found.y, found.z) != ("x", "y", "z"):
-        lies = "the resting body begins along" if told else "the tip bends across"
-        why = f"{AXES_OF_BASE}: {lies} the file's {found.z}, the base's z; with these x and y {bends}"
-        g.say("frame", {"x": found.x, "y": found.y, "z": found.z}, why)
+    if (axes.x, axes.y, axes.z) != ("x", "y", "z"):
+        shown_by = "the resting body begins along" if shows_z else "the tip bends across"
+        why = f"{AXES_OF_BASE}: {shown_by} the file's {axes.z}, the base's z; with these x and y {bends}"
+        g.say("frame", {"x": axes.x, "y": axes.y, "z": axes.z}, why)
     if elsewhere:
         text = (
             f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis, where the model of "
@@ -284,10 +284,6 @@ def _under_its_weight(robot: Robot, mass: float | None) -> tuple[float, float]:
     found = solve(rods_of(robot, conditions(robot, 0.0, still, mass)), FINE)
     tip = found.tip[0] if found.converged[0] else np.array([0.0, 0.0, robot.length])
     return float(np.hypot(tip[0], tip[1])), float(np.linalg.norm(tip))
-
-
-def _sense(robot: Robot) -> str:
-    return "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
 
 
 def _turned(z: str) -> list[tuple[str, str]]:
@@ -349,28 +345,25 @@ def _shared(columns: Sequence[str], tip: Sequence[str]) -> int:
 
 
 def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) -> None:
-    """Three angles as the tip's orientation; order and axes are asked about."""
-    there = [t for t in found if all(c in series.numbers for c in t.columns)]
-    there = sorted([t for t in there if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip.columns))
-    if not there or "orientation" in g.reasons:
+    """Propose three angles as the tip's orientation, in the order that fits its bending best, with a doubt."""
+    usable = [t for t in found if all(c in series.numbers for c in t.columns)]
+    usable = sorted([t for t in usable if not t.words & BASE_WORDS], key=lambda t: -_shared(t.columns, tip.columns))
+    if not usable or "orientation" in g.reasons:
         return
-    three = there[0]
+    three = usable[0]
     largest = float(np.nanmax(np.abs([series.numbers[c] for c in three.columns])))
     unit = three.unit or series.unit_of(three.columns[0], KINDS["deg"]) or ("deg" if largest > 2 * np.pi else "rad")
-    given = Orientation.model_validate({"columns": three.columns, "order": "rotation vector", "unit": unit})
+    orientation = Orientation.model_validate({"columns": three.columns, "order": "rotation vector", "unit": unit})
     frame = Frame(**g.values.get("frame", {})).matrix
-    off = misfits(series, given, frame, tip.places @ frame.T, tip.resting)
-    order = "euler XYZ" if off and clearly_worse(off["euler xyz"], off["euler XYZ"]) else "euler xyz"
+    misfit_of = misfits(series, orientation, frame, tip.places @ frame.T, tip.resting)
+    order = "euler XYZ" if misfit_of and clearly_worse(misfit_of["euler xyz"], misfit_of["euler XYZ"]) else "euler xyz"
     if three.words & {"rotvec", "vector", "axis"}:
-        order = given.order
-    g.say(
-        "orientation",
-        {"columns": list(three.columns), "order": order, "unit": unit},
-        f"three angles, up to {largest:.4g} {unit}",
-    )
-    fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in off.items())
-    said = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
-    todo = f"Check the order: {ORDERS_IN_WORDS}"
-    if off and min(off.values()) > NO_ORDER_FITS:
-        todo = "No order fits: two columns of the tip or of the actuators may be exchanged, or the frame is wrong"
-    g.doubt("orientation.order", f"{' / '.join(three.columns)} are taken as {order} in {unit}{said}. {todo}")
+        order = orientation.order
+    entry = {"columns": list(three.columns), "order": order, "unit": unit}
+    g.say("orientation", entry, f"three angles, up to {largest:.4g} {unit}")
+    fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in misfit_of.items())
+    misfits_text = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
+    remedy = f"Check the order: {ORDERS_IN_WORDS}"
+    if misfit_of and min(misfit_of.values()) > NO_ORDER_FITS:
+        remedy = "No order fits: two columns of the tip or of the actuators may be exchanged, or the frame is wrong"
+    g.doubt("orientation.order", f"{' / '.join(three.columns)} are taken as {order} in {unit}{misfits_text}. {remedy}")

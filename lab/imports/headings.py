@@ -121,18 +121,21 @@ def is_unit(text: str) -> bool:
 
 
 def heading(name: str, unit: str = "") -> Heading:
-    """Words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)", "Time, s"; `unit`: what the file says elsewhere."""
+    """Take a heading apart into words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)", "Time, s".
+
+    `unit`: what the file says of the column elsewhere; a unit in the heading goes before it."""
     stated = unit if is_unit(unit) else ""
     kind, unit = unit_named(unit) or ("", "")
     rest = name
     bracketed = list(re.finditer(r"[\[(]([^\])]+)[\])]", name))
-    for said in bracketed or re.finditer(r"(?:[/,]|\s[iI][nN]\s)\s*([^/,]+?)\s*$", name):
-        if found := unit_named(said[1]) or unit_named((said[1].split() or [""])[0]):
-            (kind, unit), rest = found, f"{name[: said.start()]} {name[said.end() :]}"
-            stated = said[1]
+    for match in bracketed or re.finditer(r"(?:[/,]|\s[iI][nN]\s)\s*([^/,]+?)\s*$", name):
+        if known := unit_named(match[1]) or unit_named((match[1].split() or [""])[0]):
+            (kind, unit), rest = known, f"{name[: match.start()]} {name[match.end() :]}"
+            stated = match[1]
             break
-        if bracketed and said.end() == len(name.rstrip()) and is_unit(said[1]) and said[1] not in UNSTATED:
-            stated, rest = said[1], f"{name[: said.start()]} {name[said.end() :]}"
+        # a unit that this software does not know
+        if bracketed and match.end() == len(name.rstrip()) and is_unit(match[1]) and match[1] not in UNSTATED:
+            stated, rest = match[1], f"{name[: match.start()]} {name[match.end() :]}"
     parts = [w for w in re.split(r"[^0-9A-Za-zÀ-ÿ]+", rest) if w]
     last = parts[-1].casefold() if parts and not stated and (len(parts) > 1 or parts[0] in ALONE) else ""
     if last in UNITS and last != "in":
@@ -238,25 +241,25 @@ def _counted(headings: Sequence[Heading]) -> list[Triple]:
 
 def turning(headings: Sequence[Heading]) -> list[Triple]:
     """Groups of three angles: roll, pitch, yaw, or x, y, z of a rotation or in deg."""
-    out: list[Triple] = []
+    triples_found: list[Triple] = []
     used: set[str] = set()
     for names in TURNS:
-        found: dict[tuple[str, ...], dict[str, Heading]] = {}
+        groups: dict[tuple[str, ...], dict[str, Heading]] = {}  # words with * for the angle's name -> name -> heading
         for h in headings:
             joined = " ".join(h.words)
             for name in names:
                 if re.search(rf"(?:^|[ \d]){name}(?:$|[ \d])", joined) and h.name not in used:
-                    found.setdefault(tuple(joined.replace(name, "*").split()), {})[name] = h
-        for rest, group in found.items():
+                    groups.setdefault(tuple(joined.replace(name, "*").split()), {})[name] = h
+        for pattern, group in groups.items():
             if len(group) == 3:
                 three = [group[n] for n in names]
-                words = frozenset(w for key in rest for w in [re.sub(r"[*\d]", "", key)] if w) | set(names)
-                out.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
+                words = frozenset(w for key in pattern for w in [re.sub(r"[*\d]", "", key)] if w) | set(names)
+                triples_found.append(Triple((three[0].name, three[1].name, three[2].name), words, three[0].unit))
                 used |= {h.name for h in three}
     for words, unit, c in _groups([h for h in headings if h.name not in used]):
         if len(c) == 3 and (unit in KINDS["deg"] or (not unit and words & TURN_WORDS)):
-            out.append(Triple((c["x"], c["y"], c["z"]), words, unit))
-    return out
+            triples_found.append(Triple((c["x"], c["y"], c["z"]), words, unit))
+    return triples_found
 
 
 def recognised(names: Sequence[str], units: Sequence[str] = ()) -> int:
@@ -273,23 +276,24 @@ def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:
 
 
 def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, Mapping[str, str]]]:
-    found: dict[tuple[str, ...], dict[str, Heading]] = {}
+    """Headings that differ by x, y, z (and w) alone: the words they share, their unit, and axis -> column; no column twice."""
+    groups: dict[tuple[str, ...], dict[str, Heading]] = {}  # words with * for the axis -> axis -> heading
     for h in headings:
         for k, word in enumerate(h.words):
             match = re.fullmatch(r"(.*?)([wxyz])|([wxyz])(\d*)", word)
             if match is None:
                 continue
             stem, axis = (match[1], match[2]) if match[2] else (match[4] or "", match[3])
-            if len(stem) > 12:
+            if len(stem) > 12:  # letters: a long word that happens to end in x is no marker's name
                 continue
             key = (*h.words[:k], f"{stem}*", *h.words[k + 1 :])
-            found.setdefault(key, {}).setdefault(axis, h)
+            groups.setdefault(key, {}).setdefault(axis, h)
     used: set[str] = set()
-    for key, group in sorted(found.items(), key=lambda item: -len(item[1])):
+    for key, group in sorted(groups.items(), key=lambda item: -len(item[1])):
         names = {axis: h.name for axis, h in group.items()}
-        whole = set(names) == set("wxyz") or set(names) == set("xyz")
-        if whole and not used & set(names.values()):
+        complete = set(names) == set("wxyz") or set(names) == set("xyz")
+        if complete and not used & set(names.values()):
             used |= set(names.values())
-            said = frozenset(re.sub(r"[*\d]", "", w) for k in key for w in k.split()) - {""}
-            one = next(iter(group.values()))
-            yield said, one.unit or one.stated, names
+            shared = frozenset(re.sub(r"[*\d]", "", w) for k in key for w in k.split()) - {""}
+            first = next(iter(group.values()))
+            yield shared, first.unit or first.stated, names

@@ -77,9 +77,9 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Str
     if not np.isfinite(t).any():
         raise ConfigError(f"{label}: no row has a time; {JOIN}")
     line = timeline(t, tick, series.place, several=False)
-    judged = np.full(len(t), np.nan)
-    judged[line.rows] = line.t + (source.offset if source else 0.0)
-    return Stream(series, label, judged), tuple(f"{label}, {text}" for text in line.questions)
+    true_times = np.full(len(t), np.nan)
+    true_times[line.rows] = line.t + (source.offset if source else 0.0)
+    return Stream(series, label, true_times), tuple(f"{label}, {text}" for text in line.questions)
 
 
 def time_heading(series: Series) -> str | None:
@@ -108,17 +108,16 @@ def at_times(at: Array, times: Array, values: Array, oldest: float) -> Array:
     """Values at other times, on the line between two readings; NaN where the nearest reading is older than `oldest` (s).
 
     A count or a switch, whole numbers that mostly stand still, keeps its last reading. Where two readings are further apart than
-    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts.
-    """
+    half of all that the column ever passes through (an angle that has turned past 180 deg), the nearer one counts."""
     seen = np.isfinite(values) & np.isfinite(times)
     if not seen.any():
         return np.full(len(at), np.nan)
     times, values = times[seen], values[seen]
-    before, after, nearest, far = _around(at, times, oldest)
+    last, after, nearest, far = _around(at, times, oldest)
     steps = np.diff(values)
     if np.all(values == np.round(values)) and 2 * np.count_nonzero(steps) < steps.size:
-        return np.where(far, np.nan, values[before])
-    leaps = np.abs(values[after] - values[before]) > 0.5 * np.ptp(values)
+        return np.where(far, np.nan, values[last])
+    leaps = np.abs(values[after] - values[last]) > 0.5 * np.ptp(values)
     return np.where(far, np.nan, np.where(leaps, values[nearest], np.interp(at, times, values)))
 
 
@@ -140,7 +139,7 @@ def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, N
 
 
 def joined(lead: Stream, others: Sequence[Stream]) -> Series:
-    """The rows of one stream with the columns of others; raises ConfigError where they have no time in common."""
+    """The rows of `lead` with the columns of `others` at its times; raises ConfigError where they have no time in common."""
     columns, units, notes = dict(lead.series.columns), dict(lead.series.units), list(lead.series.notes)
     common = dict(lead.series.common_units)
     added: set[str] = set()
@@ -150,19 +149,19 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
         order = np.argsort(other.t, kind="stable")  # rows without a time come last
         times, oldest = other.t[order], AGE * max(period(np.sort(other.t)), 1e-9)
         for name, values in other.series.columns.items():
-            own = f"{name} ({other.label})" if name in columns and name not in added else name
-            if name == time_heading(other.series) or (own != name and _counts_rows(values)):
+            heading_here = f"{name} ({other.label})" if name in columns and name not in added else name
+            if name == time_heading(other.series) or (heading_here != name and _counts_rows(values)):
                 continue
-            before = columns.get(own)  # of an earlier file of its kind
+            earlier = columns.get(heading_here)  # added by an earlier table of the same kind, which covers other times
             if values.dtype.kind == "U":
-                columns[own] = _words_at(lead.t, times, np.asarray(values[order], np.str_), oldest)
+                columns[heading_here] = _words_at(lead.t, times, np.asarray(values[order], np.str_), oldest)
             else:
-                columns[own] = at_times(lead.t, times, np.asarray(values[order], np.float64), oldest)
-            if before is not None and before.dtype.kind == values.dtype.kind:
-                columns[own] = np.where(present(columns[own]), columns[own], before)
-            added.add(own)
+                columns[heading_here] = at_times(lead.t, times, np.asarray(values[order], np.float64), oldest)
+            if earlier is not None and earlier.dtype.kind == values.dtype.kind:
+                columns[heading_here] = np.where(present(columns[heading_here]), columns[heading_here], earlier)
+            added.add(heading_here)
             if unit := other.series.units.get(name):
-                units[own] = unit
+                units[heading_here] = unit
             if strange := other.series.strange.get(name):
                 words = ", ".join(repr(w[:40]) for w in strange.words)
                 notes.append(f"{other.label}: {strange.cells} cells of {name!r} are no numbers ({words}): taken as missing")
@@ -172,7 +171,7 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
 
 
 def _counts_rows(values: Array | Texts) -> bool:
-    """Whether a column only counts."""
+    """Whether a column of numbers never falls: it counts rows or time."""
     return values.dtype.kind == "f" and bool((np.diff(np.asarray(values[present(values)], np.float64)) >= 0).all())
 
 
@@ -197,29 +196,32 @@ def _apart(lead: Stream, other: Stream) -> str:
 
 # ------------------------------------------------------------------ which belong together
 def experiments(
-    streams: Sequence[Stream], lacks: Sequence[frozenset[str]], leads: Callable[[frozenset[str]], bool]
-) -> list[tuple[Stream, list[Stream]]]:
-    """Each table of the kind that `leads`, with those of other kinds that belong to it; raises ConfigError.
+    streams: Sequence[Stream], lacked: Sequence[frozenset[str]], leads: Callable[[frozenset[str]], bool]
+) -> tuple[list[tuple[Stream, list[Stream]]], list[Stream]]:
+    """Return each leading table with the tables that belong to it, and the tables that belong to none; raises ConfigError.
 
-    Kinds differ in what they lack. Tables with dates belong together that have time in common, others in their order.
-    """
-    kinds = {kind: [s for s, own in zip(streams, lacks, strict=True) if own == kind] for kind in dict.fromkeys(lacks)}
+    Tables that lack the same keys of the map (`lacked`, of each) are of one kind; the first kind for which `leads` is true
+    leads. Tables with dates belong together where they have time in common, others in their order."""
+    kinds = {kind: [s for s, keys in zip(streams, lacked, strict=True) if keys == kind] for kind in dict.fromkeys(lacked)}
     first = next((kind for kind in kinds if leads(kind)), next(iter(kinds)))
-    out: list[tuple[Stream, list[Stream]]] = [(lead, []) for lead in kinds.pop(first)]
-    for others in kinds.values():
-        if all(s.absolute for s in (*others, *(lead for lead, _ in out))):
-            for lead, own in out:
-                there = sorted((s for s in others if _overlap(lead, s) > 0), key=lambda s: s.span)
-                own += there or [min(others, key=lambda s: -_overlap(lead, s))]
-        elif len(others) == len(out):
-            for (_, own), other in zip(out, others, strict=True):
-                own.append(other)
+    runs: list[tuple[Stream, list[Stream]]] = [(lead, []) for lead in kinds.pop(first)]
+    unused: list[Stream] = []
+    for tables in kinds.values():
+        if all(s.absolute for s in (*tables, *(lead for lead, _ in runs))):
+            for lead, companions in runs:
+                overlapping = sorted((s for s in tables if _overlap(lead, s) > 0), key=lambda s: s.span)
+                # without any, the nearest: `joined` refuses it and says how far its clock is off
+                companions += overlapping or [max(tables, key=lambda s: _overlap(lead, s))]
+            unused += [s for s in tables if all(_overlap(lead, s) <= 0 for lead, _ in runs)]
+        elif len(tables) == len(runs):
+            for (_, companions), table in zip(runs, tables, strict=True):
+                companions.append(table)
         else:
             raise ConfigError(
-                f"{len(out)} tables such as {out[0][0].label} and {len(others)} such as {others[0].label} have no dates that say "
-                f"which belong together: give those of one run at a time, or {JOIN}"
+                f"{len(runs)} tables such as {runs[0][0].label} and {len(tables)} such as {tables[0].label} have no dates that "
+                f"say which belong together: give those of one run at a time, or {JOIN}"
             )
-    return out
+    return runs, unused
 
 
 def asked(lead: Stream, others: Sequence[Stream]) -> str:
@@ -233,21 +235,24 @@ def asked(lead: Stream, others: Sequence[Stream]) -> str:
 
 def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
-    lacks = [_lacking(series, own) for series, own in read]
-    if len(read) < 2 or not all(lacks) or frozenset.intersection(*lacks):
-        return list(read)
+    lacked_keys = [_lacking(series, own_map) for series, own_map in read]
+    if len(read) < 2 or not all(lacked_keys) or frozenset.intersection(*lacked_keys):
+        return list(read)  # some file is whole, or a key is in none of them
     streams, maps, questions = [], {}, {}
-    for series, own in read:
-        stream, doubts = stream_of(series, series.path.name, own)
+    for series, own_map in read:
+        stream, doubts = stream_of(series, series.path.name, own_map)
         streams.append(stream)
-        maps[id(stream)], questions[id(stream)] = own, doubts
-    out = []
-    for lead, others in experiments(streams, lacks, lambda kind: not kind & {"x", "y", "z", "tip"}):
+        maps[id(stream)], questions[id(stream)] = own_map, doubts
+    runs, unused = experiments(streams, lacked_keys, lambda keys: not keys & {"x", "y", "z", "tip"})
+    notes = [f"{s.label} is not read: it has no time in common with {listed(lead.label for lead, _ in runs)}" for s in unused]
+    made = []
+    for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
         doubts = (asked(lead, others), *(q for stream in (lead, *others) for q in questions[id(stream)]))
-        series = replace(joined(lead, others), questions=doubts)
-        out.append((series, maps[id(lead)].model_copy(update={"columns": columns})))
-    return out
+        series = joined(lead, others)
+        series = replace(series, questions=doubts, notes=(*notes, *series.notes))
+        made.append((series, maps[id(lead)].model_copy(update={"columns": columns})))
+    return made
 
 
 def _lacking(series: Series, wanted: Map) -> frozenset[str]:
@@ -282,42 +287,42 @@ def _holds_places(series: Series) -> bool:
 
 
 def of_rows_in_turn(series: Series) -> Series:
-    """The same where columns take turns, row by row, in holding values, or names of quantities do beside one column of values:
-    joined in time, to the rows that hold places."""
+    """Join, in time, columns that are filled in different rows to the rows that hold places; a table of times, names and values
+    gets a column for each name first. Any other series is returned as it is."""
     series = _by_name(series)
     groups = list(_in_turn(series))
     if not groups:
         return series
     times = time_heading(series)
-    t = _seconds(series, Column(column=times))[0] if times else np.arange(len(series), dtype=np.float64)
-    taken = {name for _, names in groups for name in names}
+    row_times = _seconds(series, Column(column=times))[0] if times else np.arange(len(series), dtype=np.float64)
+    in_groups = {name for _, names in groups for name in names}
     lead = max(range(len(groups)), key=lambda k: (_holds_places(_part(series, *groups[k])), len(groups[k][0])))
     streams = []
     for k, (rows, names) in enumerate(groups):
-        kept = [n for n in series.names if n in names or (k == lead and n not in taken)]
-        streams.append(Stream(_part(series, rows, kept), ", ".join(names[:3]), t[rows]))
-    made = joined(streams[lead], [s for k, s in enumerate(streams) if k != lead])
+        names_kept = [n for n in series.names if n in names or (k == lead and n not in in_groups)]
+        streams.append(Stream(_part(series, rows, names_kept), ", ".join(names[:3]), row_times[rows]))
+    table = joined(streams[lead], [s for k, s in enumerate(streams) if k != lead])
     note = (
         f"{len(streams)} groups of columns hold values in rows of their own ({'; '.join(s.label for s in streams)}): joined in "
-        f"{'time' if times else 'the order of rows'} to the {len(made)} rows of {streams[lead].label}"
+        f"{'time' if times else 'the order of rows'} to the {len(table)} rows of {streams[lead].label}"
     )
-    return replace(made, columns={n: made.columns[n] for n in series.names}, notes=(note, *series.notes))
+    return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *series.notes))
 
 
 def _by_name(series: Series) -> Series:
-    """A table of times, names and values with a column for each name; any other as it is."""
+    """Turn a table of times, names and values into one with a column for each name; return any other as it is."""
     times = time_heading(series)
     values = [n for n in series.numbers if n != times]
     units = next((n for n, w in series.words.items() if all(map(is_unit, set(w.tolist())))), None)
     names = [n for n in series.words if n != units]
     if times is None or len(values) != 1 or len(names) != 1:
         return series
-    named, held = series.words[names[0]], series.numbers[values[0]]
-    every = [n for n in dict.fromkeys(named.tolist()) if n]
-    if not 1 < len(every) <= MOST_STREAMS or (named[1:] != named[:-1]).mean() < TURNS or set(every) & {times}:
+    row_names, row_values = series.words[names[0]], series.numbers[values[0]]
+    names_found = [n for n in dict.fromkeys(row_names.tolist()) if n]
+    if not 1 < len(names_found) <= MOST_STREAMS or (row_names[1:] != row_names[:-1]).mean() < TURNS or set(names_found) & {times}:
         return series
-    columns = {times: series.numbers[times]} | {n: np.where(named == n, held, np.nan) for n in every}
-    stated = {n: str(series.words[units][np.argmax(named == n)]) for n in every} if units else {}
+    columns = {times: series.numbers[times]} | {n: np.where(row_names == n, row_values, np.nan) for n in names_found}
+    stated = {n: str(series.words[units][np.argmax(row_names == n)]) for n in names_found} if units else {}
     return replace(series, columns=columns, units={**series.units, **stated})
 
 
@@ -333,55 +338,56 @@ def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Seri
 
 
 def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
-    """Rows and columns of each group of columns, where groups take turns in holding values."""
+    """The rows, and the columns filled in them, of each stream, where rows of several streams stand in one table; else nothing.
+    Columns that are filled in the same rows are of one stream; streams share few rows and follow each other in turn."""
     masks: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name, values in series.numbers.items():
-        seen = np.isfinite(values)
-        if name in series.strange or seen.mean() > OWN_ROWS:
+        filled = np.isfinite(values)
+        if name in series.strange or filled.mean() > OWN_ROWS:
             continue
         for k, (mask, names) in enumerate(masks):
-            if (mask & seen).sum() > 0.5 * min(mask.sum(), seen.sum()):
-                masks[k] = (mask | seen, [*names, name])
+            if (mask & filled).sum() > 0.5 * min(mask.sum(), filled.sum()):
+                masks[k] = (mask | filled, [*names, name])
                 break
         else:
             if len(masks) > MOST_STREAMS:
                 return
-            masks.append((seen, [name]))
+            masks.append((filled, [name]))
     if not 1 < len(masks) <= MOST_STREAMS:
         return
-    every = np.array([mask for mask, _ in masks])
-    if any((a & b).sum() > TOGETHER * min(a.sum(), b.sum()) for i, a in enumerate(every) for b in every[:i]):
+    filled_rows = np.array([mask for mask, _ in masks])
+    if any((a & b).sum() > TOGETHER * min(a.sum(), b.sum()) for i, a in enumerate(filled_rows) for b in filled_rows[:i]):
         return
-    which = np.argmax(every, axis=0)[every.any(axis=0)]
-    if sum(a != b for a, b in pairwise(which.tolist())) < TURNS * len(which) or len(which) < OWN_ROWS * len(series):
+    turns = np.argmax(filled_rows, axis=0)[filled_rows.any(axis=0)]
+    if sum(a != b for a, b in pairwise(turns.tolist())) < TURNS * len(turns) or len(turns) < OWN_ROWS * len(series):
         return
     yield from ((np.flatnonzero(mask), names) for mask, names in masks)
 
 
 # ------------------------------------------------------------------ whether clocks agree
 def lag(t: Array, pressures: Array, tip: Array) -> float | None:
-    """s by which the tip (n, 3) moves after the pressures (n, k) change, where that fits clearly better than at once."""
+    """s by which the tip (n, 3) follows the pressures (n, k): the lag at which their speeds correlate clearly best, or None."""
     from scipy.signal import correlate  # only files that are joined wait for it
 
-    span, usual = float(np.ptp(t)) if len(t) else 0.0, period(t)
-    if usual <= 0 or span < 20 * usual:
+    span, period_s = float(np.ptp(t)) if len(t) else 0.0, period(t)
+    if period_s <= 0 or span < 20 * period_s:
         return None
-    grid = np.linspace(t[0], t[-1], int(min(span / usual, 20_000)) + 1)
+    grid = np.linspace(t[0], t[-1], int(min(span / period_s, 20_000)) + 1)
     activity = []
     for values in (pressures, tip):
-        seen = np.isfinite(values).all(axis=1)
-        if seen.sum() < 10:
+        known = np.isfinite(values).all(axis=1)
+        if known.sum() < 10:
             return None
-        held = np.column_stack([np.interp(grid, t[seen], column) for column in values[seen].T])
-        speed = np.linalg.norm(np.diff(held, axis=0), axis=1)
+        interpolated = np.column_stack([np.interp(grid, t[known], column) for column in values[known].T])
+        speed = np.linalg.norm(np.diff(interpolated, axis=0), axis=1)
         activity.append((speed - speed.mean()) / max(float(speed.std()), 1e-300))
     step, size = float(grid[1] - grid[0]), len(activity[0])
     agreement = correlate(activity[1], activity[0], method="fft") / size
     lags = np.arange(1 - size, size)
-    kept = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
-    lags, agreement = lags[kept], agreement[kept]
+    in_range = np.abs(lags) * step <= min(LONGEST_LAG, span / 4)
+    lags, agreement = lags[in_range], agreement[in_range]
     best = int(np.argmax(agreement))
-    now = float(agreement[np.abs(lags) <= 1].max())
-    late = float(lags[best]) * step
-    clear = agreement[best] > CLEAR and agreement[best] > CLEARER * now
-    return late if clear and abs(late) > max(LEAST_LAG, 3 * usual) else None
+    at_once = float(agreement[np.abs(lags) <= 1].max())  # within a step of the grid
+    best_lag = float(lags[best]) * step
+    clear = agreement[best] > CLEAR and agreement[best] > CLEARER * at_once
+    return best_lag if clear and abs(best_lag) > max(LEAST_LAG, 3 * period_s) else None

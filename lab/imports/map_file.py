@@ -258,37 +258,38 @@ class Map(FileTable):
 
     @model_validator(mode="after")
     def _known(self) -> Map:
-        found = []
+        """Check that columns and constants, of all files and of some, are those of trials.csv; raises ValueError."""
+        wrong = []
         for place, names in (("columns", self.columns), ("constants", self.constants)):
-            found += [f"{place}.{n}: is no column of trials.csv" for n in names if column_order(n) is None]
+            wrong += [f"{place}.{n}: is no column of trials.csv" for n in names if column_order(n) is None]
         for pattern, own in self.files.items():
             stated = list(own.constants) + [f"columns.{n}" for n in own.columns]
-            found += [
+            wrong += [
                 f"files.{pattern}.{n}: is no column of trials.csv"
                 for n in stated
                 if column_order(n.removeprefix("columns.")) is None
             ]
         if not any(own.columns or own.points or own.orientation for own in self.files.values()):
-            found += self.wrong_places()  # else judged for each file, as several patterns may fit one
-        if found:
-            raise ValueError("; ".join(found))
+            wrong += self.wrong_places()  # else judged for each file, as several patterns may fit one
+        if wrong:
+            raise ValueError("; ".join(wrong))
         return self
 
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""
-        found = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
+        wrong = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
         if "tip" in self.points and any(a in self.columns for a in "xyz"):
-            found.append("points.tip: the tip is also given by columns x, y, z; keep one")
+            wrong.append("points.tip: the tip is also given by columns x, y, z; keep one")
         if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
-            found.append("columns: give the tip by x, y and z, or by points.tip")
+            wrong.append("columns: give the tip by x, y and z, or by points.tip")
         turned = self.orientation is not None or any(p.turn for p in self.points.values())
         if "trial" in self.columns and self.trials.change:
-            found.append("trials.change: columns.trial says where trials begin; keep one")
+            wrong.append("trials.change: columns.trial says where trials begin; keep one")
         if self.forces == "tip" and not turned:
-            found.append("forces: a sensor that turns with the tip needs an orientation")
+            wrong.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
-            found.append("sensor: a point beside the end of the body needs an orientation to be moved back")
-        return found
+            wrong.append("sensor: a point beside the end of the body needs an orientation to be moved back")
+        return wrong
 
     def of_file(self, owns: Iterable[Own]) -> Map:
         """The map of a file, of which `owns` say what is different."""
@@ -306,12 +307,8 @@ class Map(FileTable):
 
 
 def demand_units(made: Map, words: Words, before: str = "") -> None:
-    """Raise ConfigError where a unit of a map.yaml is none of its column, for a robot driven as `words` say; `before` begins
-    the message."""
-    places: list[tuple[str, Map | Own]] = [
-        ("", made),
-        *((f"files.{pattern}.", own) for pattern, own in made.files.items()),
-    ]
+    """Raise ConfigError, begun with `before`, where a unit of map.yaml is none of its column of a robot driven as `words` say."""
+    places: list[tuple[str, Map | Own]] = [("", made), *((f"files.{pattern}.", own) for pattern, own in made.files.items())]
     for place, own in places:
         for name, column in own.columns.items():
             factor(column.unit, name, words, f"{before}{place}columns.{name}.unit")

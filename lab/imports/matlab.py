@@ -45,65 +45,63 @@ OWN = ("#refs#", "#subsystem#")
 
 
 def read_matlab(path: Path, source: Source) -> Series:
-    """A .mat file; raises ConfigError."""
+    """Read a .mat file of version 7.3 (HDF5) or older; raises ConfigError."""
     from scipy.io import loadmat, whosmat
 
     data = read_bounded(path, LARGEST, ConfigError)
     if data.startswith(MAGIC) or data.startswith(MAGIC, USER_BLOCK):
-        found, others = _read_hdf5(path, data)
-        objects, notes = _objects(path, others)
-        return columns_of(path, {**found, **objects}, source, "MATLAB 7.3", notes)
+        variables, object_names = _read_hdf5(path, data)
+        objects, notes = _objects(path, object_names)
+        return columns_of(path, {**variables, **objects}, source, "MATLAB 7.3", notes)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # before anything is unpacked: a few kB can hold GB
+            # before anything is unpacked: a few kB can hold GB. The header of version 5 ends with version and byte order
             if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
                 order: Order = "little" if data[126:128] == b"IM" else "big"
                 demand_bounded(path, _claimed(memoryview(data)[128:], order))
             else:
                 demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
-            found = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
-            if OBJECTS in found:
-                demand_bounded(path, _claimed(memoryview(found[OBJECTS].tobytes())[8:], order))
+            variables = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
+            if OBJECTS in variables:
+                demand_bounded(path, _claimed(memoryview(variables[OBJECTS].tobytes())[8:], order))  # behind its header
     except ConfigError:
         raise
     except Exception as e:
         raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
-    opaque = OBJECTS in found
-    found = {str(n): v for n, v in found.items() if n and not str(n).startswith("__") and str(n) != "None"}
+    opaque = OBJECTS in variables  # MATLAB's objects are read by mat-io; SciPy names them None
+    variables = {str(n): v for n, v in variables.items() if n and not str(n).startswith("__") and str(n) != "None"}
     objects, notes = _objects(path, None) if opaque else ({}, ())
-    return columns_of(path, {**found, **objects}, source, "MATLAB", notes)
+    return columns_of(path, {**variables, **objects}, source, "MATLAB", notes)
 
 
 def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """Variables that are objects of MATLAB, or a note on why they are not read; None: all there are."""
+    """The variables `names` (None: all) that are objects of MATLAB, by name, or a note on why they are not read."""
     if names == []:
         return {}, ()
-    which = "objects (table, string, datetime ..)" if names is None else ", ".join(names)
+    description = "objects (table, string, datetime ..)" if names is None else ", ".join(names)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import matio
     except ImportError:
-        return {}, (f"not read: {which}; they are read with mat-io: pip install 'softlab[import]'",)
+        return {}, (f"not read: {description}; they are read with mat-io: pip install 'softlab[import]'",)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if names is None:
                 names = [n for n, (_, kind) in matio.whosmat(str(path)).items() if kind not in SIMPLE]
-            found = matio.load_from_mat(str(path), variable_names=names, add_table_attrs=True) if names else {}
+            variables = matio.load_from_mat(str(path), variable_names=names, add_table_attrs=True) if names else {}
     except Exception as e:
         why = f"{type(e).__name__}: {str(e)[:100]}"
-        return {}, (f"not read: {which} ({why}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
-    return {n: v for n, v in found.items() if not n.startswith("__")}, ()
+        return {}, (f"not read: {description} ({why}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
+    return {n: v for n, v in variables.items() if not n.startswith("__")}, ()
 
 
 def _claimed(data: memoryview, order: Order, depth: int = 0) -> int:
-    """Bytes of memory of the arrays of a file of version 5, or of what it unpacks to, counted to a little beyond what is read.
-
-    Raises ValueError where an element, or one within it, is of a kind that there is not, or where an array claims more cells
-    than its element has bytes, and zlib.error where what is packed is damaged.
-    """
+    """Bytes of memory that the elements of a file of version 5 take once they are read; no more are counted beyond `LARGEST`.
+    Raises ValueError where an element, or one within it, is of no known kind, or where an array claims more cells than its
+    element has bytes, and zlib.error where a packed element is damaged."""
     size = 0
     for kind, body in _elements(data, order):
         if kind not in KINDS or depth > 50:
@@ -149,9 +147,10 @@ def _cells(matrix: memoryview, order: Order) -> int:
     if kind not in (MI_INT32, MI_UINT32):
         raise ValueError("an array without its dimensions")
     cells = math.prod(int.from_bytes(dimensions[k : k + 4], order) for k in range(0, len(dimensions), 4))
-    names = {MX_STRUCT: 3, MX_OBJECT: 4}.get(array_class)
-    if names is not None and len(head) > names + 1:
-        cells *= len(head[names + 1][1]) // max(int.from_bytes(head[names][1], order), 1)
+    # of fields: the element with the bytes that each name takes, and behind it the one with the names
+    name_length = {MX_STRUCT: 3, MX_OBJECT: 4}.get(array_class)
+    if name_length is not None and len(head) > name_length + 1:
+        cells *= len(head[name_length + 1][1]) // max(int.from_bytes(head[name_length][1], order), 1)
     if cells > len(matrix):
         raise ValueError(f"an array claims {cells} cells and has {len(matrix)} bytes")
     return cells
@@ -164,11 +163,11 @@ def _read_hdf5(path: Path, data: bytes) -> tuple[Mapping[str, Any], list[str]]:
     library = package("h5py", path)
     try:
         with library.File(io.BytesIO(data), "r") as file:
-            found, sizes = _variables(library, file)
+            datasets, sizes = _variables(library, file)
             # before anything is unpacked: a few kB can hold GB
             demand_bounded(path, sum(sizes))
-            arrays = {name: np.asarray(one[()]).T for name, one in found.items()}
-            read = {name.partition(".")[0] for name in found}
+            arrays = {name: np.asarray(dataset[()]).T for name, dataset in datasets.items()}
+            read = {name.partition(".")[0] for name in datasets}
             return arrays, [n for n in _own(library, file) if n not in read]
     except ConfigError:
         raise
@@ -183,28 +182,28 @@ def _own(library: Any, file: Any) -> list[str]:
 
 
 def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:
-    """Datasets of numbers by name, and the bytes of all that there are."""
-    found: dict[str, Any] = {}
+    """Datasets of numbers by name (NAME.FIELD), and bytes of memory of all datasets; ValueError for one in another file."""
+    numeric: dict[str, Any] = {}
     sizes: list[int] = []
 
-    def visited(name: str, one: Any) -> None:
-        if not isinstance(one, library.Dataset):
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, library.Dataset):
             return
-        if one.external is not None or one.is_virtual:
+        if item.external is not None or item.is_virtual:
             raise ValueError(f"{name} lies in another file")
-        cell = max(8, one.dtype.itemsize)
+        cell = max(8, item.dtype.itemsize)
         # a chunk is unpacked as a whole, however small its part of the array is
-        sizes.append(cell * max(one.size, math.prod(one.chunks or (0,))))
+        sizes.append(cell * max(item.size, math.prod(item.chunks or (0,))))
         if (
             name.partition("/")[0] not in OWN
-            and CLASS in one.attrs
-            and not one.attrs.get(EMPTY, 0)
-            and SPARSE not in one.parent.attrs
-            and one.dtype.kind in "fiub"
-            and str(one.attrs[CLASS]) not in ("char", "b'char'")
-            and DECODE not in one.attrs
+            and CLASS in item.attrs
+            and not item.attrs.get(EMPTY, 0)
+            and SPARSE not in item.parent.attrs
+            and item.dtype.kind in "fiub"
+            and str(item.attrs[CLASS]) not in ("char", "b'char'")
+            and DECODE not in item.attrs
         ):
-            found[name.replace("/", ".")] = one
+            numeric[name.replace("/", ".")] = item
 
-    file.visititems(visited)
-    return found, sizes
+    file.visititems(visit)
+    return numeric, sizes

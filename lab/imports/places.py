@@ -33,26 +33,25 @@ FITS, SIZES = 0.9, (0.15, 5.0)
 
 
 def turn_off(states: Table, length: float) -> tuple[float, float] | None:
-    """Where place and turn of the tip contradict each other: the agreement (1 is the most) between the axis about which it turns
-    and that across its displacement, and the size of the displacement, of an arc's that turns as far; None where they do not."""
-    kept = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
-    resting = at_rest(kept.pressures)
+    """The agreement (1 is the most) between the axis about which the tip turns and the one across its displacement, and the
+    displacement in units of that of an arc that turns as far; None where they fit those of a body of this length (m)."""
+    oriented = states.take(np.asarray(np.isfinite(np.column_stack([states.tip, states.orientation])).all(axis=1)))
+    resting = at_rest(oriented.pressures)
     if not resting.any():
         return None
-    turn = Rotation.from_quat(kept.orientation.reshape(-1, 4), scalar_first=True)
-    bent, across = _from_rest(turn, resting), _across(kept.tip, resting)
+    turn = Rotation.from_quat(oriented.orientation.reshape(-1, 4), scalar_first=True)
+    bent, across = _from_rest(turn, resting), _across(oriented.tip, resting)
     moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
-    told = turned > LEAST_TURN
-    if told.sum() < FEWEST or not (moved[told] > 0).any():
+    clear = turned > LEAST_TURN
+    if clear.sum() < FEWEST or not (moved[clear] > 0).any():
         return None
-    agreement = float((across * bent)[told].sum() / (moved * turned)[told].sum())
-    size = float(moved[told].sum() / (length / 2 * turned[told].sum()))
+    agreement = float((across * bent)[clear].sum() / (moved * turned)[clear].sum())
+    size = float(moved[clear].sum() / (length / 2 * turned[clear].sum()))  # an arc's end moves length / 2 per rad
     return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
 
 
 def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
-    """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None where it hardly
-    turns."""
+    """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None: hardly turns."""
     bent, axis = _from_rest(turn, resting), _across(tip, resting)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
     told = np.linalg.norm(bent, axis=1) > LEAST_TURN
@@ -80,10 +79,10 @@ where it rests there, from which the order of columns is asked about."""
 
 
 def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) -> Iterator[str]:
-    """What to ask about files whose points at rest, (1 + k, 3) m of the tip and the markers, stand where others do elsewhere.
+    """Ask about files, (name, points at rest: (1 + k, 3) m of the tip and k markers), in which points stand where other points
+    do in the usual file, the one that is nearest to all, or in which the tip is far from where it is there.
 
-    Each is held against the file that is nearest to all of them; `moved`: cameras may have been moved from file to file.
-    """
+    `length`: the robot's, m; `moved`: cameras may have been moved from file to file."""
     usable = [(name, rest) for name, rest in files if np.isfinite(rest).all()]
     if len(usable) < 2 or len({rest.shape for _, rest in usable}) > 1:
         return
@@ -95,18 +94,18 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
     points = ["the tip", *(f"marker {k}" for k in range(1, places.shape[1]))]
     for name, place in zip(names, places, strict=True):
         off = np.linalg.norm(place[:, None] - places[usual][None], axis=2)
-        rows, columns = linear_sum_assignment(off)
-        other = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
-        same = float(np.trace(off))
-        if other and same > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
-            found = ", ".join(f"{points[i]} stands where {points[j]} does" for i, j in other)
+        rows, columns = linear_sum_assignment(off)  # which point of the usual file each is nearest to
+        exchanged = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
+        in_order = float(np.trace(off))
+        if exchanged and in_order > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
+            text = ", ".join(f"{points[i]} stands where {points[j]} does" for i, j in exchanged)
         elif (place.shape[0] > 1 or not moved) and off[0, 0] > ELSEWHERE * length:
             behind = " behind the base," if place[0, 2] < 0 < places[usual][0, 2] else ""
-            found = f"the tip is{behind} {1e3 * off[0, 0]:.0f} mm from where it is"
+            text = f"the tip is{behind} {1e3 * off[0, 0]:.0f} mm from where it is"
         else:
             continue
         yield (
-            f"{name}: at rest {found} in {names[usual]}: do the columns of its markers stand in another order? If so, name its "
+            f"{name}: at rest {text} in {names[usual]}: do the columns of its markers stand in another order? If so, name its "
             f"columns or points under files: {{{name!r}: {{points: ..}}, '*': {{}}}}"
         )
 
@@ -156,37 +155,36 @@ class Jump:
 def jumps(states: Table, length: float) -> Iterator[Jump]:
     """Places that move, from one state to the next, farther than the body of this length (m) can.
 
-    Neighbours are states that follow each other, and states at rest that do; under other loads (spine, masses, vacuum,
-    forces, mounting) they are not held against each other.
-    """
+    Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
+    masses, vacuum, forces, mounting). A body can move by `STILL`, and by `TIMES` the usual movement per change of pressure."""
     places = np.concatenate([states.tip[:, None], states.markers], axis=1)
     pressures, forces = states.pressures, states.tip_force
     loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
     resting = np.flatnonzero(at_rest(pressures)).tolist()
-    every = range(len(states))
-    pairs = dict.fromkeys([*zip(every, every[1:], strict=False), *zip(resting, resting[1:], strict=False)])
-    a, b = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
-    kept = np.abs(forces[b] - forces[a]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
-    a, b = a[kept], b[kept]
-    moved = np.linalg.norm(places[b] - places[a], axis=2)
-    changed = np.abs(pressures[b] - pressures[a]).max(axis=1)
+    numbers = range(len(states))
+    pairs = dict.fromkeys([*zip(numbers, numbers[1:], strict=False), *zip(resting, resting[1:], strict=False)])
+    earlier, later = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
+    same_force = np.abs(forces[later] - forces[earlier]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+    earlier, later = earlier[same_force], later[same_force]
+    moved = np.linalg.norm(places[later] - places[earlier], axis=2)
+    changed = np.abs(pressures[later] - pressures[earlier]).max(axis=1)
     telling = changed > CHANGED * max(float(np.ptp(pressures)), 1e-9)
     found: list[Jump] = []
-    if not telling.any():  # nothing says how far pressures move the body
+    if not telling.any():  # no change of pressure shows how far pressures move the body
         return
     for body in range(places.shape[1]):
         seen = telling & np.isfinite(moved[:, body])
         usual = float(np.percentile(moved[seen, body] / changed[seen], USUAL)) if seen.any() else 0.0
         limit = STILL * length + TIMES * usual * changed
         for i in np.flatnonzero(moved[:, body] > limit).tolist():
-            before, after = places[a[i]], places[b[i]]
-            others = [
+            before, after = places[earlier[i]], places[later[i]]
+            partners = [
                 k
                 for k in range(places.shape[1])
                 if k != body and _near(after[body], before[k], limit[i]) and _near(after[k], before[body], limit[i])
             ]
-            partner = others[0] if others else None
-            found.append(Jump(int(b[i]), body, float(moved[i, body]), float(changed[i]), partner))
+            found.append(Jump(int(later[i]), body, float(moved[i, body]), float(changed[i]), partners[0] if partners else None))
+    # each once: a state may be held against the one before it and against the last one at rest
     yield from {(j.state, j.body): j for j in sorted(found, key=lambda j: (j.state, j.body))}.values()
 
 
@@ -195,8 +193,7 @@ def _near(a: Array, b: Array, within: float) -> bool:
 
 
 def moves_within(tip: Array, markers: Array, length: float) -> int | None:
-    """The row of a state, of (n, 3) and (n, k, 3) m, to which a place jumps from the row in which it was seen before; None
-    where none does."""
+    """The row of a state to which the tip (n, 3) or a marker (n, k, 3) m jumps from where it was seen before; None: none."""
     for place in (tip, *np.swapaxes(markers, 0, 1)):
         seen = np.flatnonzero(np.isfinite(place).all(axis=1))
         steps = np.linalg.norm(np.diff(place[seen], axis=0), axis=1)

@@ -38,32 +38,29 @@ class Guess:
 
 
 def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
-    """The map as a file, with its reasons as comments."""
-    lines = [
-        f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.",
-        "",
-    ]
+    """The text of map.yaml: the doubts as `unconfirmed`, then each value below a comment with its reason."""
+    lines = [f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.", ""]
     if g.doubts:
         lines += ["# What the data do not force: correct it where it is wrong, and delete its line here.", "unconfirmed:"]
         lines += [*(f"- {in_one_line(doubt)}" for doubt in g.doubts), ""]
     lines.append(f"robot: {in_one_line(str(robot))}")
     for key, value in g.values.items():
-        own = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}
+        reasons = {k.partition(".")[2]: r for k, r in g.reasons.items() if k == key or k.startswith(f"{key}.")}
         lines.append("")
-        if "" in own:
-            lines += [f"# {own['']}", f"{key}: {in_one_line(value)}"]
+        if "" in reasons:
+            lines += [f"# {reasons['']}", f"{key}: {in_one_line(value)}"]
             continue
         lines.append(f"{key}:")
-        said = ""
-        nested = any("." in k for k in own)
+        last_reason = ""  # neighbours with one reason share its comment
+        nested = any("." in k for k in reasons)
         for name, inner in value.items():
-            if nested and isinstance(inner, dict) and name not in own:
+            if nested and isinstance(inner, dict) and name not in reasons:
                 lines.append(f"  {name}:")
                 for k, v in inner.items():
-                    lines += [f"    # {own[f'{name}.{k}']}", f"    {k}: {in_one_line(v)}"]
+                    lines += [f"    # {reasons[f'{name}.{k}']}", f"    {k}: {in_one_line(v)}"]
                 continue
-            if own.get(name, said) != said:
-                said = own[name]
-                lines.append(f"  # {said}")
+            if reasons.get(name, last_reason) != last_reason:
+                last_reason = reasons[name]
+                lines.append(f"  # {last_reason}")
             lines.append(f"  {name}: {in_one_line(inner)}")
     return "\n".join(lines) + "\n"

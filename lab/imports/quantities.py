@@ -114,7 +114,9 @@ class File:
 
 
 def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
-    """Read a file by its map, of a robot driven as `drive` says; raises ConfigError naming the column that is missing."""
+    """All rows of a file that have a time, in SI and the robot's frame, in the order of time, as the map `wanted` has them.
+
+    `drive`: the words of what drives the robot. Raises ConfigError naming the column that is missing."""
     file, constants = File(series, drive), quantities(wanted.constants, drive)
     notes = file.notes
     values = {n: in_si(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
@@ -138,10 +140,10 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     t = columns["t"] = values["t"] if "t" in values else _time(series, wanted)
     made = FileRows(series.path, Table(columns | words), constants, np.zeros(n, np.int64), np.arange(n), _counts(series, wanted))
     for what, values_of in (("pressure", pressures), ("tip", tip)):
-        gone = ~np.isfinite(values_of).all(axis=1)
-        if gone.any():
-            first = series.place(int(np.argmax(gone)))
-            notes.append(f"{int(gone.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
+        missing = ~np.isfinite(values_of).all(axis=1)
+        if missing.any():
+            first = series.place(int(np.argmax(missing)))
+            notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
     tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
     line = timeline(t, tick, series.place, averaged)
@@ -168,54 +170,55 @@ def _time(series: Series, wanted: Map) -> Array:
 
 
 def in_si(file: File, name: str, column: Column) -> Array:
-    found, unit = file.numbers(column, name, f"columns.{name}")
-    one = file.factors[f"columns.{name}"]
+    """(n,) of a column of trials.csv in SI: its zero subtracted, times its scale and the size of its unit."""
+    values, unit = file.numbers(column, name, f"columns.{name}")
+    unit_in_si = file.factors[f"columns.{name}"]
     if name == "t":
-        return seconds(found * column.scale, unit, one)
+        return seconds(values * column.scale, unit, unit_in_si)
     if column.zero == "first":
-        finite = found[np.isfinite(found)]
-        found = found - (finite[0] if finite.size else 0.0)
+        finite = values[np.isfinite(values)]
+        values = values - (finite[0] if finite.size else 0.0)
     if isinstance(column.zero, float):
-        found = found - column.zero
-    found = found * column.scale * one
-    if name == "repeat" and np.nanmin(found) == 0:
-        found = found + 1  # a count from 0
-    return found - AMBIENT if column.zero == "absolute" else found
+        values = values - column.zero
+    values = values * column.scale * unit_in_si
+    if name == "repeat" and np.nanmin(values) == 0:
+        values = values + 1  # a count from 0
+    return values - AMBIENT if column.zero == "absolute" else values
 
 
 def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: float = 1.0) -> None:
-    """Note a column of which the file says another unit than the map does, which translates it by no `scale`."""
+    """Note that the file's unit of its column `own` is not the map's (`unit`, at key `place`), and no `scale` explains it."""
     units = units_for(name, file.drive)
-    said = unit_in(file.series, own, units)
-    if said and units[said] != units.get(unit, 1.0):
-        text = f"the file says {said}, the map {unit}, which is taken"
-    elif not said and name != "t" and scale == 1.0:
+    stated = unit_in(file.series, own, units)
+    if stated and units[stated] != units.get(unit, 1.0):
+        text = f"the file says {stated}, the map {unit}, which is taken"
+    elif not stated and name != "t" and scale == 1.0:
         of_file = heading(own, file.series.units.get(own, ""))
-        said = of_file.unit or of_file.stated[:40]
-        text = f"the file says {said}, the map {unit or 'nothing'}, which is taken: is it this quantity, and its unit right?"
+        stated = of_file.unit or of_file.stated[:40]
+        text = f"the file says {stated}, the map {unit or 'nothing'}, which is taken: is it this quantity, and its unit right?"
     else:
         return
-    if said:
+    if stated:
         file.contradicted.setdefault(text, {})[own] = place
 
 
 def translated(series: Series, name: str, column: Column, missing: Sequence[str | float]) -> NDArray[np.str_]:
-    """Translated words; empty where they are missing."""
+    """(n,) words of a column of trials.csv, translated by the map; empty where missing. Raises ConfigError."""
     place = f"columns.{name}"
     own = name_of(series, column.column, place)
-    found = series.words.get(own)
-    if found is None:
-        found = np.array([f"{v:g}" if np.isfinite(v) else "" for v in numbers(series, own, place)], np.str_)
-    meaning = {w: column.values.get(w, "" if is_missing(w, missing) else w) for w in dict.fromkeys(found.tolist())}
+    cells = series.words.get(own)
+    if cells is None:
+        cells = np.array([f"{v:g}" if np.isfinite(v) else "" for v in numbers(series, own, place)], np.str_)
+    meaning = {w: column.values.get(w, "" if is_missing(w, missing) else w) for w in dict.fromkeys(cells.tolist())}
     allowed = tuple(column.values.values()) if column.values else BRANCHES if name == "branch" else None
-    for word, said in meaning.items():
-        if said and allowed is not None and said not in allowed:
-            row = int(np.argmax(found == word))
+    for word, translation in meaning.items():
+        if translation and allowed is not None and translation not in allowed:
+            row = int(np.argmax(cells == word))
             raise ConfigError(
                 f"{series.path}, {series.place(row)}, column {own!r} ({place}): says {word[:40]!r}, which {place}.values "
                 f"does not translate; add {word[:40]!r}: {allowed[0]} (or another of {', '.join(dict.fromkeys(allowed))})"
             )
-    return np.array([meaning[w] for w in found.tolist()], np.str_)
+    return np.array([meaning[w] for w in cells.tolist()], np.str_)
 
 
 def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str_]]:
@@ -287,19 +290,18 @@ def orientation_columns(turn: Rotation, there: NDArray[np.bool_]) -> dict[str, A
 
 
 def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> dict[str, float]:
-    """By order of three angles, deg (rms) by which the tip, (n, 3) m, turns about another axis than the one across its
+    """Order of three angles -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
-    A body that bends turns about no other; a wrong order adds turns about its own axis.
-    """
-    out = {}
+    A body that bends turns about no other axis; a wrong order adds turns about its own."""
+    misfit_of = {}
     onto = Rotation.from_matrix(frame)
     for order in OF_ANGLES:
-        made, there = stated(series, given.model_copy(update={"order": order}))
-        kept = there & np.isfinite(tip).all(axis=1)
-        if (kept & resting).any() and (off := turn_misfit(tip[kept], onto * made[kept] * onto.inv(), resting[kept])) is not None:
-            out[order] = float(np.degrees(off))
-    return out
+        turn, stated_rows = stated(series, given.model_copy(update={"order": order}))
+        kept = stated_rows & np.isfinite(tip).all(axis=1)
+        if (kept & resting).any() and (off := turn_misfit(tip[kept], onto * turn[kept] * onto.inv(), resting[kept])) is not None:
+            misfit_of[order] = float(np.degrees(off))
+    return misfit_of
 
 
 def clearly_worse(off: float, other: float) -> bool:
@@ -308,36 +310,37 @@ def clearly_worse(off: float, other: float) -> bool:
 
 
 def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> Iterator[str]:
-    given = wanted.orientation
-    found = misfits(series, given, frame, tip, resting) if given is not None and given.order in OF_ANGLES else {}
-    if given is None or not found:
+    """Ask for a check of the order of angles where another one fits the bending of the tip, (n, 3) m, clearly better."""
+    angles = wanted.orientation
+    off_by = misfits(series, angles, frame, tip, resting) if angles is not None and angles.order in OF_ANGLES else {}
+    if angles is None or not off_by:
         return
-    best = min(found, key=lambda order: found[order])
-    if clearly_worse(found[given.order], found[best]):
+    best = min(off_by, key=lambda order: off_by[order])
+    if clearly_worse(off_by[angles.order], off_by[best]):
         yield (
-            f"orientation.order {given.order}: the tip turns by {found[given.order]:.1f} deg about other axes than that of its "
-            f"bending, with {best} by {found[best]:.1f} deg: check the order"
+            f"orientation.order {angles.order}: the tip turns by {off_by[angles.order]:.1f} deg about other axes than that of "
+            f"its bending, with {best} by {off_by[best]:.1f} deg: check the order"
         )
 
 
 def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bool_]]:
     """Rotations (n,) in the recorded axes, and the rows that have one; raises ConfigError."""
     values = np.column_stack([numbers(series, c, "orientation.columns") for c in given.columns])
-    there = np.asarray(np.isfinite(values).all(axis=1), bool)
+    known_rows = np.asarray(np.isfinite(values).all(axis=1), bool)
     if len(given.columns) == 4:
-        there &= np.linalg.norm(values, axis=1) > HALF
-        kept = np.where(there[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
-        return Rotation.from_quat(kept, scalar_first=given.order == "wxyz"), there
-    kept = np.where(there[:, None], values, 0.0)
+        known_rows &= np.linalg.norm(values, axis=1) > HALF
+        filled = np.where(known_rows[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
+        return Rotation.from_quat(filled, scalar_first=given.order == "wxyz"), known_rows
+    filled = np.where(known_rows[:, None], values, 0.0)
     unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
     # rad, about two turns: larger angles without a unit are asked about
-    if given.unit is None and unit == "rad" and (largest := float(np.abs(kept).max(initial=0.0))) > 12.0:
+    if given.unit is None and unit == "rad" and (largest := float(np.abs(filled).max(initial=0.0))) > 12.0:
         raise ConfigError(
             f"{series.path}: orientation: angles up to {largest:.4g} rad; write unit: deg, or unit: rad if they are"
         )
     if given.order == "rotation vector":
-        return Rotation.from_rotvec(kept, degrees=unit == "deg"), there
-    return Rotation.from_euler(given.order.split()[1], kept, degrees=unit == "deg"), there
+        return Rotation.from_rotvec(filled, degrees=unit == "deg"), known_rows
+    return Rotation.from_euler(given.order.split()[1], filled, degrees=unit == "deg"), known_rows
 
 
 def _fitted(file: File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:

@@ -46,6 +46,8 @@ MOST_REASONS, MOST_SAID = 3, 160
 """Reasons that a note gives, and letters of each."""
 SHOWN = 12
 """Topics that a note lists."""
+PARTS_APART = 2.0 * 1e9
+"""ns within which files that follow each other are parts of one recording."""
 OLDEST = 0.5
 """s that the nearest message of a topic may be old."""
 FEWEST_OF_A_THING = 4
@@ -100,21 +102,19 @@ class Topic:
 
 
 def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], Map]]:
-    """Recordings in the order of time, each with the files into which its recorder split it; raises ConfigError.
+    """Recordings in the order of time, each with the files into which its recorder split it, and its map; raises ConfigError.
 
-    Parts of one recording follow each other, have topics in common and the same map.
-    """
+    Parts of one recording follow each other within `PARTS_APART`, have topics in common and the same map."""
     opened = [(*recording_span(path), path, wanted) for path, wanted in files]
-    out: list[tuple[tuple[Path, ...], Map]] = []
+    recordings: list[tuple[tuple[Path, ...], Map]] = []
     end, topics = -np.inf, set[str]()
-    for (first, last), own, path, wanted in sorted(opened, key=lambda o: o[0]):
-        # files that follow each other within two seconds are parts of one recording
-        if out and topics & own and first > 0 and abs(first - end) <= 2.0 * 1e9 and out[-1][1] == wanted:
-            out[-1] = ((*out[-1][0], path), wanted)
+    for (first, last), own_topics, path, wanted in sorted(opened, key=lambda o: o[0]):
+        if recordings and topics & own_topics and first > 0 and abs(first - end) <= PARTS_APART and recordings[-1][1] == wanted:
+            recordings[-1] = ((*recordings[-1][0], path), wanted)
         else:
-            out.append(((path,), wanted))
-        end, topics = last, own
-    return out
+            recordings.append(((path,), wanted))
+        end, topics = last, own_topics
+    return recordings
 
 
 def recording_span(path: Path) -> tuple[tuple[int, int], set[str]]:
@@ -124,53 +124,52 @@ def recording_span(path: Path) -> tuple[tuple[int, int], set[str]]:
 
 
 def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | None) -> Series:
-    """Numbers of topics at the log times of `source.topic`, or of the topic with most messages that has positions.
+    """Columns /topic.field of all topics at the log times of one: `source.topic`, or that with positions and most messages.
 
-    `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError.
-    """
+    `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError."""
     path, recordings = paths[0], [_open(p) for p in paths]
-    there = list(dict.fromkeys(topic for recording in recordings for topic in recording.topics))
-    wanted = there if named is None else [t for t in there if t == source.topic or any(_of(t, n) for n in named)]
+    all_topics = list(dict.fromkeys(topic for recording in recordings for topic in recording.topics))
+    wanted = all_topics if named is None else [t for t in all_topics if t == source.topic or any(_of(t, n) for n in named)]
     notes = []
     if len(paths) > 1:
         notes.append(f"read as one recording, by its times: {', '.join(p.name for p in paths)}")
-    if others := [t for t in there if t not in wanted]:
-        more = f" and {len(others) - SHOWN} more" if len(others) > SHOWN else ""
-        notes.append(f"topics that the map does not name are not read: {', '.join(others[:SHOWN])}{more}")
-    found = {name: Topic(name) for name in wanted}
+    if unwanted := [t for t in all_topics if t not in wanted]:
+        more = f" and {len(unwanted) - SHOWN} more" if len(unwanted) > SHOWN else ""
+        notes.append(f"topics that the map does not name are not read: {', '.join(unwanted[:SHOWN])}{more}")
+    topic_of = {name: Topic(name) for name in wanted}
     for p, recording in zip(paths, recordings, strict=True):
-        channels = Counter(c.topic for c in recording.contents.channels.values() if c.topic in found)
+        channels = Counter(c.topic for c in recording.contents.channels.values() if c.topic in topic_of)
         notes += [f"{n} channels carry {topic}; read as one, in order of time" for topic, n in channels.items() if n > 1]
         try:
-            _decode(recording, found)
+            _decode(recording, topic_of)
         except RecordingError as e:
             raise _unreadable(p, e) from e
-    for topic in found.values():
+    for topic in topic_of.values():
         if things := ", ".join(topic.things[:SHOWN]):
             notes.append(f"the messages of {topic.name} are about {things}: read as columns {topic.name}.NAME")
         if topic.why:
             notes.append(f"{topic.name}: {topic.reason}")
-    topics = {name: topic for name, topic in found.items() if any(topic.rows)}
+    topics = {name: topic for name, topic in topic_of.items() if any(topic.rows)}
     if not topics:
-        why = "; ".join(f"{topic.name}: {topic.reason}" for topic in found.values() if topic.why)
+        why = "; ".join(f"{topic.name}: {topic.reason}" for topic in topic_of.values() if topic.why)
         raise ConfigError(f"{path}: no topic holds numbers that can be read{f' ({why})' if why else ''}")
     if source.topic is not None and source.topic not in topics:
-        why = f" ({found[source.topic].reason})" if source.topic in found and found[source.topic].why else ""
+        why = f" ({topic_of[source.topic].reason})" if source.topic in topic_of and topic_of[source.topic].why else ""
         raise ConfigError(f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}")
     leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
     frames = {name: topic.frame() for name, topic in topics.items()}
-    start, at = min(frame.index[0] for frame in frames.values()), frames[leading.name].index.to_numpy()
-    # Seconds since the epoch where log times are, so that the next recording keeps its distance.
-    out: dict[str, Array | Texts] = {"time": at if start >= EPOCH[0] else at - start}
-    if len(at) > 1 and not np.ptp(at):
+    start, times = min(frame.index[0] for frame in frames.values()), frames[leading.name].index.to_numpy()
+    # s since the epoch where log times are, so that recordings keep their distance in time
+    columns: dict[str, Array | Texts] = {"time": times if start >= EPOCH[0] else times - start}
+    if len(times) > 1 and not np.ptp(times):
         raise ConfigError(
-            f"{path}: all {len(at)} messages of {leading.name} have the log time {at[0]:g} s, so that nothing says which "
+            f"{path}: all {len(times)} messages of {leading.name} have the log time {times[0]:g} s, so that nothing says which "
             "belong together; record again with times, or write them by the stamps in their messages"
         )
     for name, frame in frames.items():
         for label, values in _continuous({label: frame[label].to_numpy() for label in frame}).items():
-            out[label] = values if name == leading.name else at_times(at, frame.index.to_numpy(), values, OLDEST)
-    return Series(path, out, "MCAP", notes=tuple(dict.fromkeys(notes)))
+            columns[label] = values if name == leading.name else at_times(times, frame.index.to_numpy(), values, OLDEST)
+    return Series(path, columns, "MCAP", notes=tuple(dict.fromkeys(notes)))
 
 
 def _open(path: Path) -> Recording:
@@ -198,7 +197,8 @@ def _places(rows: list[dict[str, float]]) -> int:
 
 
 def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
-    """The same with each quaternion of the sign that is nearer to the one before it: either means the same turn."""
+    """Give each quaternion (columns STEM.w .x .y .z) the sign that is nearer to the one before: q and -q are one turn, and values
+    between two readings are interpolated."""
     for stem in [name[:-1] for name in columns if name.endswith(".w")]:
         names = [f"{stem}{part}" for part in "wxyz"]
         if not all(name in columns for name in names):
@@ -207,18 +207,18 @@ def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
         seen = np.flatnonzero(np.isfinite(parts).all(axis=0))
         if np.abs(np.linalg.norm(parts[:, seen], axis=0) - 1).max(initial=0.0) > 0.05:
             continue
-        turned = (parts[:, seen[1:]] * parts[:, seen[:-1]]).sum(axis=0) < 0
-        parts[:, seen[1:]] *= np.where(np.cumsum(turned) % 2, -1.0, 1.0)
+        flips = (parts[:, seen[1:]] * parts[:, seen[:-1]]).sum(axis=0) < 0
+        parts[:, seen[1:]] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)
         columns |= dict(zip(names, parts, strict=True))
     return columns
 
 
 # ------------------------------------------------------------------ messages
-def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
-    """Add the messages of the wanted topics of one file."""
+def _decode(recording: Recording, topics: Mapping[str, Topic]) -> None:
+    """Append the messages of one file to the topics they belong to; those that cannot be decoded are counted there."""
     decoders: dict[int, Decoder | None] = {}
-    for channel, log_times, payloads in recording.messages(found):
-        topic = found[channel.topic]
+    for channel, log_times, payloads in recording.messages(topics):
+        topic = topics[channel.topic]
         if channel.id not in decoders:
             schema = recording.contents.schemas.get(channel.schema_id)
             decoders[channel.id] = _decoder(channel, schema, payloads[:20], topic)
@@ -240,7 +240,7 @@ def _decode(recording: Recording, found: Mapping[str, Topic]) -> None:
 
 
 def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], topic: Topic) -> Decoder | None:
-    """What decodes at least one of the messages tried; None, with the reason in `topic`, where nothing does."""
+    """The first decoder that decodes a message tried; None, with the reason in `topic`, where there is none."""
     why: str | None = None
     for left_out, make in _ways(channel, schema):
         for payload in tried:
@@ -258,7 +258,7 @@ def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], to
 
 
 def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callable[[], Decoder]]]:
-    """How messages may be decoded: whole, or without the last fields, the first of which is named."""
+    """Decoders, as (first field left out, function that makes it): for whole messages (""), then (ROS 2) without last fields."""
     encoding = channel.message_encoding
     if encoding == "json":
         yield "", lambda: json.loads
@@ -268,13 +268,13 @@ def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callab
         yield "", lambda: _by_package(encoding, schema)
         if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
             text = schema.data.decode(errors="replace")
-            own, *nested = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
-            lines = [line.strip() for line in own.splitlines()]
+            own_lines, *other_parts = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
+            lines = [line.strip() for line in own_lines.splitlines()]
             fields = [i for i, line in enumerate(lines) if line and not line.startswith("#")]
             for i in reversed(fields[1:]):
-                shorter = "\n".join([*lines[:i], *nested])
-                one = Schema(id=1, name=schema.name, encoding=schema.encoding, data=shorter.encode())
-                yield lines[i], partial(_by_package, encoding, one)
+                shorter = "\n".join([*lines[:i], *other_parts])
+                shortened = Schema(id=1, name=schema.name, encoding=schema.encoding, data=shorter.encode())
+                yield lines[i], partial(_by_package, encoding, shortened)
 
 
 def _by_package(encoding: str, schema: Schema | None) -> Decoder:
@@ -287,11 +287,10 @@ def _by_package(encoding: str, schema: Schema | None) -> Decoder:
     except ImportError as e:
         name = package.partition(".")[0]
         raise ValueError(f"needs the package of {name}; pip install 'softlab[import]'") from e
-    found: Decoder | None = factory.decoder_for(encoding, schema)
-    if found is None:
+    decode: Decoder | None = factory.decoder_for(encoding, schema)
+    if decode is None:
         raise ValueError(f"definitions of kind {schema.encoding if schema else 'none'!r} are not read")
-    whole = found
-    return (lambda data: whole(_plain_cdr(data))) if encoding == "cdr" else whole
+    return (lambda data: decode(_plain_cdr(data))) if encoding == "cdr" else decode
 
 
 def _plain_cdr(data: bytes) -> bytes:

@@ -180,40 +180,40 @@ def _nearest_first(name: str, names: Sequence[str], most: int) -> str:
 
 def axes_of(series: Series, marker: str, place: str) -> list[str]:
     """The headings of a marker's x, y and z: NAME.x, or as the file writes them, NAME_x [mm]; raises ConfigError."""
-    found = [f"{marker}.{axis}" for axis in "xyz"]
-    if not set(found) <= set(series.names):
-        own = [re.compile(rf"{re.escape(marker)}[\s._-]*{axis}(?:[\s_\[(/,].*)?", re.IGNORECASE) for axis in "xyz"]
-        found = [name for one in own for name in series.names if one.fullmatch(name)]
-    if len(found) != 3:
+    columns = [f"{marker}.{axis}" for axis in "xyz"]
+    if not set(columns) <= set(series.names):
+        patterns = [re.compile(rf"{re.escape(marker)}[\s._-]*{axis}(?:[\s_\[(/,].*)?", re.IGNORECASE) for axis in "xyz"]
+        columns = [name for pattern in patterns for name in series.names if pattern.fullmatch(name)]
+    if len(columns) != 3:
         raise ConfigError(
             f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z of its own; there are "
             f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns, as in [[{marker[:40]}_x, "
             f"{marker[:40]}_y, {marker[:40]}_z]]"
         )
-    return found
+    return columns
 
 
 def numbers(series: Series, name: Name, place: str) -> Array:
     """A column of numbers; raises ConfigError naming the first cell that is none and what to write."""
-    own = name_of(series, name, place)
-    strange = series.strange.get(own)
+    head = name_of(series, name, place)
+    strange = series.strange.get(head)
     if strange is not None:
         words = ", ".join(repr(w[:40]) for w in strange.words)
         raise ConfigError(
-            f"{series.path}, {series.place(strange.row)}, column {own!r} ({place}): {strange.words[0][:40]!r} is no "
+            f"{series.path}, {series.place(strange.row)}, column {head!r} ({place}): {strange.words[0][:40]!r} is no "
             f"number ({strange.cells} such cells); correct it, or where it stands for a missing value write "
             f"source: {{missing: [{words}]}}"
         )
-    if own in series.words:
-        texts = series.words[own]
+    if head in series.words:
+        texts = series.words[head]
         row = int(np.argmax(texts != ""))
         raise ConfigError(
-            f"{series.path}, {series.place(row)}, column {own!r} ({place}): holds words ({str(texts[row])[:40]!r}), not numbers; "
-            "name another column"
+            f"{series.path}, {series.place(row)}, column {head!r} ({place}): holds words ({str(texts[row])[:40]!r}), "
+            "not numbers; name another column"
         )
-    if own not in series.numbers:
-        raise ConfigError(f"{series.path}: column {own!r} ({place}): is empty; name another column")
-    return series.numbers[own]
+    if head not in series.numbers:
+        raise ConfigError(f"{series.path}: column {head!r} ({place}): is empty; name another column")
+    return series.numbers[head]
 
 
 def texts(series: Series, name: Name, place: str, missing: Sequence[str | float] = ()) -> NDArray[np.str_]:
@@ -233,8 +233,7 @@ def texts(series: Series, name: Name, place: str, missing: Sequence[str | float]
 def unit_in(series: Series, name: str, units: Collection[str], place: str = "") -> str:
     """The unit of a column as its heading or the file says it; empty where neither names one of `units`.
 
-    With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate.
-    """
+    With a `place` in the map, raises ConfigError where they name another kind of unit, which `place` must then translate."""
     said = heading(name, series.units.get(name, ""))
     unit = said.unit if said.unit in units else series.unit_of(name, units)
     if place and not unit and said.stated and len(units) > 1:
@@ -247,19 +246,17 @@ def unit_in(series: Series, name: str, units: Collection[str], place: str = "") 
 
 # ------------------------------------------------------------------ rows
 def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """(n,) rows at exactly 0, 0, 0 among others that are not: there nothing was seen.
+    """(n,) rows at exactly 0, 0, 0, which programs write where nothing was seen; `xyz` (n, 3), `resting` (n,) rows at rest.
 
-    Zeros are positions where others come as near to the origin, or where all rows at rest, and no others, are zero.
-    """
+    No row is where zeros may be positions: others come as near to the origin, or the rows at zero are exactly those at rest."""
     zero = np.asarray((xyz == 0).all(axis=1))
-    others = xyz[~zero & np.isfinite(xyz).all(axis=1)]
-    if not zero.any() or not len(others):
+    seen = xyz[~zero & np.isfinite(xyz).all(axis=1)]
+    if not zero.any() or not len(seen):
         return np.zeros(len(xyz), bool)
     if resting is not None and (zero == resting).all():
         return np.zeros(len(xyz), bool)
-    spread = float(np.linalg.norm(others - np.median(others, axis=0), axis=1).max())
-    # then 0, 0, 0 is a position
-    if float(np.linalg.norm(others, axis=1).min()) < 0.05 * spread:
+    spread = float(np.linalg.norm(seen - np.median(seen, axis=0), axis=1).max())
+    if float(np.linalg.norm(seen, axis=1).min()) < 0.05 * spread:
         return np.zeros(len(xyz), bool)
     return zero
 
@@ -285,16 +282,17 @@ IDENTITY = re.compile(r"(?!parent|frame_id)(?:.*_)?(?:name|label|id|key|index)|(
 
 
 def leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Values inside lists, structures and messages by the path of their fields; bytes are left out.
+    """Yield (path, value) of each number, text or time inside a list, structure or message (`value`); bytes are left out.
 
-    Elements of a list go by their names where they have some, so that their order does not matter, else from 1.
-    """
+    A path is NAME.FIELD..; elements of a list go by their names where they have some, so that their order does not matter, else
+    from 1. Names are an element's own field (`IDENTITY`), or the one list of texts as long as the list beside it."""
     if isinstance(value, bytes | bytearray | memoryview) or value is None:
         return
     if (fields := None if isinstance(value, LEAVES) else _fields(value)) is not None:
-        texts = [v for v in map(_texts, fields.values()) if v]
+        lists_of_names = [v for v in map(_texts, fields.values()) if v]
         for key, inner in fields.items():
-            names = texts[0] if len(texts) == 1 and _is_list(inner) and len(inner) == len(texts[0]) else ()
+            only = lists_of_names[0] if len(lists_of_names) == 1 else ()
+            names = only if _is_list(inner) and len(inner) == len(only) else ()
             yield from _elements(f"{name}.{key}", inner, names) if names else leaves(f"{name}.{key}", inner)
     elif hasattr(value, "__iter__") and not isinstance(value, LEAVES):
         inside = list(islice(value, MOST_ELEMENTS))

@@ -41,6 +41,10 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
+REST_STEP = 2e3
+"""Pa by which pressures at rest may differ."""
+MOST_STRAY = 0.2
+"""Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
 """kg at the tip, deg of roll: the same of these."""
 
@@ -82,28 +86,29 @@ def _placed(table: Table, tip: Array, markers: Array) -> Table:
 
 
 def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
-    """Files to read and the map of each: those given, or in a folder given those that the map names, as people count them."""
-    out: list[tuple[Path, Map]] = []
+    """Files to read, with the map of each: the files of `given`, and of its folders those that fit a pattern of `files` (without
+    patterns: all of a known kind), run2 before run10. Raises ConfigError."""
+    files: list[tuple[Path, Map]] = []
     for path in given:
         inside = sorted((p for p in path.iterdir() if p.is_file()), key=_counted) if path.is_dir() else [path]
         if path.is_dir() and not wanted.files:
             inside = [p for p in inside if p.suffix.lower() in KNOWN]
         for file in inside:
-            own = [v for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
-            if wanted.files and not own:
+            fitting = [v for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
+            if wanted.files and not fitting:
                 if path.is_dir():
                     continue
                 patterns = ", ".join(wanted.files)
                 raise ConfigError(
                     f"{file}: no pattern of `files` in the map fits; there are {patterns}; add {file.name!r} or '*'"
                 )
-            made = wanted.of_file(own)
+            made = wanted.of_file(fitting)
             if wrong := made.wrong_places():
                 raise ConfigError(f"{file}: the map of this file (files): {'; '.join(wrong)}")
-            out.append((file, made))
-    if not out:
+            files.append((file, made))
+    if not files:
         raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
-    return out
+    return files
 
 
 def _counted(path: Path) -> list[tuple[int, str]]:
@@ -126,33 +131,34 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, FileRows, Map]], list[str], list[str]]:
-    """Every file, in the order of their times where these tell it, notes, and what cannot be read."""
+    """Files with their rows and maps, in the order of their times where these tell it; notes; files that cannot be read, and why.
+    Files that hold what the map names only together are joined in time. Raises ConfigError where none or a named one fails."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
     failed: list[ConfigError] = []
-    for number, (parts, own) in enumerate(files):
+    for number, (parts, own_map) in enumerate(files):
         progress(number, len(files))
         try:
-            series = read(parts, own.source, named(own))
+            series = read(parts, own_map.source, named(own_map))
         except ConfigError as e:
             if set(parts) & set(given) or wanted.files:  # asked for by name
                 raise
             failed.append(e)
             continue
-        read_files.append((series, own))
+        read_files.append((series, own_map))
     if not read_files:
         raise failed[0]
-    for series, own in in_time(read_files):
-        q = quantities_of(series, own, drive)
+    for series, own_map in in_time(read_files):
+        q = quantities_of(series, own_map, drive)
         late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
-        asked = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
-        made.append((series, replace(q, questions=tuple(asked)), own))
-    said: dict[str, list[str]] = {}
+        questions = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        made.append((series, replace(q, questions=tuple(questions)), own_map))
+    files_of_note: dict[str, list[str]] = {}
     for series, q, _ in made:
         for text in (*series.notes, *q.notes):
-            said.setdefault(text, []).append(series.path.name)
+            files_of_note.setdefault(text, []).append(series.path.name)
     unread = [f"not read: {e}" for e in failed]
-    notes = [*unread] + [f"{', '.join(names)}: {text}" for text, names in said.items()]
-    ordered = sorted(made, key=lambda one: float(one[1].t[0]))
+    notes = [*unread] + [f"{', '.join(names)}: {text}" for text, names in files_of_note.items()]
+    ordered = sorted(made, key=lambda file: float(file[1].t[0]))
     if [s.path for s, _, _ in ordered] != [s.path for s, _, _ in made]:
         first, last = float(ordered[0][1].t[0]), float(ordered[-1][1].t[0])
         apart = all(float(np.nanmax(a.t)) < float(b.t[0]) for (_, a, _), (_, b, _) in pairwise(ordered))
@@ -173,27 +179,23 @@ def _lag_question(late: float) -> str:
 
 
 def imported(
-    given: Sequence[Path],
-    wanted: Map,
-    robot: Robot,
-    progress: Callable[[float, float], None] = lambda done, of: None,
+    given: Sequence[Path], wanted: Map, robot: Robot, progress: Callable[[float, float], None] = lambda done, of: None
 ) -> Imported:
-    """Read, cut and put into the robot's frame; raises ConfigError."""
-    every, notes, unread = _read(given, wanted, robot.actuators.words, progress)
-    return conclude(every, wanted, robot, notes, unread)
+    """Read files by a map, cut their rows into states and put these into the robot's frame; raises ConfigError."""
+    read_files, notes, unread = _read(given, wanted, robot.actuators.words, progress)
+    return conclude(read_files, wanted, robot, notes, unread)
 
 
 def conclude(
-    every: Sequence[tuple[Series, FileRows, Map]],
-    wanted: Map,
-    robot: Robot,
-    notes: list[str],
-    unread: Sequence[str] = (),
+    every: Sequence[tuple[Series, FileRows, Map]], wanted: Map, robot: Robot, notes: list[str], unread: Sequence[str] = ()
 ) -> Imported:
-    """The states of files, each with its map, as one table in the robot's frame; `notes` are added to. Raises ConfigError."""
+    """The states of files (columns as read, rows in SI, own map) as one table in the robot's frame; raises ConfigError.
+
+    Per file: times made to follow those of the file before, rows cut into states and numbered in groups, one per trial. Then of
+    all: orientation and place of the straight robot, numbers of trials, checks, stiffness. `notes` are added to."""
     straight, arcs = _straight_point(robot), robot.markers
     read_files, parts, rows = [], list[Table](), list[tuple[int, int]]()
-    group, start, origin = 0, 0.0, 0.0
+    group, start, origin = 0, 0.0, 0.0  # first trial of a file; s: end of the file before, begin of the first with dates
     for number, (series, q, own_map) in enumerate(every):
         path = series.path
         absolute = bool(q.t[0] >= EPOCH[0])
@@ -206,22 +208,22 @@ def conclude(
         trial, doubts = trials_of_rows(series, q, own_map, robot.actuators.words)
         notes += doubts
         pushed = [q.table.values[name] for name in FORCES if name in q.table.values]
-        own = cuts(wanted.states, q.t, q.table.pressures, trial, np.column_stack(pushed) if pushed else None)
-        each = wanted.trials.begin == "state" and "trial" not in q.table.values
-        numbers = range(len(own)) if each else [int(trial[c.rows][0]) for c in own]
-        q, torn = _without_strays(q, own, float(straight[2]), series, notes)
-        made = [(group + k, c) for k, c in zip(numbers, own, strict=True) if c not in torn]
+        own_cuts = cuts(wanted.states, q.t, q.table.pressures, trial, np.column_stack(pushed) if pushed else None)
+        trial_per_state = wanted.trials.begin == "state" and "trial" not in q.table.values
+        numbers = range(len(own_cuts)) if trial_per_state else [int(trial[c.rows][0]) for c in own_cuts]
+        q, torn = _without_strays(q, own_cuts, float(straight[2]), series, notes)
+        whole = [(group + k, c) for k, c in zip(numbers, own_cuts, strict=True) if c not in torn]
         seen = q.seen
-        kept = [(k, c) for k, c in made if seen[c.rows].any()]
-        if len(kept) < len(made) < len(q.t):  # else the rows were named
-            notes.append(f"{path.name}: {len(made) - len(kept)} of {len(made)} states have no tip or pressure and are left out")
+        kept = [(k, c) for k, c in whole if seen[c.rows].any()]
+        if len(kept) < len(whole) < len(q.t):  # states of one row each: `quantities_of` has named the rows
+            notes.append(f"{path.name}: {len(whole) - len(kept)} of {len(whole)} states have no tip or pressure and are left out")
         if not kept:
             raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
         parts.append(_states(q, kept))
         rows += [(number, c.rows.start) for _, c in kept]
         group += max(numbers) + 1
         start = float(np.nanmax(q.t))
-        read_files.append((series, q, tuple(own)))
+        read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
@@ -229,7 +231,7 @@ def conclude(
         states = _levered(states, np.array(wanted.sensor))
     if wanted.forces == "tip":
         states = _force_turned(states, wanted.frame.matrix)
-    counted = {n: c.column for _, _, own in every for n, c in own.columns.items() if n in ("trial", "repeat")}
+    counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes)
     notes += _contradictions(table, float(straight[2]))
     notes += _jump_notes(list(jumps(table, float(straight[2]))), rows, every, robot.actuators.words)
@@ -241,15 +243,14 @@ def conclude(
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
     except RecordingError as e:
         raise ConfigError(f"the table made by the map is none: {e}") from e
-    asked = other_order(
-        [(series.path.name, _rest(q)) for series, q, _ in every], float(straight[2]), wanted.straight != "as recorded"
-    )
-    questions = [*asked, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
+    rests = [(series.path.name, _rest(q)) for series, q, _ in every]
+    questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
+    questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
 
 
 def _contradictions(states: Table, length: float) -> Iterator[str]:
-    """What to ask about turns that do not fit the places, and mountings that vary."""
+    """Ask about orientations that do not fit places (`length`: m of the body), and mountings that vary with the pressures."""
     if (off := turn_off(states, length)) is not None:
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
@@ -303,24 +304,25 @@ def _why(wanted: Map, q: FileRows) -> str:
 def _without_strays(
     q: FileRows, states: Sequence[Cut], length: float, series: Series, notes: list[str]
 ) -> tuple[FileRows, list[Cut]]:
-    """The same without places that jump within a state and back, and the states whose places are two."""
-    tip, markers, torn, stray, first = q.table.tip, q.table.markers, [], 0, None
+    """The rows without places (NaN) that jump away within a state and back, and the torn states: those of which more than
+    `MOST_STRAY` of the rows do. A note names the first jump."""
+    tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
-        own = cut.rows
-        row = moves_within(tip[own], markers[own], length)
+        of_state = cut.rows
+        row = moves_within(tip[of_state], markers[of_state], length)
         if row is None:
             continue
-        first = row + own.start if first is None else first
-        rows = np.flatnonzero(strays(tip[own], markers[own], length)) + own.start
-        if len(rows) > 0.2 * (own.stop - own.start):
+        first = row + of_state.start if first is None else first
+        rows = np.flatnonzero(strays(tip[of_state], markers[of_state], length)) + of_state.start
+        if len(rows) > MOST_STRAY * (of_state.stop - of_state.start):
             torn.append(cut)
             continue
         tip[rows], markers[rows] = np.nan, np.nan
-        stray += len(rows)
+        stray_count += len(rows)
     if first is not None:
         notes.append(
             f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it taken for another? "
-            f"{stray} rows and {len(torn)} states are left out"
+            f"{stray_count} rows and {len(torn)} states are left out"
         )
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
@@ -330,8 +332,9 @@ def _jump_notes(
 ) -> Iterator[str]:
     """What to ask about places that moved farther than the body can; `rows`: file and first row of each state."""
     exchanged = {(j.state, *sorted((j.body, j.exchanged))) for j in found if j.exchanged is not None}
-    told = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
-    for jump in told[:MOST_JUMPS]:
+    # of two that change places, the one with the lower number is named
+    notable = [j for j in found if j.exchanged is None or (j.state, j.body, j.exchanged) in exchanged]
+    for jump in notable[:MOST_JUMPS]:
         file, row = rows[jump.state]
         series, q, _ = files[file]
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
@@ -347,8 +350,8 @@ def _jump_notes(
             f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
             "files: {PATTERN: {columns: ..}}, or leave them out"
         )
-    if len(told) > MOST_JUMPS:
-        yield f"{len(told) - MOST_JUMPS} further places move farther than the body can"
+    if len(notable) > MOST_JUMPS:
+        yield f"{len(notable) - MOST_JUMPS} further places move farther than the body can"
 
 
 def _rest(q: FileRows) -> Array:
@@ -384,12 +387,9 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
     """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
-
     first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
-    where there are any, is where the model stands under its weight.
-    """
-    # in steps of 2 kPa, of which the first of equals is taken
-    level = np.round(np.abs(table.pressures).max(axis=1) / 2e3)
+    where there are any, is where the model stands under its weight."""
+    level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
     resting = np.flatnonzero(level == level.min())
     if straight == "first state":
         resting = resting[:1]
@@ -403,13 +403,13 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     mount = (turn[known].inv() * turns[resting[known]]).mean().inv() if known.any() else Rotation.identity()
     table = _levered(table.replaced(orientation_columns(turns * mount, turned & known.any())), np.array(sensor))
     shift = np.mean(tip - table.tip[resting], axis=0)
-    markers, beside = table.markers, np.zeros(table.markers.shape[1:])
-    both = min(len(beside), places.shape[1])
-    missed = places[:, :both] - markers[resting, :both]
-    seen = np.asarray(np.isfinite(missed).all(axis=2))
+    markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
+    both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
+    offset = places[:, :both] - markers[resting, :both]
+    seen = np.asarray(np.isfinite(offset).all(axis=2))
     for k in np.flatnonzero(seen.any(axis=0)).tolist():
-        beside[k] = missed[seen[:, k], k].mean(axis=0)
-    return _placed(table, table.tip + shift, markers + beside)
+        marker_shift[k] = offset[seen[:, k], k].mean(axis=0)
+    return _placed(table, table.tip + shift, markers + marker_shift)
 
 
 def _force_turned(states: Table, frame: Array) -> Table:
@@ -423,8 +423,8 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 # ------------------------------------------------------------------ states
 def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
-    """The mean of each cut of a file, not numbered yet; each comes with its group, its `trial`, and has a row with a tip and
-    pressures."""
+    """One row per cut of a file, with its group as `trial`: means over its rows, their standard deviations (sd_..), and of words
+    the last one. Steps are 0. Each cut has a row with a tip and pressures. Raises ConfigError."""
     n, cut_rows, q_seen = len(kept), [cut.rows for _, cut in kept], q.seen
     turn, turned = _turns(q.table)
     columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
@@ -441,7 +441,7 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
             columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
         elif name not in averaged:
             fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
-    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]
+    seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]  # rows of each cut with tip and pressures
     several, at_rest = np.array([len(rows) > 1 for rows in seen]), np.array([cut.at_rest for _, cut in kept])
     of_state: dict[str, NDArray[Any]] = {"t": np.array([q.t[rows].mean() for rows in seen])}
     for names, values in ((pressure_columns(pressures.shape[1]), pressures), (TIP, tip)):
@@ -449,10 +449,11 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
         deviations = [values[rows].std(axis=0, ddof=1) if len(rows) > 1 else np.full(len(names), np.nan) for rows in seen]
         for name, deviation in zip(names, np.array(deviations).T, strict=True):
             fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
+    # windows at rest have no pressure, whatever was read
     of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
     for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
-        there = np.isfinite(places).all(axis=1)
-        means = [places[rows][there[rows]].mean(axis=0) if there[rows].any() else np.full(3, np.nan) for rows in cut_rows]
+        visible = np.isfinite(places).all(axis=1)
+        means = [places[rows][visible[rows]].mean(axis=0) if visible[rows].any() else np.full(3, np.nan) for rows in cut_rows]
         of_state |= zip(names, np.array(means).T, strict=True)
     held = columns.pop("hold", np.full(n, np.nan))
     columns["hold"] = np.where(np.isnan(held) & several, [cut.since for _, cut in kept], held)
@@ -474,25 +475,23 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
 
 
 def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
-    """Trials, steps and, where no column tells them, repeats (of the same inflation) and branches, from 1 on.
-
-    `counted`: the columns of trial and repeat, if any. Unless one counts the trials, each is of one repeat: that of most states.
-    """
+    """Number trials, steps and, where no column tells them, repeats (of the same inflation) from 1 on, and name branches.
+    `counted`: columns of trial and repeat, if any. Unless one counts trials, each is of one repeat: that of most states."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
-    before: dict[tuple[int, ...], list[tuple[int, int]]] = {}
+    repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
     again = []
     for k, kind in enumerate(_kinds(states, trial, gap)):
-        own = np.flatnonzero(trial == k)
-        others = before.setdefault(kind, [])
-        told = Counter(repeat[own][repeat[own] != 0].tolist())
-        usual = told.most_common(1)[0][0] if told else 1 + len(others)
-        again += [(other, k + 1, usual) for other, alike in others if alike == usual and told and len(own) > 1]
-        others.append((k + 1, usual))
-        step[own] = 1 + np.arange(len(own))
-        repeat[own] = np.where((repeat[own] != 0) & ("trial" in counted), repeat[own], usual)
-        falls = np.where(_falling(states.pressures[own].max(axis=1), gap), "unload", "load")
-        branch[own] = np.where(branch[own] == "", falls, branch[own])
+        of_trial = np.flatnonzero(trial == k)
+        earlier = repeats_of_kind.setdefault(kind, [])
+        stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
+        usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)
+        again += [(other, k + 1, usual) for other, same in earlier if same == usual and stated and len(of_trial) > 1]
+        earlier.append((k + 1, usual))
+        step[of_trial] = 1 + np.arange(len(of_trial))
+        repeat[of_trial] = np.where((repeat[of_trial] != 0) & ("trial" in counted), repeat[of_trial], usual)
+        falls = np.where(_falling(states.pressures[of_trial].max(axis=1), gap), "unload", "load")
+        branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
     if again and "repeat" in counted:
         notes.append(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
@@ -503,8 +502,7 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
 
 
 def _falling(highest: Array, gap: float) -> list[bool]:
-    """Whether the highest pressure (n,) Pa of a trial came down to each state, or stood since it did; changes below `gap` (Pa)
-    are none."""
+    """Whether the highest pressure (n,) Pa of a trial fell last, as each state came; changes below `gap` (Pa) are none."""
     out: list[bool] = []
     level, falls = 0.0, False
     for pressure in highest.tolist():
@@ -525,21 +523,22 @@ def _kinds(states: Table, trial: NDArray[np.int64], gap: float) -> list[tuple[in
 
 
 def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float | None], wanted: Map) -> Table:
-    """The states and stiffness rows: what each file's force adds to the place of the tip without it, in its first state."""
+    """Append stiffness rows, one per file with a force (`forces`, N; `file`: (n,) of each state): the force, and the deflection
+    (m) of the tip in the file's first state from that in the file of the same repeat with 0 N. Raises ConfigError."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]
     first = states.take(np.unique(file, return_index=True)[1])
     repeat, force = first.get("repeat"), np.array([np.nan if f is None else f for f in forces])
     order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
-    rests = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
-    if lacking := [r for r in repeat[order].tolist() if r not in rests]:
+    unloaded = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
+    if lacking := [r for r in repeat[order].tolist() if r not in unloaded]:
         raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N to hold deflections against")
-    pushed, along = first.take(order), sign * first.tip[:, axis]
+    pushed, position = first.take(order), sign * first.tip[:, axis]
     n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
     columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}
     columns |= {name: np.zeros(n) for name in pressure_columns(states.pressures.shape[1])}
     columns |= {"trial": states.trial.max() + 1 + number, "step": 1 + np.arange(n) - np.searchsorted(number, number),
                 "protocol": np.full(n, "stiffness"), "branch": np.full(n, "load"), "force": force[order],
                 "specimen": np.full(n, wanted.stiffness.specimen),
-                "deflection": along[order] - along[[rests[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
+                "deflection": position[order] - position[[unloaded[r] for r in pushed.get("repeat").tolist()]]}  # fmt: skip
     return Table.stacked([states, Table(columns)])

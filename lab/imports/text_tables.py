@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ SEPARATORS = ("\t", ";", "|", ",", " ")
 """In the order in which they are preferred where several split the lines as well."""
 WORD = 0.9
 """Numbers that a word beside them outweighs where a separator is judged: half of a row may be words."""
+LONGEST_CELL = 20
+"""Lines that a cell in quotation marks may have."""
 SAMPLE = 100
 """Lines by which separator and width are judged."""
 DATA_SHARE = 0.5
@@ -77,39 +79,34 @@ def read_text(path: Path, source: Source) -> Series:
 
 
 def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
-    """One table; `whole`: its last line ends."""
+    """Read one table of a file: split its lines, find the rows of data, the headings above them, and judge each column.
+    `whole`: the last line ends with a line break, so that it cannot be cut off. Raises ConfigError."""
     import pandas as pd
 
-    said = re.fullmatch(r"sep=(.)", records[0].text.strip())
-    separator, width = _form(path, records, source.separator or (said[1] if said else None), source.missing)
+    stated = re.fullmatch(r"sep=(.)", records[0].text.strip())
+    separator, width = _form(path, records, source.separator or (stated[1] if stated else None), source.missing)
     frame, records, too_long = _split(records, separator, width)
     parsed = frame.apply(pd.to_numeric, errors="coerce")
     data, first = _data_rows(path, frame, parsed.notna().to_numpy(), records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
         data[-1] = False
-    head = head_of(
-        path, [(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])], frame.shape[1], source
-    )
+    above = [Line(r.line, frame.iloc[i].tolist(), r.text) for i, r in enumerate(records[:first])]
+    head = head_of(path, above, frame.shape[1], source)
     _demand_one_table(path, frame, records, data, first, head)
-    lines = np.array([r.line for r, one in zip(records, data, strict=True) if one], np.int64)
-    found = _columns(frame[data], parsed[data], head, source, separator)
-    found |= _times_of_frames(found, records[:first])
+    lines = np.array([r.line for r, is_data in zip(records, data, strict=True) if is_data], np.int64)
+    columns = _columns(frame[data], parsed[data], head, source, separator)
+    columns |= _times_of_frames(columns, records[:first])
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
-    made = of_judged(path, found, form)
-    return replace(
-        made,
-        units={**head.units, **made.units},
-        common_units=head.common_units,
-        lines=lines,
-        notes=(*notes, *made.notes),
-    )
+    series = of_judged(path, columns, form)
+    units = {**head.units, **series.units}
+    return replace(series, units=units, common_units=head.common_units, lines=lines, notes=(*notes, *series.notes))
 
 
 # ------------------------------------------------------------------ tables below each other
 def _tables(records: list[Record]) -> Iterator[list[Record]]:
-    """Tables below each other: behind an empty line below numbers, other headings and at least two rows of numbers."""
+    """Split lines into tables: another begins behind an empty line below numbers, with other headings and two rows of numbers."""
     begin = 0
     for i in range(1, len(records)):
         if records[i].line == records[i - 1].line + 1 or not _is_data(records[i - 1]) or _is_data(records[i]):
@@ -148,7 +145,7 @@ def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> di
 # ------------------------------------------------------------------ characters and lines
 def _decoded(path: Path, data: bytes) -> str:
     """Text in UTF-8, UTF-16, UTF-32 or a code page of Windows, with one kind of line break."""
-    half = max(1, len(data.rstrip(b"\0")) // 2)
+    half = max(1, len(data.rstrip(b"\0")) // 2)  # letters, if each takes two bytes
     if data.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
         encoding = "utf-32"
     elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -189,11 +186,11 @@ def _records(text: str) -> Iterator[Record]:
         line, begin = lines[i], i
         i += 1
         if line.count('"') % 2:
-            more = next((k for k in range(i, min(i + 20, len(lines))) if lines[k].count('"') % 2), None)
-            if more is None:
+            end = next((k for k in range(i, min(i + LONGEST_CELL, len(lines))) if lines[k].count('"') % 2), None)
+            if end is None:  # a stray mark, such as that of inches
                 line = line.replace('"', "")
             else:
-                line, i = " ".join([line, *lines[i : more + 1]]), more + 1
+                line, i = " ".join([line, *lines[i : end + 1]]), end + 1
         mark = COMMENT.match(line)
         bare = line[mark.end() :] if mark else line
         if bare.strip(" \t,;|\x1a\f"):
@@ -225,12 +222,13 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _form(path: Path, records: Sequence[Record], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
-    """Separator and number of columns: what splits the lines into most cells that are values."""
-    every = [r for r in records if not r.comment]
-    sample = every[:SAMPLE] + (every[-SAMPLE:] if len(every) > 2 * SAMPLE else [])
+    """Separator and number of columns: those for which lines of this many cells hold most values and fewest other words.
+    `given`: the separator that the map or the file states. Raises ConfigError where nothing splits the lines."""
+    lines = [r for r in records if not r.comment]
+    sample = lines[:SAMPLE] + (lines[-SAMPLE:] if len(lines) > 2 * SAMPLE else [])
     best: tuple[float, str, int] = (0.0, "", 0)
     for separator in [given] if given else SEPARATORS:
-        score: dict[int, float] = {}
+        score: dict[int, float] = {}  # number of cells of a line -> score of all such lines
         for record in sample:
             cells = _cells(record.text, separator)
             values = sum(map(looks_like_value, cells))
@@ -252,10 +250,10 @@ def _form(path: Path, records: Sequence[Record], given: str | None, missing: Seq
 
 
 def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFrame, list[Record], list[Record]]:
-    """Cells as text (lines, columns), their lines, and lines that have more cells than columns."""
+    """Cells as text (lines, columns), their lines, and lines of data left out, as they have more cells than columns (`width`)."""
     import pandas as pd
 
-    kept, rows, too_long = [], [], []
+    lines, rows, too_long = [], [], []
     for record in records:
         cells = [cell.strip() for cell in _cells(record.text, separator)]
         if any(cells[width:]):
@@ -264,9 +262,9 @@ def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFr
                 too_long.append(record)
                 continue
             cells = _heading_cells(record.text, width) if separator == " " else cells
-        kept.append(record)
+        lines.append(record)
         rows.append((cells + [""] * width)[:width])
-    return pd.DataFrame(rows, columns=range(width), dtype=str), kept, too_long
+    return pd.DataFrame(rows, columns=range(width), dtype=str), lines, too_long
 
 
 def _heading_cells(text: str, width: int) -> list[str]:
@@ -283,19 +281,21 @@ def _heading_cells(text: str, width: int) -> list[str]:
 def _data_rows(
     path: Path, frame: pd.DataFrame, number: NDArray[np.bool_], records: Sequence[Record], source: Source, separator: str
 ) -> tuple[NDArray[np.bool_], int]:
-    """(lines,) which are data, and the first of them; `number` (lines, columns): cells that are plain numbers."""
+    """(lines,) whether each is data, and the index of the first that is; `number` (lines, columns): cells that are plain numbers.
+    Data are lines with about as many numbers as most, or with fewer but no word in a column of numbers; not comments, lines up to
+    the stated heading or units, numbers above headings, nor sums and means below the table. Raises ConfigError where none is."""
     import pandas as pd
 
     number, (missing, filled, single) = number.copy(), (np.zeros(frame.shape, bool) for _ in range(3))
     for k in frame:
         cells = frame[k]
         filled[:, k] = cells != ""
-        single[:, k] = ~cells.duplicated(keep=False)
+        single[:, k] = ~cells.duplicated(keep=False)  # what occurs once in its column
         rest = pd.unique(cells[~number[:, k] & filled[:, k]])
         missing[:, k] = cells.isin([w for w in rest if is_missing(w, source.missing)])
         number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
     number[[r.comment for r in records]] = False
-    after = source.units or source.heading or 0
+    after = source.units or source.heading or 0  # line below which data begin
     number[[r.line <= after for r in records]] = False
     if _counted_headings(frame, number, source):
         number[int(np.argmax(number.any(axis=1)))] = False
@@ -303,19 +303,20 @@ def _data_rows(
     least = DATA_SHARE * count.max(initial=0)
     full = count >= max(least, 1)
     words = filled & ~number & ~missing
-    of_numbers = number[full].sum(axis=0) > words[full].sum(axis=0)
-    odd = np.asarray(words[:, of_numbers].any(axis=1), bool)
+    number_columns = number[full].sum(axis=0) > words[full].sum(axis=0)
+    has_word = np.asarray(words[:, number_columns].any(axis=1), bool)
     commented = np.array([r.comment for r in records], bool)
-    data = ~commented & (full | ((count >= 1) & ~odd & (count + missing.sum(axis=1) >= min(least, 2))))
+    data = ~commented & (full | ((count >= 1) & ~has_word & (count + missing.sum(axis=1) >= min(least, 2))))
     if not data.any():
         raise ConfigError(
             f"{path}: no line below line {after} holds numbers; correct source.{'units' if source.units else 'heading'}" if after
             else f"{path}: no line holds numbers; is {separator!r} its separator (source.separator)?"
         )  # fmt: skip
     data[: _numbers_above_headings(data, commented, words)] = False
-    clean = np.flatnonzero(data & full & ~odd)
-    behind = np.arange(len(odd)) > (clean[-1] if len(clean) else len(odd))
-    data = np.asarray(data & ~(behind & (words & single)[:, of_numbers].any(axis=1)))  # without sums, means and the like
+    clean = np.flatnonzero(data & full & ~has_word)
+    behind = np.arange(len(has_word)) > (clean[-1] if len(clean) else len(has_word))
+    # behind the last clean line, words that stand nowhere else ("mean", "total") begin what sums the table up
+    data = np.asarray(data & ~(behind & (words & single)[:, number_columns].any(axis=1)))
     return data, int(np.argmax(data))
 
 
@@ -330,8 +331,7 @@ def _numbers_above_headings(data: NDArray[np.bool_], commented: NDArray[np.bool_
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:
-    """Whether a last line ends before its last number does: it has fewer cells than the rows above it, or fewer decimals in its
-    last cell than all of them."""
+    """Whether a last line ends before its last number does: it has fewer cells, or decimals in its last cell, than rows above."""
     if len(above) < 2 or len(last) > above.shape[1]:
         return False
     if len(last) < above.shape[1]:
@@ -366,7 +366,7 @@ def _left_out(
             f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
-    odd = [(r, "is no row of numbers") for r, one in zip(records[first:], data[first:], strict=True) if not one and not r.comment]
+    odd = [(r, "is no row of numbers") for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment]
     odd += [(r, f"has more than {width} cells") for r in too_long]
     for record, why in odd[:MOST_NOTED]:
         yield f"line {record.line} {why} and is left out: {record.text.strip()[:40]!r}"
@@ -383,17 +383,18 @@ def _demand_one_table(
     path: Path, frame: pd.DataFrame, records: Sequence[Record], data: NDArray[np.bool_], first: int, head: Head
 ) -> None:
     """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
-    said = {n: head.units.get(n) or heading(n).unit for n in head.names}
+    unit_of = {n: head.units.get(n) or heading(n).unit for n in head.names}
     last = len(data) - int(np.argmax(data[::-1]))
     for i in (np.flatnonzero(~data[first:last]) + first).tolist():
         cells = [" ".join(str(c).split()).strip('"') for c in frame.iloc[i]]
-        named = sum(c in head.stated for c in cells)
-        alike = sum(c == name for c, name in zip(cells, head.names, strict=True))
-        pairs = [(_unit(c), said[n]) for c, n in zip(cells, head.names, strict=True)]
-        units = are_units(cells) and any(one and other and one != other for one, other in pairs)
-        told = max(1, int(0.3 * len(head.stated)))
-        if units or (named >= told and alike < sum(map(bool, cells)) and alike < len(head.stated)):
-            unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != said[n])
+        headings_here = sum(c in head.stated for c in cells)
+        in_place = sum(c == name for c, name in zip(cells, head.names, strict=True))
+        pairs = [(_unit(c), unit_of[n]) for c, n in zip(cells, head.names, strict=True)]
+        other_units = are_units(cells) and any(here and above and here != above for here, above in pairs)
+        enough = max(1, int(0.3 * len(head.stated)))
+        # headings in their own columns repeat the head; some of them in other columns begin another table
+        if other_units or (headings_here >= enough and in_place < sum(map(bool, cells)) and in_place < len(head.stated)):
+            unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != unit_of[n])
             other = next(unlike, records[i].text.strip())
             raise ConfigError(
                 f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "
@@ -402,8 +403,14 @@ def _demand_one_table(
 
 
 # ------------------------------------------------------------------ what stands above the numbers
-Line = tuple[int, list[str], str]
-"""Number in the file, cells, text."""
+class Line(NamedTuple):
+    """A line above the numbers; its number in the file."""
+
+    number: int
+    cells: list[str]
+    text: str
+
+
 MOST_LINES = 4
 """Of headings."""
 LABELS = ("id", "type", "parent")
@@ -429,36 +436,39 @@ class Head:
 
 
 def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> Head:
-    """Judge the lines above the data; `source.heading` and `source.units` name lines by number."""
-    above = [(line, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for line, cells, text in above]
-    named = {line: cells for line, cells, _ in above}
+    """Names and units of `width` columns from the lines above the data; `source.heading` and `source.units` name lines by number.
+
+    Else the units are the last line of units, and headings the lines that name most quantities; other lines may list units or
+    state a common one. Raises ConfigError where a named line is not there, or commas are both marks and separators."""
+    above = [Line(n, [re.sub(r"\s+", " ", c).strip().strip('"').strip() for c in cells], text) for n, cells, text in above]
+    named = {line.number: line.cells for line in above}
     for key, line in (("heading", source.heading), ("units", source.units)):
         if line and line not in named:
             raise ConfigError(f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line")
-    wide = [one for one in above if sum(map(bool, one[1])) >= max(1, 0.5 * width) and not MOTIVE.match(one[2])]
-    labels = {line for line, cells, _ in above if _is_label(cells)}
+    wide = [line for line in above if sum(map(bool, line.cells)) >= max(1, 0.5 * width) and not MOTIVE.match(line.text)]
+    labels = {line.number for line in above if _is_label(line.cells)}
     units = named[source.units] if source.units else None
     if units is None:
-        found = [one for one in wide if one[0] != source.heading and are_units(one[1])]
-        others = [one for one in wide if one not in found]
-        units = found[-1][1] if found and (others or source.heading) else None
-    heads = [one for one in wide if one[1] is not units]
+        unit_lines = [line for line in wide if line.number != source.heading and are_units(line.cells)]
+        other_lines = [line for line in wide if line not in unit_lines]
+        units = unit_lines[-1].cells if unit_lines and (other_lines or source.heading) else None
+    heads = [line for line in wide if line.cells is not units]
     if source.heading is not None:
-        heads = [one for one in above if one[0] == source.heading]
+        heads = [line for line in above if line.number == source.heading]
     elif units is not None and heads:  # below a line of units may stand comments
-        at = next(line for line, cells, _ in above if cells is units)
-        heads = [one for one in heads if one[0] < at] or heads[:1]
+        unit_number = next(line.number for line in above if line.cells is units)
+        heads = [line for line in heads if line.number < unit_number] or heads[:1]
     cells = _joined(heads, labels)
     if source.heading is None and not labels:
         heads, cells = _telling(above, units, heads, cells)
     stated = [c for c in cells if c]
     if len(stated) * 2 == width and len(cells[: width // 2]) == len(stated) and width > 3:
         raise ConfigError(
-            f"{path}, line {heads[-1][0]}: {len(stated)} headings stand above {width} columns: "
+            f"{path}, line {heads[-1].number}: {len(stated)} headings stand above {width} columns: "
             "commas seem to be both decimal marks and separators; export with semicolons or tabs between columns"
         )
     names = unique(cells, width)
-    used = {id(one[1]) for one in heads} | {id(units)}
+    used = {id(line.cells) for line in heads} | {id(units)}
     by_column = {n: u for n, u in zip(names, units or [], strict=False) if u}
     common: dict[str, str] = {}
     for _, line_cells, text in above:
@@ -478,16 +488,17 @@ def are_units(cells: Sequence[str]) -> bool:
 
 
 def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
-    """One name for each column; where the last line alone does not tell columns apart, with the lines above it."""
+    """One name for each column: that in the last line of `heads`, with those above it where it alone does not tell columns
+    apart; `labels`: numbers of the lines that name nothing."""
     if not heads:
         return []
-    names = heads[-1][1]
-    said = [n for n in names if n]
-    if len(set(said)) == len(said):
+    names = heads[-1].cells
+    stated = [n for n in names if n]
+    if len(set(stated)) == len(stated):
         return list(names)
     for k in range(len(heads) - 2, -1, -1):
-        cells = heads[k][1]
-        if any(line not in labels for line in range(heads[k][0] + 1, heads[k + 1][0])):
+        cells = heads[k].cells
+        if any(number not in labels for number in range(heads[k].number + 1, heads[k + 1].number)):
             break
         if _is_label(cells):
             continue
@@ -500,10 +511,10 @@ def _telling(
 ) -> tuple[list[Line], list[str]]:
     """The lines, and the names made of them, that say of most columns what they hold: those given, a line alone, or the last ones
     together, of which upper ones may name groups of columns."""
-    near = [one for one in above if one[1] is not units and sum(map(bool, one[1])) > 1 and not MOTIVE.match(one[2])][-MOST_LINES:]
-    ways = [(heads, names), *(([one], list(one[1])) for one in near)]
+    near = [x for x in above if x.cells is not units and sum(map(bool, x.cells)) > 1 and not MOTIVE.match(x.text)][-MOST_LINES:]
+    ways = [(heads, names), *(([line], list(line.cells)) for line in near)]
     for k in range(len(near) - 1):
-        columns = zip(*(_carried(one[1]) for one in near[k:-1]), near[-1][1], strict=False)
+        columns = zip(*(_carried(line.cells) for line in near[k:-1]), near[-1].cells, strict=False)
         ways.append((near[k:], [" ".join(filter(None, cells)) for cells in columns]))
     return max(ways, key=lambda way: recognised(way[1], units or ()))
 

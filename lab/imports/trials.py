@@ -44,29 +44,31 @@ class Cut:
 
 
 def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], force: Array | None = None) -> list[Cut]:
-    """The states of one file, in the order of its rows; `force` (n, k) N on the tip."""
+    """Cut the rows (n) of one file into states, in their order: plateaus, single rows, or windows of each trial.
+
+    `t` (n,) s, `pressures` (n, chambers) Pa, `trial` (n,) from 0, `force` (n, k) N on the tip."""
     if states.plateaus is not None:
         held = pressures
         if force is not None and states.plateaus.force is not None:
+            # in units in which its own limit is that of the pressures
             held = np.column_stack([pressures, force * (states.plateaus.steady / states.plateaus.force)])
         return plateaus(states.plateaus, t, held, trial)
     if not states.windows:
         return [Cut(slice(i, i + 1), 0.0) for i in range(len(t))]
-    out = []
-    for one in dict.fromkeys(trial.tolist()):
-        own = np.flatnonzero(trial == one)
-        a, b = int(own[0]), int(own[-1]) + 1
+    cut_list = []
+    for number in dict.fromkeys(trial.tolist()):
+        of_trial = np.flatnonzero(trial == number)
+        a, b = int(of_trial[0]), int(of_trial[-1]) + 1
         for window in states.windows:
             rows = slice(a, min(a + window.first, b)) if window.first else slice(max(b - (window.last or 1), a), b)
-            out.append(Cut(rows, float(t[rows].mean() - t[a]), window.at_rest))
-    return out
+            cut_list.append(Cut(rows, float(t[rows].mean() - t[a]), window.at_rest))
+    return cut_list
 
 
 def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int64]) -> list[Cut]:
     """Stretches in which no pressure varies by more than `steady` within `shortest`, and no row is `steady` off the next.
 
-    Rows without a pressure neither end nor begin a stretch; a gap in time does.
-    """
+    Rows without a pressure neither end nor begin a stretch; a gap in time does."""
     seen = np.flatnonzero(np.isfinite(pressures).all(axis=1))
     trial = trial + np.cumsum(gaps(t))
     return [
@@ -80,18 +82,19 @@ def _spread(values: Array, ends: NDArray[np.int64]) -> Array:
     n = len(values)
     lengths = ends - np.arange(n)
     low, high, out = values, values, np.zeros(n)
-    size = 1
+    span = 1
     while True:  # `low` and `high` are over `size` rows; two such stretches cover up to twice as many
-        own = np.flatnonzero((lengths >= size) & (lengths < 2 * size))
-        last = ends[own] - size
-        out[own] = (np.maximum(high[own], high[last]) - np.minimum(low[own], low[last])).max(axis=1)
-        if 2 * size > n:
+        fitting = np.flatnonzero((lengths >= span) & (lengths < 2 * span))
+        last = ends[fitting] - span
+        out[fitting] = (np.maximum(high[fitting], high[last]) - np.minimum(low[fitting], low[last])).max(axis=1)
+        if 2 * span > n:
             return out
-        low, high = np.minimum(low[:-size], low[size:]), np.maximum(high[:-size], high[size:])
-        size *= 2
+        low, high = np.minimum(low[:-span], low[span:]), np.maximum(high[:-span], high[span:])
+        span *= 2
 
 
 def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int64]) -> list[Cut]:
+    """Plateaus of rows that all have pressures, `filled` (n, chambers) Pa at `t` (n,) s; rows of them that are averaged."""
     n = len(t)
     if not n:
         return []
@@ -100,7 +103,7 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
     ends = np.searchsorted(t, t + wanted.shortest * (1 + 1e-9), side="right")
     ends = np.clip(np.maximum(ends, np.arange(n) + 3), None, n)
     calm = (_spread(filled, ends) <= wanted.steady) & (t[-1] - t >= wanted.shortest * (1 - 1e-6) - step)
-    # a row belongs to a plateau when a calm window holds it
+    # a row is steady if a calm window, from its first row to that before its end, holds it
     begun, ended = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     begun[:n] = calm
     np.add.at(ended, ends[calm], 1)
@@ -109,15 +112,15 @@ def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int6
         (np.abs(np.diff(filled, axis=0)).max(axis=1) > wanted.steady) | (np.diff(trial) != 0) | (np.diff(steady.astype(int)) != 0)
     )
     edges = [0, *(np.flatnonzero(apart) + 1).tolist(), n]
-    out = []
+    plateaus_found = []
     for a, b in zip(edges, edges[1:], strict=False):
         long = float(t[b - 1] - t[a])
         if not steady[a] or b - a < 2 or long < wanted.shortest * (1 - 1e-6) - step:
             continue
         skip = int(np.searchsorted(t[a:b], t[a] + wanted.settling)) if long > wanted.shortest + wanted.settling else 0
         rows = slice(a + skip, b)
-        out.append(Cut(rows, float(t[rows].mean() - t[a])))
-    return out
+        plateaus_found.append(Cut(rows, float(t[rows].mean() - t[a])))
+    return plateaus_found
 
 
 # ------------------------------------------------------------------ trials
@@ -153,8 +156,7 @@ class Stages:
 
     @classmethod
     def of(cls, q: FileRows, states: States, below: float) -> Stages:
-        """Of rows before they are cut into trials; at rest no pressure is above `below` (Pa), as in the row before where one is
-        missing."""
+        """Of rows not cut into trials yet; at rest no pressure is above `below` (Pa), as in the row before where one lacks."""
         start, held = np.arange(len(q.t)), q.table.pressures
         begin, stop = start, start + 1
         if states.plateaus is not None:
@@ -210,26 +212,29 @@ class Stages:
 
 
 def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tuple[Ints, tuple[str, ...]]:
-    """(n,) trial of each row, from 0, in this file, and notes about columns that contradict the rests."""
+    """(n,) trial of each row of one file, from 0, and notes about columns that change away from rest.
+
+    A trial begins with each run, at each return to rest (`begin: rest`), and with each change of a column that counts trials."""
     below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
     stages = Stages.of(q, wanted.states, below)
-    every, returns = changes(q, stages), stages.returns()
-    away = [c for c in every if not stages.at_rest(c)]
-    strange = away if returns and (by_rest or 2 * len(away) < len(every)) else []
-    followed = [c for c in every if not (by_rest and c in strange)]
+    all_changes, returns = changes(q, stages), stages.returns()
+    away = [c for c in all_changes if not stages.at_rest(c)]
+    # a column that changes away from rest as a rule is followed: it does not count what rests part
+    strange = away if returns and (by_rest or 2 * len(away) < len(all_changes)) else []
+    followed = [c for c in all_changes if not (by_rest and c in strange)]  # these begin trials; a note names the strange ones
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
         begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]
-    usual, parted = stages.level_length(below), []
+    level_stages, used = stages.level_length(below), []
     for a, b in returns:
-        own = stages.within(followed, a, b)
-        parted += own
-        if not own and not by_rest:
+        here = stages.within(followed, a, b)
+        used += here
+        if not here and not by_rest:
             continue
         # a rest that is longer than levels usually are ends one sweep and begins the next
-        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * usual) and not wanted.states.windows else 0
-        begins[[stages.border(row) for row in _borders(own, int(stages.begin[a + middle]))]] = True
-    begins[[stages.border(c.row) for c in followed if c not in parted]] = True
+        middle = (b - a) // 2 if b - a >= max(2.0, 1.5 * level_stages) and not wanted.states.windows else 0
+        begins[[stages.border(row) for row in _borders(here, int(stages.begin[a + middle]))]] = True
+    begins[[stages.border(c.row) for c in followed if c not in used]] = True
     return np.cumsum(begins).astype(np.int64), tuple(_notes(series, q, strange, by_rest, drive))
 
 
@@ -244,6 +249,7 @@ def _borders(own: Sequence[Change], middle: int) -> list[int]:
 
 
 def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool, drive: Words) -> Iterator[str]:
+    """Name the first changes away from rest and the pressure of the highest chamber then, and count the others."""
     for c in strange[:MOST_NOTES]:
         held = q.table.pressures[c.row]
         chamber = int(np.nanargmax(np.abs(held))) if np.isfinite(held).any() else 0
@@ -259,26 +265,25 @@ def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool
 
 
 def changes(q: FileRows, stages: Stages) -> list[Change]:
-    """Of all columns that count trials or repeats or name what is inflated.
+    """The changes of all columns that count trials or repeats or name what is inflated.
 
     A word that stands only at rest names nothing there, if it comes again and again ("none" between the chambers' names) or if
-    the same word precedes and follows it.
-    """
+    the same word precedes and follows it."""
     inflated = stages.inflated(len(q.t))
-    out = []
+    all_changes = []
     for (key, column), cells in q.counts.items():
         named = set(cells[inflated].tolist())
         runs = [w for w, _ in groupby(w for w in cells.tolist() if w)]
-        nothing = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
-        nothing |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
+        nameless = {w for w, times in Counter(runs).items() if named and w not in named and times > 1}
+        nameless |= {w for before, w, after in zip(runs, runs[1:], runs[2:], strict=False)
                     if named and w not in named and before == after}  # fmt: skip
-        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nothing]
-        out += [
+        known = [k for k, w in enumerate(cells.tolist()) if w and w not in nameless]
+        all_changes += [
             Change(key, column, before + 1, row, str(cells[before]), str(cells[row]))
             for before, row in pairwise(known)
             if cells[before] != cells[row]
         ]
-    return out
+    return all_changes
 
 
 def carried(values: Array) -> Array:

@@ -87,10 +87,11 @@ def write_page(story: Investigation, path: Path, source: str, answer: str) -> Pa
 
 
 def _lead(story: Investigation) -> str:
+    """The page's first sentences: how many experiments, the most probable cause before and after, and why it ended."""
     experiments = sum(r.foretold is not None for r in story.rounds)
     number = {0: "no experiment", 1: "one experiment"}.get(experiments, f"{experiments} experiments")
     before, after = story.rounds[0].diagnosis.attribute, story.answer.attribute
-    was = _plain(before.ranking[0].effects, story) if before.ranking else "nothing"
+    leading_before = _plain(before.ranking[0].effects, story) if before.ranking else "nothing"
     begin = f"After {number} and {story.rounds[-1].minutes:g} min"
     if after.verdict == "unknown":
         head = f"{begin} the cause lies outside the catalogue with probability {after.probability:.2f}."
@@ -98,7 +99,7 @@ def _lead(story: Investigation) -> str:
         head = f"{begin}: {_plain(after.effects, story)} with probability {after.probability:.2f}"
         outside = next((r.probability for r in after.ranking if r.effects == UNKNOWN), 0.0)
         head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
-    first = f" Before: {was}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
+    first = f" Before: {leading_before}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
     reason = "the answer is settled" if story.ended == "settled" else story.ended
     return f"{head}{first} It ended because {reason}."
 
@@ -119,6 +120,7 @@ def _rounds(story: Investigation) -> list[list[str]]:
 
 
 def _experiment(section: PageSection, r: Round) -> None:
+    """Write what an experiment was expected to tell and told, and how each hypothesis had predicted its readings."""
     assert r.foretold is not None
     p = r.foretold.proposal
     section.text(
@@ -143,7 +145,7 @@ def _judged(j: Tested, r: Round) -> list[str]:
 
 
 def _drawn(story: Investigation, path: Path) -> Path:
-    """Lines of probability over minutes; the experiments stand above."""
+    """Draw the probability of the six most probable hypotheses over the minutes, with the experiments in between."""
     probability = [{x.effects: x.probability for x in r.diagnosis.attribute.ranking} for r in story.rounds]
     highest = {h: max(p.get(h, 0.0) for p in probability) for h in {h for p in probability for h in p}}
     shown = sorted((h for h in highest if highest[h] > 0.01), key=lambda h: -highest[h])[:6]
@@ -326,10 +328,10 @@ def run(w: Wanted) -> Result:
     investigation: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with for_case(cores) as beside, page_where(w.watched, say) as site.page:
+        with for_case(cores) as processes_for, page_where(w.watched, say) as site.page:
             if site.page is not None:
                 say(f"watch it at {site.page.address}")
-            workers = beside(len(case.table))
+            workers = processes_for(len(case.table))
             fits = Executor(progress=weighing.step, remote_map=None if workers is None else workers.in_order)
             investigation = investigate(
                 case, site, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed

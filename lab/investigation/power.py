@@ -35,7 +35,7 @@ CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
 def run(a: argparse.Namespace) -> Result:
-    """What can be told apart, by drawing worlds of every cause, and what each further experiment brings. Raises ConfigError."""
+    """How often each cause would be named, of robots drawn with it, and what each further experiment adds. Raises ConfigError."""
     if not 2 <= a.worlds <= 10_000:
         raise ConfigError(f"--worlds {a.worlds}: must be 2 to 10000 of each cause")
     more = not a.no_additions
@@ -45,18 +45,18 @@ def run(a: argparse.Namespace) -> Result:
     note(f"not considered: {why}" for why in left_out)
     with Screen("drawing worlds") as screen:
         case = case_of(a.seed)
-        whole = 3 if more else 2
+        parts = 3 if more else 2
         design = of_case(case, weighed)
         powers: dict[str, Power] = {}
         for k, (name, clutter) in enumerate(CLUTTERS.items()):
-            screen.say(f"{name}: {a.worlds} worlds of each of {len(weighed)} causes, part {k + 1} of {whole}")
+            screen.say(f"{name}: {a.worlds} worlds of each of {len(weighed)} causes, part {k + 1} of {parts}")
             powers[name] = power(design, tuple(weighed), a.worlds, a.seed, clutter)
-            screen.progress((k + 1) / whole, 1.0)
-        brings: tuple[Addition, ...] = ()
+            screen.progress((k + 1) / parts, 1.0)
+        added: tuple[Addition, ...] = ()
         if more and not states(case)[0].pushed.all():
-            screen.say(f"further experiments, part {whole} of {whole}")
-            brings = additions(case, weighed, seed=a.seed, progress=lambda s: screen.progress((2 + s) / whole, 1.0))
-    return Result(_dict(powers, brings, design), partial(_show, _plan(case), powers, brings))
+            screen.say(f"further experiments, part {parts} of {parts}")
+            added = additions(case, weighed, seed=a.seed, progress=lambda s: screen.progress((2 + s) / parts, 1.0))
+    return Result(_dict(powers, added, design), partial(_show, _plan(case), powers, added))
 
 
 def _plan(case: Case) -> str:
@@ -70,9 +70,9 @@ def _plan(case: Case) -> str:
 
 
 def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
-    """The robot, and by a seed the case that was measured, or that the plan will give."""
-    given = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
-    if len(given) != 1:
+    """The robot, and a function that gives, by a seed, the case that was measured or that the plan will give."""
+    chosen = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
+    if len(chosen) != 1:
         raise ConfigError("give one of --protocol, --campaign and --case")
     if a.case:
         case = read_case(a.case, a.robot)
@@ -110,6 +110,7 @@ def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planne
 
 
 def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> None:
+    """Print for each cause how often it is named by its size, what it is taken for, and experiments worth adding."""
     out.print(plan, soft_wrap=True)
     clean, cluttered = powers["clean"], powers["cluttered"]
     sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
@@ -118,12 +119,12 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
     for column in ("tip moved / noise floor", "small", "medium", "large", "among others"):
         sheet.add_column(column, justify="right")
     mistaken: list[str] = []
-    beside = {e.effect: e for e in cluttered.effects}
+    among_others = {e.effect: e for e in cluttered.effects}
     for e in clean.effects:
-        other = beside[e.effect]
-        shares = [share for share in other.right.values() if share is not None]
-        if other.taken_for:
-            mistaken_for = ", ".join(f"{name} ({share:.2f})" for name, share in other.taken_for[:2])
+        in_clutter = among_others[e.effect]
+        shares = [share for share in in_clutter.right.values() if share is not None]
+        if in_clutter.taken_for:
+            mistaken_for = ", ".join(f"{name} ({share:.2f})" for name, share in in_clutter.taken_for[:2])
             mistaken.append(f"  {e.effect}: {mistaken_for}")
         sizes = ["" if share is None else f"{share:.2f}" for share in e.right.values()]
         sheet.add_row(e.effect, f"{e.carries:.1f}", *sizes, f"{np.mean(shares):.2f}")

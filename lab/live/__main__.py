@@ -26,8 +26,8 @@ def main(number: str, browser: str) -> None:
 
     def ask(kind: str, text: str) -> bool:
         """Hand a request on to the run: a line that is written whole or not at all."""
-        asked = json.dumps({"shown": show.count, "kind": kind, "text": text}, ensure_ascii=False)
-        line = asked.encode("utf-8", "backslashreplace") + b"\n"
+        message = json.dumps({"shown": show.count, "kind": kind, "text": text}, ensure_ascii=False)
+        line = message.encode("utf-8", "backslashreplace") + b"\n"
         try:
             return os.write(sys.stdout.fileno(), line) == len(line)
         except OSError:

@@ -38,7 +38,7 @@ UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueErro
 
 
 def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
-    """The answer to each line."""
+    """The answer to each line, in the forms above; to the first, the robot, once the model's kernels are there."""
     robot = check(parse_yaml(json.loads(next(lines))["robot"], "robot.yaml"), Robot)
     catalogue = stated_by(robot)
     predictor = Predictor(robot, catalogue, cores=1)
@@ -46,13 +46,13 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
     with_intervals = states_uncertainty(robot)
     yield {"ready": True, "intervals": with_intervals}
     for line in lines:
-        asked = json.loads(line)
+        question = json.loads(line)
         try:
-            if "rows" in asked:
-                table = Table.of(TrialRow.from_json(text) for text in asked["rows"])
+            if "rows" in question:
+                table = Table.of(TrialRow.from_json(text) for text in question["rows"])
                 yield {"gaps": gaps(Case(robot, table), with_intervals)}
             else:
-                now = asked["now"]
+                now = question["now"]
                 spine = max(0.0, now["spine"])
                 prediction = predictor(now["pressures"], spine, now["mass"], now["roll"], intervals=True)
                 yield _place(prediction, 0, with_intervals)
@@ -63,8 +63,7 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
 def gaps(case: Case, with_intervals: bool) -> list[dict[str, Any] | None]:
     """Of each row of a case the expected tip, its interval, and measured minus expected (m); None for a row without a tip.
 
-    `with_intervals`: robot.yaml states an uncertainty, so that there is an interval.
-    """
+    `with_intervals`: robot.yaml states an uncertainty, so that there is an interval."""
     if not case.table.with_tip.any():
         return [None] * len(case.table)
     comparison = expected(case, stated_by(case.robot), intervals=True)

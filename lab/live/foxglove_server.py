@@ -47,13 +47,13 @@ class Foxglove:
         except ImportError as e:
             raise ConfigError(f"--foxglove needs {e.name}, which is not installed; pip install 'softlab[live]'") from e
 
-        asked: list[float] = []
+        subscribed_at: list[float] = []
 
         class Subscriptions(ServerListener):
             def on_subscribe(self, client: Any, channel: Any) -> None:
-                asked[:] = [time.monotonic()]
+                subscribed_at[:] = [time.monotonic()]
 
-        self._asked = asked
+        self._subscribed_at = subscribed_at  # host time (s) of the newest subscription, if any
         self._library = foxglove
         self._context = foxglove.Context()
         try:
@@ -76,7 +76,7 @@ class Foxglove:
     def wanted(self) -> bool:
         """Whether somebody has subscribed, and no further subscription has come for a moment."""
         # host seconds after the newest subscription, a viewer has all that its panels want
-        return bool(self._asked) and time.monotonic() - self._asked[0] > 0.5
+        return bool(self._subscribed_at) and time.monotonic() - self._subscribed_at[0] > 0.5
 
     def anew(self) -> None:
         """Another recording follows, whose topics are its own."""
@@ -85,7 +85,7 @@ class Foxglove:
         self._channels.clear()
 
     def offer(self, contents: Contents) -> None:
-        """Name the topics of a recording so far."""
+        """Announce the topics of a recording that have come up to here and were not announced yet."""
         for number, channel in contents.channels.items():
             if number in self._channels:
                 continue
@@ -112,7 +112,8 @@ class Foxglove:
                 self._channels[number].log(payload, log_time=log_time)
 
     def expected(self, log_time: int, answer: dict[str, Any]) -> None:
-        """Where the tip should be at a log time (ns): `tip`, where known `low` and `high` (m, base frame); or nothing."""
+        """Send where the tip should be at a log time (ns), `tip` and where known `low` and `high` (m, base frame) of `answer`;
+        without a tip what was drawn before is deleted."""
         from foxglove import messages as m
 
         def place(x: float, y: float, z: float) -> m.Pose:
@@ -131,8 +132,8 @@ class Foxglove:
                 color = m.Color(r=0.84, g=0.37, b=0.0, a=0.25)
                 cubes.append(m.CubePrimitive(pose=place(*middle), size=m.Vector3(x=x, y=y, z=z), color=color))
             entities.append(m.SceneEntity(timestamp=stamp, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
-        gone = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
-        self._expected.log(m.SceneUpdate(entities=entities, deletions=gone), log_time=log_time)
+        deletions = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
+        self._expected.log(m.SceneUpdate(entities=entities, deletions=deletions), log_time=log_time)
 
     def __enter__(self) -> Foxglove:
         return self

@@ -79,7 +79,7 @@ def shown(text: str) -> str:
 
 
 def about(path: Path, contents: Contents) -> About:
-    """What the attachments and the metadata tell; never raises for what stands in them."""
+    """What the attachments and the metadata of a recording state; never raises: what cannot be read is in `missing`."""
     missing: list[str] = []
     rig, robot, limits = _rig(contents, missing)
     start = contents.metadata.get("recording", {}).get("start_wall_ns", "")
@@ -110,6 +110,7 @@ def _text(contents: Contents, name: str) -> str | None:
 
 
 def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot | None, dict[str, float]]:
+    """Rig, robot and limits (SI) from the attached files; None or none where a file cannot be read, which `missing` then says."""
     rig, robot = None, None
     try:
         robot = check(parse_yaml(robot_text(contents) or "", "robot.yaml"), Robot)
@@ -233,7 +234,7 @@ class Picture:
 
     # -- what comes
     def take(self, pieces: Iterable[Piece]) -> Numbers:
-        """Take pieces of the recording; returns what is new, for those who have seen the rest."""
+        """Take pieces of the recording into the state; returns the update for viewers who have all before."""
         points: list[Numbers] = []
         lines: list[Numbers] = []
         first_row = len(self.rows)
@@ -261,7 +262,7 @@ class Picture:
         return {**new, **self._standing()}
 
     def whole(self) -> Numbers:
-        """Everything, for somebody who has seen nothing."""
+        """The whole state, for a viewer who has none of it; of the streams the points of the last minute."""
         since = self.t - 60.0 * self.about.speed
         return {
             "about": self.about.to_dict(),
@@ -279,11 +280,11 @@ class Picture:
         }
 
     def end(self, metadata: Mapping[str, Mapping[str, str]], finished: bool) -> Numbers:
-        """Nothing more comes; the metadata tell how it ended, and what was lost."""
-        told = metadata.get("outcome", {})
-        self._unsafe = told.get("safe_state") == UNCONFIRMED
-        if finished and "outcome" in told:
-            self.outcome = {"outcome": shown(told["outcome"]), "detail": shown(told.get("detail", ""))}
+        """Take the end of the recording: how it ended and what was lost, from its metadata; returns the update for viewers."""
+        ending = metadata.get("outcome", {})
+        self._unsafe = ending.get("safe_state") == UNCONFIRMED
+        if finished and "outcome" in ending:
+            self.outcome = {"outcome": shown(ending["outcome"]), "detail": shown(ending.get("detail", ""))}
         else:
             self.outcome = {"outcome": "abrupt", "detail": "the recording was never finished"}
         for topic, counts in counted(metadata).items():
@@ -309,13 +310,13 @@ class Picture:
         return self.outcome is not None or bool(self.trouble)
 
     def question(self) -> tuple[Numbers, Numbers] | None:
-        """What to ask the model about the robot as it is now, and of which moment: rig time `t`, s, and the tip `measured`
-        then, m, None where it was hidden. None where nothing can be asked."""
+        """The question to the model (see `expected`) about the robot as it is now, and its moment: rig time `t` (s) and the tip
+        `measured` then (m; None where it was hidden). None without pressures, and while a specimen is in place of the robot."""
         state, pressure = self.state, self.newest.get("pressure")
         if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
             return None
         spine = self.newest.get("spine", {}).get("length")
-        asked = {
+        conditions = {
             "pressures": pressure["measured"],
             "spine": state.state.spine_length if spine is None else spine,
             "mass": state.state.tip_mass,
@@ -323,7 +324,7 @@ class Picture:
         }
         tip = self.newest.get("tip")
         seen = tip is not None and tip["valid"] and abs(tip["t"] - pressure["t"]) <= SAME_MOMENT * self.about.speed
-        return {"now": asked}, {"t": pressure["t"], "measured": tip["position"] if tip and seen else None}
+        return {"now": conditions}, {"t": pressure["t"], "measured": tip["position"] if tip and seen else None}
 
     def expected_now(self, now: Numbers) -> Numbers:
         """Where the tip should be at the moment of a question, and the tip measured then."""
@@ -352,6 +353,7 @@ class Picture:
         }
 
     def _point(self, piece: Piece) -> Numbers:
+        """Count the samples of a piece, keep the newest of each stream that is shown, and return these with the time."""
         for topic, samples in piece.samples.items():
             t = float(samples["t"][-1])
             self.t = max(self.t, t)
@@ -382,6 +384,7 @@ class Picture:
         return [_listed(row, again) for row, again in zip(self.rows[first:], self._again[first:], strict=True)]
 
     def _progress(self, message: Any) -> None:
+        """Keep the progress of the plan, and estimate the time left (s) from the pace since this recording began."""
         first = self.first if self.first is not None else message.t
         elapsed = (message.t - first) / self.about.speed
         if self._begun is None:

@@ -193,6 +193,7 @@ class Show:
             asyncio.run(self._run(stay))
 
     async def _run(self, stay: bool) -> None:
+        """Serve, and show one recording after the other until `over`; see `run`."""
         server = await asyncio.start_server(self._viewers.serve, sock=self._at.listening, limit=LARGEST_HEAD)
         async with server:
             try:
@@ -225,8 +226,8 @@ class Show:
         return self._over.is_set() or bool(self._parts)
 
     async def _show(self, tail: Tail) -> None:
-        """One recording, until it has ended and another one is there, or all is over."""
-        beside = [asyncio.create_task(self._beat())]
+        """Show one recording, until it has ended and another one is there, or all is over."""
+        tasks = [asyncio.create_task(self._beat())]
         asking: asyncio.Task[None] | None = None
         try:
             if self._foxglove is not None:
@@ -241,7 +242,7 @@ class Show:
                     self._tell(self._whole(), "whole")
                     if self._with_model:
                         asking = asyncio.create_task(self._ask(robot_text(tail.contents)))
-                        beside.append(asking)
+                        tasks.append(asking)
                 self._keep_time(tail, pieces)
                 if self._foxglove is not None:
                     self._foxglove.take(tail.contents, pieces)
@@ -263,9 +264,9 @@ class Show:
                 # viewers wait for what the model says of the last state
                 await asyncio.wait([asking], timeout=60.0)
         finally:
-            for task in beside:
+            for task in tasks:
                 task.cancel()
-            await asyncio.gather(*beside, return_exceptions=True)
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _wanted(self, foxglove: Foxglove, path: Path) -> None:
         """Wait until somebody has subscribed to topics of the recording."""
@@ -333,12 +334,12 @@ class Show:
             intervals = await model.start()
             why = "" if intervals else "no interval, because robot.yaml states no uncertainty"
             self._tell(picture.model_says("ready", why))
-            asked, last, due = 0, None, 0.0
+            asked_rows, last, due = 0, None, 0.0
             last_round = False
             while not last_round:
                 last_round = picture.ended
-                if len(picture.rows) > asked and ((began := time.monotonic()) >= due or last_round):
-                    asked = len(picture.rows)
+                if len(picture.rows) > asked_rows and ((began := time.monotonic()) >= due or last_round):
+                    asked_rows = len(picture.rows)
                     answer = await model.ask({"rows": [row.to_json() for row in picture.rows]})
                     # the model rests four times as long as it has worked
                     due = time.monotonic() + 4.0 * (time.monotonic() - began)

@@ -72,7 +72,7 @@ class PageRequest:
 
 
 async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> PageRequest:
-    """What a request asks for; `posting`: something may be posted. Raises `RefusedRequest`."""
+    """Read a request: a fixed name behind the token, or with `posting` what is posted to ASK. Raises `RefusedRequest`."""
     try:
         head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_WITHIN)
     except asyncio.LimitOverrunError:
@@ -87,8 +87,8 @@ async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False)
         raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED if other else HTTPStatus.BAD_REQUEST)
     if request[1] == b"POST" and not posting:
         raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED)
-    given, slash, name = request[2].decode("ascii")[1:].partition("/")
-    if not hmac.compare_digest(given, token):
+    token_given, slash, name = request[2].decode("ascii")[1:].partition("/")
+    if not hmac.compare_digest(token_given, token):
         raise RefusedRequest(HTTPStatus.FORBIDDEN)
     if request[1] == b"POST":
         if name != ASK:
@@ -201,6 +201,7 @@ class Viewers:
             await _close(writer)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer one request: refuse it, hand it on to the run, stream the events, or send a file of the page."""
         writer.transport.set_write_buffer_limits(high=0)  # `drain` returns when all is on its way
         try:
             request = await asked(reader, self._token, self._steer is not None)
@@ -220,10 +221,10 @@ class Viewers:
         await asyncio.wait_for(writer.drain(), STUCK)
 
     def _ask(self, posted: dict[str, Any]) -> None:
-        """Hand a request on; raises `RefusedRequest`."""
+        """Hand a posted request on to the run; raises `RefusedRequest`, also beyond `RATE` and `BURST`."""
         assert self._steer is not None
         now = time.monotonic()
-        self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))
+        self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))  # requests that may come at once
         self._counted = now
         if self._allowed < 1:
             raise RefusedRequest(HTTPStatus.TOO_MANY_REQUESTS)
@@ -237,6 +238,7 @@ class Viewers:
             raise RefusedRequest(HTTPStatus.SERVICE_UNAVAILABLE)
 
     async def _stream(self, writer: asyncio.StreamWriter) -> None:
+        """Send one viewer the whole state, then each update, until the end or until it is too slow."""
         if self.count >= MOST_VIEWERS:
             writer.write(refusal(HTTPStatus.SERVICE_UNAVAILABLE))
             return
@@ -248,10 +250,9 @@ class Viewers:
             while queue in self._queues or not queue.empty():
                 await asyncio.wait_for(writer.drain(), STUCK)
                 try:
-                    # then an empty line tells that the stream is alive
                     text = await asyncio.wait_for(queue.get(), 5.0)
                 except TimeoutError:
-                    text = b":\n\n"
+                    text = b":\n\n"  # a comment, which shows that the stream is alive
                 if text is None:
                     break
                 writer.write(text)

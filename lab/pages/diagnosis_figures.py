@@ -23,6 +23,8 @@ from model.actuators import Words
 from .figures import CALIBRATED, GIVEN, STYLE, colours, save
 
 Array = NDArray[np.float64]
+SAME_LENGTH = 0.01
+"""m within which spine lengths are one setting."""
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
@@ -37,8 +39,7 @@ HATCHES = {
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
     """The gap uncalibrated and calibrated, and what each step takes of the latter; `length` m of the robot.
 
-    Two scales: uncalibrated, the gap is often ten times what calibration leaves.
-    """
+    Two scales: uncalibrated, the gap is often ten times what calibration leaves."""
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
         figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
@@ -92,21 +93,21 @@ class StateGroup:
 
 
 def groups(d: Diagnosis) -> list[StateGroup]:
-    """All states by the chambers inflated in them, largest calibrated gap first; beyond `MOST_GROUPS` the rest are one."""
+    """All states by the chambers inflated, the largest calibrated gap first; beyond `MOST_GROUPS` the others are one group."""
     s, keys = _states(d), [d.words.group(c) for c in d.detail["states"]["chambers"]]
     missed = np.linalg.norm(s["tip"] - s["calibrated"], axis=1)
     worst = {key: max(m for m, k in zip(missed, keys, strict=True) if k == key) for key in keys}
     ranked = sorted(worst, key=lambda key: -worst[key])
-    others = ""
+    rest = ""  # name of the group of all others
     if len(ranked) > MOST_GROUPS:
-        others = f"{len(ranked) - MOST_GROUPS + 1} other settings"
-        keys = [key if key in ranked[: MOST_GROUPS - 1] else others for key in keys]
-        ranked = [*ranked[: MOST_GROUPS - 1], others]
+        rest = f"{len(ranked) - MOST_GROUPS + 1} other settings"
+        keys = [key if key in ranked[: MOST_GROUPS - 1] else rest for key in keys]
+        ranked = [*ranked[: MOST_GROUPS - 1], rest]
     panels = []
     for name in ranked:
         selected = np.array([key == name for key in keys])
         panels.append(
-            StateGroup(name, selected, _side(s["tip"][selected]), _levels(s["spine_length"][selected], 0.01), name == others)
+            StateGroup(name, selected, _side(s["tip"][selected]), _levels(s["spine_length"][selected], SAME_LENGTH), name == rest)
         )
     return panels
 
@@ -122,22 +123,21 @@ def _side(tip: Array) -> Array:
 def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Rms gap of all states over chambers, spine length and pressure, load and unload, on one colour scale.
 
-    `name` of the model with the cause.
-    """
+    `name` of the model with the cause."""
     s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
     rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
-    spines = np.ptp(s["spine_length"]) > 0.01
+    spines = np.ptp(s["spine_length"]) > SAME_LENGTH
     labels = [f"{g.name}{f'; spine {100 * length:.0f} cm' if spines else ''}" for g, length in rows]
     grain = _grain(s["pressure"])
-    # Sweeps read without stopping turn at other pressures up than down, so each branch has levels of its own.
+    # sweeps read without stopping turn at other pressures up than down, so each branch has levels of its own
     maps = []
     for model, gap in missed.items():
-        for branch, way in ((1, "load"), (-1, "unload")):
+        for branch, direction in ((1, "load"), (-1, "unload")):
             of_branch = s["branch"] == branch
             if of_branch.any():
                 pressures = _levels(s["pressure"][of_branch], grain)
-                maps.append((f"{model}, {way}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
+                maps.append((f"{model}, {direction}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
     pictures = []
     for k, (title, pressures, values) in enumerate(maps):
@@ -162,10 +162,9 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Gap along and across the bending direction over pressure, up and down: a panel for each group of chambers.
 
-    Above calibrated, below with the cause (`name`), with the band of the noise floor.
-    """
+    Above calibrated, below with the cause (`name`), with the band of the noise floor."""
     s, by_group = _states(d), groups(d)
-    half = d.locate.noise_floor_mm / np.sqrt(3)
+    half = d.locate.noise_floor_mm / np.sqrt(3)  # of the band: the floor along one of three axes
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
     most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * 1e3 * 1.05 + half
     pictures = []
@@ -174,12 +173,12 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
         with plt.rc_context(STYLE):
             figure, axes = plt.subplots(2, 2, figsize=(4.2, 4.4), layout="constrained", sharex=True, sharey=True)
             for row, (model, gap) in zip(axes, missed.items(), strict=True):
-                for axis, (word, way) in zip(row, directions, strict=True):
+                for axis, (word, direction) in zip(row, directions, strict=True):
                     axis.axhspan(-half, half, color="0.9")
                     for length, colour in zip(g.lengths, colours(len(g.lengths)), strict=True):
                         for branch, style in ((1, "-"), (-1, "--")):
-                            selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < 0.01)
-                            _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ way * 1e3, colour, style)
+                            selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
+                            _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ direction * 1e3, colour, style)
                     axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
@@ -201,16 +200,15 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     """Tip along the bending direction on the way up over pressure: measured, and three models on unseen states.
 
     A panel for each group of chambers and spine length, at most four lengths; below, by how much the calibrated model and the
-    one with the cause (`name`) miss the tip there, in any direction.
-    """
+    one with the cause (`name`) miss the tip there, in any direction."""
     s = _states(d)
     models = (("given", ":", GIVEN, "k"), ("calibrated_unseen", "--", CALIBRATED, GREY), ("explained_unseen", "-", name, BLUE))
-    spines = np.ptp(s["spine_length"]) > 0.01
+    spines = np.ptp(s["spine_length"]) > SAME_LENGTH
     pictures = []
     for k, g in enumerate(groups(d)):
         shown = g.lengths[np.unique(np.linspace(0, len(g.lengths) - 1, 4).round().astype(int))]
         for j, length in enumerate(shown):
-            selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < 0.01)
+            selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
             if not selected.any():
                 continue
             with plt.rc_context(STYLE):
@@ -257,14 +255,14 @@ def posterior(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
 def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
     """Share of each effect's tip displacement that a calibration takes over; `names` effect -> plain name."""
     spines = len(d.locate.by.get("spine_length", ())) > 1
-    one, per_length = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
-    effects = sorted(one, key=lambda e: one[e])
+    by_one_factor, by_length_factors = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
+    effects = sorted(by_one_factor, key=lambda e: by_one_factor[e])
     rows = np.arange(len(effects))
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
-        axis.barh(rows + 0.2, [100 * one[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
+        axis.barh(rows + 0.2, [100 * by_one_factor[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
         if spines:
-            shares = [100 * per_length[n] for n in effects]
+            shares = [100 * by_length_factors[n] for n in effects]
             axis.barh(rows - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
         axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
         axis.set_ylim(-0.7, len(effects) - 0.3)
@@ -281,7 +279,7 @@ def _states(d: Diagnosis) -> dict[str, Array]:
 
 
 def _levels(values: Array, grain: float) -> Array:
-    """Settings meant, from readings that scatter by less than `grain`."""
+    """The settings, in order, about which readings (n,) scatter by less than `grain`: the mean of each group of readings."""
     number = levels(values, grain / 2)
     return np.array([values[number == k].mean() for k in np.unique(number)])
 
@@ -294,31 +292,33 @@ def _grain(pressure: Array) -> float:
 def _mapped(
     s: dict[str, Array], gap: Array, of_branch: NDArray[np.bool_], rows: Sequence[tuple[StateGroup, float]], pressures: Array
 ) -> Array:
+    """(rows, pressures) mm, rms of `gap` (n, 3) m of a branch by group and spine length and nearest pressure (Pa); NaN: none."""
     mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)
     for i, (group, length) in enumerate(rows):
-        row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < 0.01)
+        row = of_branch & group.selected & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
         for j in np.unique(column[row]):
-            mapped[i, j] = np.sqrt(np.nanmean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
+            mapped[i, j] = np.sqrt(_mean((gap[row & (column == j)] ** 2).sum(axis=1))) * 1e3
     return mapped
+
+
+def _mean(values: Array) -> float:
+    """Mean of the values that are numbers; NaN where none is."""
+    return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
 
 def _curve(
     axis: Axes, pressure: Array, pascal: float, gap: Array, colour: tuple[float, ...] | str, style: str, label: str | None = None
 ) -> None:
-    if not pressure.size:
+    """Draw the mean `gap` (n,) mm at each setting of `pressure` (n,) Pa, in units of `pascal`; NaN interrupts the line."""
+    known = np.isfinite(pressure)
+    if not known.any():
         return
+    pressure, gap = pressure[known], gap[known]
     levels = _levels(pressure, 0.6 * _grain(pressure))
     nearest = np.abs(pressure[:, None] - levels).argmin(axis=1)
-    axis.plot(
-        levels / pascal,
-        [np.nanmean(gap[nearest == i]) for i in range(len(levels))],
-        f".{style}",
-        color=colour,
-        lw=1.2,
-        ms=4,
-        label=label,
-    )
+    means = [_mean(gap[nearest == i]) for i in range(len(levels))]
+    axis.plot(levels / pascal, means, f".{style}", color=colour, lw=1.2, ms=4, label=label)
 
 
 FACTOR = "times"
@@ -331,6 +331,7 @@ def sizes(found: Sequence[Mapping[str, Any]], folder: Path, words: Words) -> lis
 
 
 def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) -> list[Path]:
+    """Draw the density of one parameter twice: over its possible range, and over four standard deviations."""
     size, unit = _for_people(size, words)
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
@@ -360,15 +361,16 @@ def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], 
 
 
 def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
-    """Between two values; the impossible part is dotted, the 90 % interval shaded, zero black, bounds red."""
+    """Draw the normal density of a size between two values, its mode within the bounds scaled to 1; the part beyond the bounds is
+    dotted, the 90 % interval shaded, zero grey, bounds red."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
     x = np.unique(
         np.concatenate([np.linspace(lowest, highest, 500), np.clip(mean + sd * np.linspace(-5, 5, 300), lowest, highest)])
     )
     possible = (x >= low) & (x <= high)
-    top = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2
-    y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - top, 0.3))
+    mode = -0.5 * ((float(np.clip(mean, low, high)) - mean) / sd) ** 2  # logarithm of the density there
+    y = np.exp(np.minimum(-0.5 * ((x - mean) / sd) ** 2 - mode, 0.3))  # the impossible part may leave the panel
     axis.plot(x, np.where(possible, np.nan, y), ":", color=GREY, lw=1)
     axis.plot(x, np.where(possible, y, np.nan), color=BLUE)
     shown = possible & (x >= size["low90"]) & (x <= size["high90"])
@@ -390,17 +392,16 @@ State = Mapping[str, Any]
 def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
     """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
 
-    `name` of the model with the cause.
-    """
+    `name` of the model with the cause."""
     return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
 
 
 def _panel(state: State, name: str, path: Path, words: Words) -> Path:
+    """Draw one state: its backbones in two planes, and the tip close up below; `name` of the model with the cause."""
     names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
     tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
     middle = tips.mean(axis=0)
-    # no close-up is smaller than 4 mm
-    half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))
+    half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))  # mm, of the close-up's width: 4 mm at least
     with plt.rc_context(STYLE | {"font.size": 8}):
         figure, axes = plt.subplots(2, 2, figsize=(4.0, 5.4), layout="constrained", height_ratios=(3, 2))
         for k, (whole, close) in enumerate(axes.T):
@@ -445,24 +446,23 @@ def _mm(metres: object) -> Array:
 
 
 def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
-    """`stiffness` is the diagnosis' detail of stiffness trials: deflection read, and missed by the model, a line a trial.
-
-    `name` of the model with the cause.
-    """
+    """Draw how far the calibrated model, and the one with the cause (`name`), miss the deflection over the deflection, a line a
+    trial; `stiffness`: the diagnosis' detail of stiffness trials."""
     models = (("calibrated", CALIBRATED), ("explained", name))
     trial, deflection = np.array(stiffness["trial"]), np.array(stiffness["deflection"])
-    names = [f"{one} {100 * length:.3g} cm" for one, length in zip(stiffness["specimen"], stiffness["spine_length"], strict=True)]
+    pushed = zip(stiffness["specimen"], stiffness["spine_length"], strict=True)
+    names = [f"{kind} {100 * length:.3g} cm" for kind, length in pushed]
     specimens = list(dict.fromkeys(names))
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)
         for axis, (key, title) in zip(axes, models, strict=True):
             missed = 1e3 * (np.array(stiffness["force"]) - np.array(stiffness[key])) / np.array(stiffness["stiffness"])
             axis.axhspan(-stiffness["floor_mm"], stiffness["floor_mm"], color="0.9")
-            for name, colour in zip(specimens, colours(len(specimens)), strict=False):
-                for t in np.unique(trial[[n == name for n in names]]):
+            for specimen, colour in zip(specimens, colours(len(specimens)), strict=False):
+                for t in np.unique(trial[[n == specimen for n in names]]):
                     selected = trial == t
                     axis.plot(1e3 * deflection[selected], missed[selected], "-o", ms=2.5, lw=0.9, color=colour)
-                axis.plot([], [], color=colour, label=name)
+                axis.plot([], [], color=colour, label=specimen)
             axis.set_title(title, loc="left")
             axis.set_ylabel("measured minus model,\nmm of deflection")
         axes[1].set_xlabel("deflection, mm")

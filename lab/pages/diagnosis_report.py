@@ -14,15 +14,7 @@ import numpy as np
 from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import (
-    also_present,
-    closed_alone,
-    disorder,
-    hypothesis_name,
-    plain_name,
-    stands_for,
-    with_id,
-)
+from diagnosis.answer.sentences import also_present, closed_alone, disorder, hypothesis_name, plain_name, stands_for, with_id
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -54,8 +46,7 @@ MISFIT_LABELS = {
 def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocols: Path | None = None) -> Path:
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
-    `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments.
-    """
+    `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
     report = opened("The gap between model and robot", d, case, inputs, protocols)
     fill(report, d, case, protocols)
     return report.write(path)
@@ -134,11 +125,11 @@ def origin(robot: str, inputs: Sequence[Path]) -> str:
 
 
 def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
-    """The gap by each model and the noise floor: name, mm rms, and whether the states were fitted."""
+    """Name, size and note of the numbers at the page's top: the gap by each model (mm rms, unseen or in-sample), noise floor."""
     digits = 2 if d.locate.of == "tip" else 3
-    how = "unseen states"
+    basis = "unseen states"
     if d.waterfall is None:
-        rows, how = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
+        rows, basis = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
     else:
         rows = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
         if d.shrink is not None and d.attribute.verdict == "effect":
@@ -146,8 +137,8 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
     alone = closed_alone(d.waterfall, d.shrink)
-    more = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
-    return [*((name, f"{mm:.{digits}f} mm", f"rms, {how}{more.get(name, '')}") for name, mm in rows), *robot, floor]
+    notes = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
+    return [*((name, f"{mm:.{digits}f} mm", f"rms, {basis}{notes.get(name, '')}") for name, mm in rows), *robot, floor]
 
 
 def explained(d: Diagnosis) -> str:
@@ -185,13 +176,14 @@ STEPS = {
 
 
 def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
+    """Write the waterfall as figure and table, what a calibration hides, and the share closed; `length`: m, the robot's."""
     w = d.waterfall
     if w is None:
         s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
         return
-    beside = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
-    named = {**STEPS, **(beside if "first_calibration" in d.detail else {})}
-    steps = {step: d.words.fill(label) for step, label in named.items()}
+    with_numbers = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
+    labels = {**STEPS, **(with_numbers if "first_calibration" in d.detail else {})}
+    steps = {step: d.words.fill(label) for step, label in labels.items()}
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
@@ -224,10 +216,10 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         ends = d.shrink.ci95
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
-        of = hypothesis(best, d) if best else "tolerances alone"
+        explanation = hypothesis(best, d) if best else "tolerances alone"
         alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
-        itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
-        s.text(f"Share of the reducible gap closed on unseen states with {of}: {closed}{interval}{itself}.")
+        by_itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
+        s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{by_itself}.")
 
 
 def _mm(value: float) -> str:
@@ -243,6 +235,7 @@ def _sensors(s: PageSection, table: Table, words: Words, folder: Path) -> None:
 
 
 def _held_out(s: PageSection, found: Mapping[str, Any], spine: bool) -> None:
+    """Write how both models do on a campaign that was not fitted, `found` by the diagnosis; `spine`: by spine length, too."""
     s.text(found["statement"])
     s.text(
         "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
@@ -258,6 +251,7 @@ def _held_out(s: PageSection, found: Mapping[str, Any], spine: bool) -> None:
 
 
 def _where(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    """Write where the gap is: shapes of the worst states, the map of all states, and loops over pressure."""
     _shapes(s, d, folder)
     s.figure(
         draw.gap_map(d, explained(d), folder),
@@ -277,6 +271,7 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
 
 
 def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
+    """Write the calibrated gap by each level of each factor, with those above the noise floor marked."""
     rows = [
         [
             f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}",
@@ -297,6 +292,7 @@ def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
 
 
 def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    """Write how far the models miss the force of stiffness trials, as a deflection."""
     stiffness = d.detail["stiffness"]
     floor = "noise floor" if stiffness["floor_from_repeats"] else "noise floor as assumed: nothing was repeated"
     s.figure(
@@ -309,8 +305,7 @@ def _pushed(s: PageSection, d: Diagnosis, folder: Path) -> None:
         for key, name in (("as given", GIVEN), ("calibrated", CALIBRATED), ("explained", explained(d)))
     ]
     s.table(
-        ("model", "deflection error in-sample, mm rms", "unseen, mm rms"),
-        [*rows, [floor, f"{stiffness['floor_mm']:.3f}", ""]],
+        ("model", "deflection error in-sample, mm rms", "unseen, mm rms"), [*rows, [floor, f"{stiffness['floor_mm']:.3f}", ""]]
     )
 
 
@@ -324,6 +319,7 @@ def _at(factor: str, value: float | str, words: Words) -> str:
 
 
 def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    """Write the evidence for the cause: unseen states, probability of each hypothesis, and what each effect moves."""
     if "given" in d.detail["states"]:
         s.figure(
             draw.unseen_tips(d, explained(d), folder),
@@ -354,6 +350,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
 
 
 def _misfit(s: PageSection, d: Diagnosis) -> None:
+    """Write the probability of a cause by stage, errors of free form that gain evidence, and numbers of the misfit."""
     stages = sorted(d.locate.stage.items(), key=lambda x: -x[1])
     s.table(("stage of the chain", "probability of a cause there"), [[name, f"{p:.2f}"] for name, p in stages])
     if d.attribute.stage_errors:
@@ -368,6 +365,7 @@ def _misfit(s: PageSection, d: Diagnosis) -> None:
 
 
 def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    """Write the size of what is named, as densities and numbers, and the push of each actuator against the mean."""
     sizes = d.detail["sizes"]
     s.figure(
         draw.sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
@@ -399,6 +397,7 @@ def _bound(value: float | None, unit: str, words: Words) -> str:
 
 
 def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
+    """Write the shapes of the states with the largest calibrated error, or why there are none."""
     states = d.detail["shapes"]
     if not states:
         why = "Another simulator takes the rod's place" if "baseline" in d.detail else "The model has no equilibrium"
@@ -431,7 +430,9 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
 
 
 def alike(s: PageSection, d: Diagnosis) -> None:
-    """Write which effects these data would take for which."""
+    """Write which effects these data would take for which, and which they cannot show.
+
+    separation[i][j]: T of taking effect j for effect i; on the diagonal that of effect i against no effect."""
     detail = d.detail["distinguishability"]
     effects, tied, separation = detail["effects"], detail["tied_below"], detail["separation"]
     seen = [i for i in range(len(effects)) if separation[i][i] >= tied]
@@ -460,6 +461,7 @@ def _confounding(s: PageSection, d: Diagnosis, folder: Path) -> None:
 
 
 def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
+    """Write the proposed experiments with the command for each, or why there are none."""
     if not d.next_experiment:
         s.text(nothing_next(d))
         return
@@ -477,10 +479,7 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
          CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
-    s.table(
-        ("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"),
-        rows,
-    )
+    s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"), rows)
 
 
 def _pair(pair: Sequence[str], d: Diagnosis) -> str:

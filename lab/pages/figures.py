@@ -118,7 +118,7 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
 
 
 def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Path, words: Words) -> Path:
-    """x, y and z of the tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
+    """Draw x, y and z of the predicted tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
     low, high = prediction.interval()
     lengths = np.unique(np.round(spine_length, 4))
     with plt.rc_context(STYLE):
@@ -140,7 +140,7 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
 
 
 def targets(wanted: Array, reached: Reached, path: Path) -> Path:
-    """Targets (m, 3) m and the tips that are expected, seen along y and along z; free coordinates are those of the tip."""
+    """Draw targets (m, 3) m and expected tips with intervals from two sides; a free coordinate (NaN) is that of the tip."""
     tip = reached.prediction.tip
     place = np.where(np.isfinite(wanted), wanted, tip)
     low, high = reached.prediction.interval(model_only=True)
@@ -176,8 +176,7 @@ def label(table: Table, column: str) -> str:
 
 
 def sensors(table: Table, words: Words) -> list[Panel]:
-    """Each quantity over the states in their order and over their pressure, a colour a spine length; bars: one standard
-    deviation of the samples averaged."""
+    """Each quantity over the states in order and over their pressure, coloured by spine length; bars: one standard deviation."""
     return [
         partial(_panel, table=table, column=column, over=over, pascal=words.pascal)
         # the table of numbers has all
@@ -187,6 +186,7 @@ def sensors(table: Table, words: Words) -> list[Panel]:
 
 
 def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> None:
+    """Draw a sensor's quantity over the number of the state, or over its highest pressure in units of `pascal` Pa."""
     lengths = np.unique(table.spine_length).tolist()
     value, spread = table[column], table.get(f"sd_{column}", 0.0)
     places = np.arange(1, len(table) + 1) if over == "state" else table.pressures.max(axis=1) / pascal

@@ -29,12 +29,12 @@ COLUMNS, MOST_GROUPS = 4, 7
 
 
 def draw(imported: Imported, robot: Robot, path: Path) -> None:
-    """Write the picture of an import (.svg, .png or .pdf)."""
+    """Draw an import into a file (.svg, .png or .pdf): all rows over time, the tip from the side, and from the top by group."""
     states = imported.table.take(imported.table.with_tip)
     groups = _groups(states)
     most = sorted(groups, key=lambda g: -len(groups[g]))[:MOST_GROUPS]
     shown = {g: rows for g, rows in groups.items() if g in most}
-    lines = -(-(len(shown) + 1) // COLUMNS)
+    lines = -(-(len(shown) + 1) // COLUMNS)  # of panels, one of them for the side view
     columns = -(-(len(shown) + 1) // lines)
     words = robot.actuators.words
     figure = plt.figure(figsize=(10, 5.0 + 2.7 * lines), layout="constrained")
@@ -66,10 +66,10 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
 
 
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
+    """Draw pressures and tip of all rows over time (s), with the rows that became states, and where trials begin."""
     for number, (_, q, cuts) in enumerate(imported.files):
         pressures, places = q.table.pressures, q.table.tip
-        # more are not seen
-        every = max(1, len(q.t) // 4000)
+        every = max(1, len(q.t) // 4000)  # more points cannot be seen
         for k in range(pressures.shape[1]):
             pressure.plot(
                 q.t[::every], pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
@@ -117,7 +117,7 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     wired = of_group.pressures.shape[1] == len(towards)
     pushes = (of_group.pressures @ towards) * np.exp(1j * np.radians(roll)) if wired else np.zeros(0)
     pushed = dict(zip(np.round(roll).tolist(), pushes.tolist(), strict=False))
-    # pressures whose push across the axis is weaker have no direction
+    # a push across the axis below a tenth of the pressures' sum has no direction: they balance each other
     weak = 0.1 * float(of_group.pressures.sum(axis=1).max())
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         ax.annotate("", (0.9 * size * push.real, 0.9 * size * push.imag), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6"})

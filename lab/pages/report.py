@@ -153,8 +153,7 @@ class PageSection:
     def figure(self, pictures: Path | Sequence[Path], caption: str) -> PageSection:
         """Add a picture (.svg or .png), or panels that stand in rows or, on a phone, below each other.
 
-        They are put into the page as images, so that nothing in them can run.
-        """
+        They are put into the page as images, so that nothing in them can run."""
         panels = [pictures] if isinstance(pictures, Path) else pictures
         data = [f"data:{IMAGES[p.suffix]};base64,{base64.b64encode(p.read_bytes()).decode()}" for p in panels]
         self.items.append(Item("figure", caption=caption, data=data))

@@ -109,6 +109,7 @@ class Actuators:
         return result
 
     def _sent(self, asked: Command[Any] | Order) -> Any:
+        """Send a command or order and return its answer; one at a time. Raises what it raised there, or ActuatorsLost."""
         with self._lock:
             self.pulse.mark()
             if self.lost:
@@ -131,8 +132,7 @@ class Actuators:
         deadline = timing.now() + within
         while True:
             try:
-                come = timing.readable([self._commands], SLICE)
-                if come:
+                if timing.readable([self._commands], SLICE):
                     answered, ok, answer = self._commands.recv()
                     if answered != number:
                         continue
@@ -144,7 +144,7 @@ class Actuators:
                 raise self._lost(what) from e
             now = timing.now()
             self.pulse.mark()
-            if number:
+            if number:  # 0 answers the start: no sign of life comes before it
                 self._listen()
             if now > deadline:
                 self._give_up(f"no answer within {within:g} s; {self._pace()}")
@@ -215,8 +215,7 @@ class Actuators:
     def close(self) -> str:
         """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
 
-        Returns what is not confirmed safe; the process then lives on for a while and goes on landing it.
-        """
+        Returns what is not confirmed safe; the process then lives on for a while and goes on landing it."""
         going = ""
         try:
             going = self._sent(Order.END)

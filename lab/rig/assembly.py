@@ -229,10 +229,9 @@ class Rig:
     ) -> Bench:
         """What a protocol gets: the opened instruments only. Those that it `needs` are watched while it waits.
 
-        `steering`: what people ask of the run; `asked` is entered while the operator is asked.
-        """
+        `stopping`: whether the run shall end; `steering`: what people ask of it; `asked`: entered while the operator is asked."""
         steering = Steering() if steering is None else steering
-        has = self.identities.__contains__
+        has = self.identities.__contains__  # whether an instrument was opened
         stand = self.file.stand
         operator = PatientOperator(self.operator, self.actuators.pulse, asked)
 

@@ -38,7 +38,7 @@ class Line:
         """The note so far; None: keys are requests."""
 
     def take(self, text: str) -> None:
-        """What came in one piece. What follows the end of a note in it was pasted, and is no request."""
+        """Take keys that came in one piece: requests, or letters of a note. What follows the end of a note was pasted."""
         for key in text:
             if key == ESCAPE:  # alone, or the begin of what an arrow key sends
                 if text == ESCAPE:
@@ -170,6 +170,7 @@ class Keys:
                 termios.tcsetattr(self._fd, termios.TCSANOW, before)
 
     def _run(self) -> None:
+        """The thread that reads: while the terminal is this run's and not lent, hand what was typed to the line."""
         while True:
             terminal = [self._fd] if self._before is not None and self._foreground else []
             try:

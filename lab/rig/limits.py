@@ -10,7 +10,6 @@ from pathlib import Path
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
-from model.rods.beam import bending_compliance
 from model.section import annulus_second_moment, body_area, body_second_moment
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
@@ -108,10 +107,10 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
     for several in excesses.values():
         number, worst = max(several, key=lambda pair: pair[1].over)
         further = len(several) - 1
-        others = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
+        more = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
             f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.text}, {worst.limit}; "
-            f"{worst.remedy}{others}"
+            f"{worst.remedy}{more}"
         )
     return lines
 
@@ -128,7 +127,7 @@ def margins(plan: Plan, rig: RigFile, robot: Robot) -> list[Margin]:
 
 
 def _demands(ask: Ask, rig: RigFile, path: Path | str, robot: Robot) -> Iterator[StepDemand]:
-    """What a step asks for, 0 where it asks for nothing, in the order in which it is listed: once for each limit."""
+    """Each value that a step asks for (0 where it asks for none), in the order of the plan's listing, once for each limit."""
     push, highest = ask.push, max(ask.pressures, default=None)
     force = None if push is None else expected_force(robot, push)
     yield StepDemand("pressure", highest or 0.0, "Pa", robot.max_pressure, "max_pressure", rig.robot)
@@ -160,7 +159,7 @@ def _limit(rig: RigFile, key: str) -> float | None:
 
 
 def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Excess]:
-    """What of a step is beyond a limit, or outside of what the rig can do."""
+    """What of a step is beyond a limit, or what the rig cannot do: chambers, a spine, places of the probe."""
     for d in _demands(ask, rig, path, robot):
         if d.limit is not None and d.value > d.limit * SLACK:
             subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
@@ -183,13 +182,14 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
 def _probe(
     places: Sequence[tuple[float, float | None]], stand: Stand, low: Sequence[float], high: Sequence[float], path: Path
 ) -> Iterator[Excess]:
-    """Each place against the arm's box; between two places inside of it the way is inside too."""
+    """Places of the probe outside of the arm's box, `low` to `high` (m); between two places inside of it the way is inside too.
+    `places`: distance along the stand's axis and depth of the push (m); None: at the stand-off before the specimen."""
     for along, depth in places:
         deep = -stand.standoff if depth is None else depth
         for i, axis in enumerate("xyz"):
             x = stand.origin[i] + along * stand.axis[i] + deep * stand.push[i]
             over = max(low[i] - x, x - high[i])
-            if over > 1e-9:
+            if over > 1e-9:  # m, rounding
                 free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"
                 box = f"outside the workspace of instruments.arm, {axis} = {free} of {path}"
                 remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
@@ -201,8 +201,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
 
     The stretch is three times the strain with all chambers at their highest pressure, because the area factor is not known
     better before a calibration, and a tenth more, because bodies and the cameras' base frame may be out of place. Markers
-    count where robot.yaml states the arc length of each marker of rig.yaml.
-    """
+    count where robot.yaml states the arc length of each marker of rig.yaml."""
     names = getattr(rig.instruments.mocap, "markers", ())
     markers = robot.markers if len(names) == len(robot.markers) else ()
     strain = 0.0
@@ -210,24 +209,25 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
         factor = float(robot.area_factor_at([0.0, 0.0 if robot.spine is None else robot.length]).max())
         push = rig.instruments.pressure.max_pressure * factor * float(body_of(robot).tip_area.sum())
         strain = push / (robot.youngs_modulus * body_area(robot))
-    return Bodies(0.0, (robot.length, *markers), 1 + 0.1 + 3.0 * strain)
+    return Bodies(0.0, (robot.length, *markers), stretch=1 + 0.1 + 3.0 * strain)
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:
-    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, with the moduli of robot.yaml; None where it has none.
+    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, by robot.yaml; None for the spine of a robot without one.
 
-    A body is stiffer as far as the spine reaches inside it; there both bend together.
-    """
-    spine = 0.0
-    if robot.spine is not None and push.spine > 0:
-        spine = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
-    if push.specimen == "spine":
-        inner, outer, reach = spine, spine, push.length
-    else:
-        outer = robot.youngs_modulus * body_second_moment(robot)
-        inner, reach = outer + spine, min(push.spine, push.length)
+    A body is stiffer as far as the spine reaches inside it; there both bend together."""
+    from model.rods.beam import bending_compliance  # with a compiler, which few runs need
+
     if push.specimen == "spine" and robot.spine is None:
         return None
-    if push.length <= 0 or inner <= 0:
+    spine_bend = 0.0  # E I, N m^2
+    if robot.spine is not None and push.spine > 0:
+        spine_bend = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
+    if push.specimen == "spine":
+        bend_inside, bend_beyond, reach = spine_bend, spine_bend, push.length
+    else:
+        bend_beyond = robot.youngs_modulus * body_second_moment(robot)
+        bend_inside, reach = bend_beyond + spine_bend, min(push.spine, push.length)
+    if push.length <= 0 or bend_inside <= 0:
         return math.inf  # nothing that could give way
-    return push.deflection / float(bending_compliance((0.0, reach, push.length), (inner, outer)))
+    return push.deflection / float(bending_compliance((0.0, reach, push.length), (bend_inside, bend_beyond)))

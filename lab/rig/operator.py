@@ -94,6 +94,7 @@ class Program:
         return f"operator at {self.path}"
 
     def _ask(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Send a question and return the answer, a line of JSON each; raises ProtocolError where none comes or is believed."""
         try:
             self._check_folder()
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:

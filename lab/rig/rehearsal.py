@@ -62,8 +62,7 @@ SPECIMEN_STIFFNESS = 300.0
 def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: RigFile) -> tuple[list[TrialRow], float]:
     """Do a protocol's `run` at the desk of a rig; returns the states that it read, and its largest set-point, Pa.
 
-    Raises BadProtocol, naming the line, for whatever the protocol raises.
-    """
+    Raises BadProtocol, naming the line, for whatever the protocol raises."""
     markers = len(getattr(rig.instruments.mocap, "markers", ()) or ())
     sensors = [sensor(name, drivers()[c.driver].quantities) for name, c in rig.instruments.sensors.items()]
     desk = Desk(rig, plan, markers, sensors)
@@ -80,7 +79,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
             experiment.run(trials.bench, parameters, trials)
         except (Exception, SystemExit) as error:
             of_run: Any = getattr(getattr(experiment.run, "__code__", None), "co_filename", experiment.name)
-            file = experiment.source or of_run
+            file = experiment.source or of_run  # whose line the error names
             hint = AT_DESK if isinstance(error, NotReached) else ""
             raise BadProtocol(told_at(error, file, hint)) from error
     return trials.rows, desk.highest

@@ -165,11 +165,10 @@ class Watch:
         self._began = timing.now()
 
     def look(self, strict: bool = False, resting: bool = False) -> None:
-        """Raises what is wrong: KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended or an InstrumentError.
+        """Check the rig once; raises KeyboardInterrupt, ActuatorsLost, RigLanded, Suspended, StoodStill or InstrumentError.
 
         `strict` does not forgive a hidden body, not even for a moment; in a pause (`resting`) what a person can put right
-        may be wrong.
-        """
+        may be wrong."""
         if self._stop_now():
             raise KeyboardInterrupt
         if (stood := self._stood_still()) > OWN_SLEEP:
@@ -284,14 +283,14 @@ class Watch:
         if not isinstance(sample, (WrenchSample, BodySample)):
             return
         values = sample.raw if isinstance(sample, WrenchSample) else (*sample.position, *sample.orientation)
-        before = self._values.get(name)
-        if before is None or values != before.values:
+        last = self._values.get(name)
+        if last is None or values != last.values:
             self._values[name] = Shown(values, sample.t, now)
             return
-        before.took += now - before.at if sample.t != before.t else 0.0  # one that is late repeats nothing
-        before.t, before.at = sample.t, now
-        if before.took > STUCK:
-            stuck = StaleReading(name, f"every value has been the same for {before.took:.1f} s; restart the sensor")
+        last.took += now - last.at if sample.t != last.t else 0.0  # without a new sample nothing is repeated
+        last.t, last.at = sample.t, now
+        if last.took > STUCK:
+            stuck = StaleReading(name, f"every value has been the same for {last.took:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
 
 
@@ -385,7 +384,7 @@ class RigRecovery:
         self._say("Resuming")
 
     def _await_health(self, cause: InstrumentError | None) -> None:
-        """Wait until nothing has been wrong for a while."""
+        """Wait until nothing was wrong for `STEADY`; raises `cause`, or what is still wrong, after `limits.resume_within`."""
         give_up = timing.now() + self._limits.resume_within
         well_since = timing.now()
         self._watch.forget()

@@ -72,8 +72,7 @@ WITHIN = 30.0
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
     """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
 
-    The robot hangs free; `rig` as `within_robot` gives it.
-    """
+    The robot hangs free; `rig` as `within_robot` gives it."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -101,13 +100,14 @@ class NotAsCommanded(ProtocolError):
 
 
 def _valve(bench: Bench) -> str:
+    """Open and close the valve; the gauge, where there is one, must show it. Returns what was seen."""
     valve = bench.need(bench.valve, "valve")
     gauge = bench.gauge
     if gauge is None:
         valve.set(True)
         valve.set(False)
         return "switched on and off, according to its own read-back; without a gauge the vacuum in the spine is unknown"
-    ambient = release(bench, Jam())
+    ambient = release(bench, Jam())  # Pa absolute in the spine without vacuum
     valve.set(True)
 
     def reached() -> float | None:
@@ -120,6 +120,7 @@ def _valve(bench: Bench) -> str:
 
 
 def _spine(bench: Bench, rig: RigFile) -> str:
+    """Home the spine, grow it by up to `SPINE_TRAVEL` and draw it back, unless it may be jammed. Returns what was seen."""
     unit, config = bench.need(bench.spine, "spine"), rig.instruments.spine
     if bench.valve is None or bench.gauge is None:
         return "not moved: without valve and gauge the spine may still be jammed"
@@ -128,12 +129,13 @@ def _spine(bench: Bench, rig: RigFile) -> str:
     displacement = min(SPINE_TRAVEL, most)
     motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
     grow(bench, displacement, motion)
-    there = unit.read().length
+    grown = unit.read().length
     grow(bench, 0.0, motion)
-    return f"homed, to {there * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
+    return f"homed, to {grown * 1e3:.1f} mm and back to {unit.read().length * 1e3:.1f} mm"
 
 
 def _arm(bench: Bench, rig: RigFile) -> str:
+    """Move the arm by `ARM_TRAVEL` along z, towards the middle of its workspace, and back; its own state must show it."""
     arm, state, config = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm"), rig.instruments.arm
     start = state.latest().tcp_pose
     low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
@@ -160,7 +162,7 @@ def _arm(bench: Bench, rig: RigFile) -> str:
 
 # ------------------------------------------------------------------ pressure
 def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
-    """Displacement of the tip by each channel, (3,) m per Pa in the base frame, by the rod at no spine; none without cameras."""
+    """(3,) m per Pa, base frame, by which each channel moves the rod model's tip; none without cameras or an equilibrium."""
     if bench.mocap is None:
         return ()
     from model.condition import conditions
@@ -179,22 +181,23 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
 
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
-    """One channel, from empty to 5 kPa and back; what was seen, for the report. Raises NotAsCommanded."""
+    """Inflate one channel from empty to `STEP` and vent it; returns what was seen. Raises NotAsCommanded.
+    `per_pascal`: of each channel the tip's expected displacement, (3,) m per Pa; none without cameras."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
     displacement = per_pascal[channel] if per_pascal else None
     rest = _tip(bench) if displacement is not None else None
-    before = _pressures(bench)
+    at_rest = _pressures(bench)
     config = rig.instruments.pressure
     if config is not None and config.widest is not None and config.full_scale < config.widest:
         # The regulator cannot be asked for its range, and a wider one would deliver widest / full_scale of what is commanded: a
         # first step is so small that even then no more than 5 kPa come, and it is judged for coming too far alone.
         pressure = STEP * config.full_scale / config.widest
-        _inflate(bench, channel, pressure, before)
+        _inflate(bench, channel, pressure, at_rest)
         if displacement is not None and rest is not None:
             _compare(_tip(bench) - rest, displacement * pressure, pressure, least=None)
-    _inflate(bench, channel, STEP, before)
+    _inflate(bench, channel, STEP, at_rest)
     observed = "its own reading agrees, the other channels do not change"
     if displacement is None or rest is None:
         observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
@@ -208,23 +211,21 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
     return observed
 
 
-def _inflate(bench: Bench, channel: int, pressure: float, before: Array) -> None:
+def _inflate(bench: Bench, channel: int, pressure: float, at_rest: Array) -> None:
     """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
     channels = len(bench.chambers.channels)
     ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], 5e3)  # Pa/s
-    wanted = before * 0.0
-    wanted[channel] = pressure
     bench.wait(
         f"pressure: channel {channel + 1} at {pressure / 1e3:.1f} kPa by its own reading",
         lambda: True if abs(_pressures(bench)[channel] - pressure) < AGREE else None,
         WITHIN,
     )
     bench.pause(REST)
-    off = _pressures(bench) - np.where(np.arange(channels) == channel, 0.0, before) - wanted
-    for other, by in enumerate(off, 1):
-        if abs(by) > AGREE:
+    deviations = _pressures(bench) - np.where(np.arange(channels) == channel, pressure, at_rest)
+    for other, deviation in enumerate(deviations, 1):
+        if abs(deviation) > AGREE:
             raise NotAsCommanded(
-                f"pressure: channel {other} changes by {by / 1e3:.1f} kPa when channel {channel + 1} is set to "
+                f"pressure: channel {other} changes by {deviation / 1e3:.1f} kPa when channel {channel + 1} is set to "
                 f"{pressure / 1e3:.1f} kPa, limit {AGREE / 1e3:g} kPa; look for a hose that connects them"
             )
 
@@ -236,7 +237,8 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded for a tip (m) that went elsewhere than the model's, beyond it, or by less than `least` of it."""
+    """Raise NotAsCommanded where the tip, by `moved` (3,) m, went sideways clearly farther than `expected`, by less than the
+    share `least` of it (None: not judged, nor is the direction), or elsewhere. `pressure`: Pa, for the message."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(
@@ -280,8 +282,7 @@ LOOK = 0.05
 def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
     """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
 
-    With `move` try each actuator by a little; a person is asked once unless `yes`.
-    """
+    With `move` try each actuator by a little; a person is asked once unless `yes`."""
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
     if move:
@@ -296,9 +297,9 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
                 out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip(), style="dim")
 
         failures = rig.open_all(note)
-        before, lost_before = dict(rig.counts), rig.lost()
-        span = _listen(rig, before, seconds)
-        rows = [_row(rig, name, outcome[name], before, lost_before, span) for name in rig.names]
+        counts_before, lost_before = dict(rig.counts), rig.lost()
+        span = _listen(rig, counts_before, seconds)
+        rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
             moved = _moved(rig, robot)
@@ -344,12 +345,12 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
 
 
 def _moved(rig: Rig, robot: Robot) -> list[Moved]:
-    """Try what the rig has, land it, and tell each outcome; the landing is the last of them."""
-    seen: list[Moved] = []
+    """Try what the rig has (see `moves`), land it, and print each outcome; the landing is the last of them."""
+    outcomes: list[Moved] = []
     screen = Screen("check", rig.clock.speed)
 
     def tell(result: Moved) -> None:
-        seen.append(result)
+        outcomes.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
     with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
@@ -369,7 +370,7 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
             rig.record_to(None)
             recorder.close("completed", "")
     tell(Moved("safe state", report.confirmed, str(report)))
-    return seen
+    return outcomes
 
 
 def _misplaced(rig: Rig) -> list[str]:
@@ -399,6 +400,7 @@ def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
 def _row(
     rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
 ) -> dict[str, Any]:
+    """An instrument as JSON has it: identity, limits, and samples and losses since the counts before, in `span` host s."""
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
     row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}
@@ -420,6 +422,7 @@ def _row(
 
 
 def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
+    """The rows of `_row` as a table for the screen."""
     heading = f"{title}: instruments, counted over {span:.1f} s"
     table = Table("instrument", "identity", "rate", "lost", "limits", title=heading, title_justify="left")
     for r in rows:

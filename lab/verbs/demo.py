@@ -50,8 +50,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     """Do what a person would do on the first day, verb by verb; code 0 unless one of them failed.
 
     `effect` as `ID[=SIZE]` is withheld instead of a drawn one. Raises ConfigError where the instruments' libraries are not
-    installed: the fakes are reached by them.
-    """
+    installed: the fakes are reached by them."""
     if missing := {why for name, why in found_drivers().broken.items() if name in OWN}:  # said before the fakes are started
         raise ConfigError(*sorted(missing))
     seed = secrets.randbelow(10**6) if seed is None else seed
@@ -65,7 +64,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
     def step(title: str, do: Callable[[], Result]) -> Result:
-        """Say what comes, do it, show it."""
+        """Print a title and the time since the begin, do the step, print its result; raises its error."""
         out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - began:.0f} s", "dim"))
         result = do()
         result.tell()
@@ -82,9 +81,9 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
             if step("lab check", lambda: check(rig, 2.0)).code == 1:
                 return Result(code=1)
             for protocol, settings in (("stiffness", STIFFNESS), ("bending", BENDING)):
-                about = step(f"lab run {protocol}", partial(run, protocol, rig, settings, folder, None)).data
-                assert isinstance(about, dict)
-                files.append(Path(about["file"]))
+                result_data = step(f"lab run {protocol}", partial(run, protocol, rig, settings, folder, None)).data
+                assert isinstance(result_data, dict)
+                files.append(Path(result_data["file"]))
         if not compiling.ready:
             out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
         compiling.begun()

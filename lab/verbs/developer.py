@@ -25,7 +25,7 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schema(name: str) -> Result:
-    """The schema of a file, or of a protocol's file; raises ConfigError for another name."""
+    """The JSON schema of rig.yaml, robot.yaml, map.yaml, a campaign, or the file of a protocol; raises ConfigError."""
     protocols = found_protocols()
     models: dict[str, type[BaseModel]] = {
         "rig": RigFile,
@@ -89,7 +89,7 @@ _lab_set() { compadd -S = -- %s }
 
 
 def completion(shell: str, top: argparse.ArgumentParser) -> Result:
-    """Print the completion of `top` for a shell."""
+    """Print the script with which a shell completes the arguments of `top`, effects, protocols and keys included."""
     protocols = found_protocols().usable
     keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
     words = {"with_effects": list(CATALOGUE), "effect": list(effect_names())}

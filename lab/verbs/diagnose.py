@@ -81,8 +81,7 @@ def diagnose(
 ) -> Result:
     """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
 
-    Raises ConfigError, BadEffect, RecordingError.
-    """
+    Raises ConfigError, BadEffect, RecordingError."""
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
     if outputs.protocols is not None:
@@ -91,13 +90,13 @@ def diagnose(
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     with ExitStack() as open_while_diagnosed:
-        beside = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
+        pool_for = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
         case = read_case(inputs, robot)
         if comparisons.baseline is not None or comparisons.simulator is not None:
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
-        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else beside(len(case.table))
+        remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = worth_doing(_answer(case, robot, comparisons, executor))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
@@ -120,6 +119,7 @@ def diagnose(
 
 
 def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
+    """Diagnose a case, with what has changed since an earlier campaign where one is given; raises ConfigError."""
     weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     baseline = _baseline(case, comparisons, weighed)
@@ -153,15 +153,15 @@ def _of_robot(case: Case) -> Case:
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
-    """What takes the rod's place; raises ConfigError."""
-    asked = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
-    if not asked:
+    """Predictions in the rod model's place, of a table or a simulator; None: the rod's own. Raises ConfigError."""
+    given = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
+    if not given:
         return None
-    if len(asked) > 1:
+    if len(given) > 1:
         raise ConfigError("--baseline and --simulator: give one of them; both are predictions in the rod's place")
     for name in ("reference", "holdout"):
         if getattr(comparisons, name) is not None:
-            raise ConfigError(f"--{asked[0]}: predicts the states of one campaign; leave --{name} out")
+            raise ConfigError(f"--{given[0]}: predicts the states of one campaign; leave --{name} out")
     if comparisons.baseline is not None:
         predicted = from_table(comparisons.baseline, case)
     else:
@@ -309,33 +309,15 @@ VERBS = (
                 "diagnosis is repeated for them",
             ),
             REPLACE,
-            option(
-                "--reference",
-                type=Path,
-                metavar="CASE",
-                help="an earlier campaign: report what has changed since",
-            ),
-            option(
-                "--holdout",
-                type=Path,
-                metavar="CASE",
-                help="a campaign (case folder or .mcap) to test the answer on",
-            ),
-            option(
-                "--baseline",
-                type=Path,
-                metavar="PREDICTED.csv",
-                help="predictions of another simulator: diagnose its gap",
-            ),
+            option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),
+            option("--holdout", type=Path, metavar="CASE", help="a campaign (case folder or .mcap) to test the answer on"),
+            option("--baseline", type=Path, metavar="PREDICTED.csv", help="predictions of another simulator: diagnose its gap"),
             option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
             WORKERS,
             SCHEDULER,
             OWN_EFFECTS,
         ),
-        examples=(
-            "lab diagnose runs/*.mcap --report diagnosis.html",
-            "lab diagnose case --json diagnosis.json --protocols next",
-        ),
+        examples=("lab diagnose runs/*.mcap --report diagnosis.html", "lab diagnose case --json diagnosis.json --protocols next"),
         page="docs/explanations/diagnosis.md",
     ),
 )

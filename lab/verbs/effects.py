@@ -44,6 +44,10 @@ DEFLECTIONS = np.linspace(0.0, 0.02, 9)
 """Of the specimen's length."""
 
 
+LEAST_CHANGE = 1e-5
+"""m or N; less is no signature."""
+
+
 @dataclass(frozen=True)
 class Signature:
     """What one effect at its plausible size does to what is read."""
@@ -92,20 +96,20 @@ def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> l
 
 
 def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
+    """The change by an effect of plausible size in the first of `models` (kind, columns of states, model) that shows it."""
     sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
     for how, columns, forward in models:  # noqa: B007 (used after the loop)
         theta = np.zeros(len(forward.parameters))
-        still = forward.predict(theta)
+        without = forward.predict(theta)
         theta[forward.index(spec.id)] = sizes
-        change = forward.predict(theta) - still
-        # m or N: less is no signature
-        if np.nanmax(np.abs(change)) > 1e-5:
+        change = forward.predict(theta) - without
+        if np.nanmax(np.abs(change)) > LEAST_CHANGE:
             break
     else:
         none = np.zeros((0, 0))
         return Signature(spec, "none", np.zeros(0), none, none[..., None], 0, 0.0)
-    wide = 1 if how == "stiffness" else 3
-    rows = change.reshape(-1, wide)
+    components = 1 if how == "stiffness" else 3  # of a force along its axis, or of the tip
+    rows = change.reshape(-1, components)
     x = columns["deflection"] if how == "stiffness" else columns["p1"]
     spine = np.asarray(columns["spine_length"], float)
     lengths = len(np.unique(spine))
@@ -115,9 +119,9 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
         how,
         np.unique(spine),
         np.asarray(x, float).reshape(lengths, -1),
-        rows.reshape(lengths, -1, wide),
+        rows.reshape(lengths, -1, components),
         axis,
-        _hidden(forward, change) if wide == 3 else 0.0,
+        _hidden(forward, change) if components == 3 else 0.0,
     )
 
 
@@ -131,7 +135,8 @@ def _hidden(forward: ForwardModel, change: Array) -> float:
 
 
 def _columns(robot: Robot, spines: Array, how: str) -> Columns:
-    """A campaign with chamber 1 and its neighbours; for stiffness trials, the bare spine at three lengths."""
+    """Columns of trials.csv of a campaign: at each spine length (m) chamber 1 and its neighbours up and down, read as `how` says;
+    for stiffness trials, the bare spine bent at three lengths of its own."""
     if how == "stiffness":
         spines = robot.length * np.array([0.25, 0.5, 0.75])
         n = DEFLECTIONS.size
@@ -186,6 +191,7 @@ def draw(effect_signatures: list[Signature], path: Path) -> Path:
 
 
 def _panel(axis: Axes, s: Signature) -> None:
+    """Draw one signature: a curve for each spine length, dashed on the way down."""
     stiffness = s.how == "stiffness"
     for x, y, colour in zip(s.x, s.shown, colours(len(s.x)), strict=True):
         top = int(np.argmax(x))
@@ -201,9 +207,9 @@ def _panel(axis: Axes, s: Signature) -> None:
 
 def _legend(s: Signature) -> list[Line2D]:
     lengths = zip(s.spine_length, colours(len(s.spine_length)), strict=True)
-    found = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
-    found.append(Line2D([], [], color="0.3", label="load"))
-    return [*found, Line2D([], [], color="0.3", ls=(0, (3, 2)), label="unload")]
+    handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
+    handles.append(Line2D([], [], color="0.3", label="load"))
+    return [*handles, Line2D([], [], color="0.3", ls=(0, (3, 2)), label="unload")]
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
@@ -225,6 +231,7 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
 
 
 def _table(effect_signatures: list[Signature], robot: str) -> Table:
+    """Effects by stage, with plausible size, how far each moves the tip, and what calibration would hide of it."""
     table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot}", title_justify="left")
     table.add_column("effect", no_wrap=True)
     table.add_column("plausible size")
@@ -236,9 +243,9 @@ def _table(effect_signatures: list[Signature], robot: str) -> Table:
             if i == 0:
                 table.add_section()
                 table.add_row(styled(stage, "bold"))
-            drawn = s.how != "none"
-            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if drawn else "nothing"
-            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and drawn else ""
+            visible = s.how != "none"
+            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if visible else "nothing"
+            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and visible else ""
             sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"
@@ -252,6 +259,7 @@ def _size(p: Parameter) -> str:
 
 
 def _as_dict(s: Signature) -> dict[str, object]:
+    """An effect and its signature as JSON has them; `rms` in m or N."""
     return {
         "id": s.effect.id,
         "stage": s.effect.stage,

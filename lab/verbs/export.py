@@ -56,7 +56,7 @@ Array = NDArray[np.float64]
 
 
 def write_inference(path: Path, answer: Diagnosis, robot: Robot) -> Path:
-    """Write the file; returns it. Raises ConfigError where xarray is not installed or nothing was weighed."""
+    """Write a diagnosis as NetCDF and return the path; raises ConfigError without xarray, or where nothing was weighed."""
     try:
         xarray = import_module("xarray")
         import_module("h5netcdf")
@@ -83,6 +83,7 @@ def write_inference(path: Path, answer: Diagnosis, robot: Robot) -> Path:
 
 
 def _posterior(xarray: Any, answer: Diagnosis, named: Ranked, shared: Mapping[str, Any]) -> Any:
+    """The Dataset `posterior`: (chains, draws) of each parameter of the hypothesis `named`, cut at its bounds where it leads."""
     leads = list(named.effects) == list(answer.detail.get("best_hypothesis", ()))
     cut = {s["name"]: s for s in answer.detail.get("sizes", ())} if leads else {}
     rng = np.random.default_rng(SEED)
@@ -91,12 +92,12 @@ def _posterior(xarray: Any, answer: Diagnosis, named: Ranked, shared: Mapping[st
         stated = cut.get(name, {"mean": p.value, "low": -np.inf, "high": np.inf})
         values = _drawn(stated["mean"], p.sd, stated["low"], stated["high"], rng)
         variables[name] = xarray.DataArray(values, dims=("chain", "draw"), attrs={"units": p.unit})
-    about = {
+    source_of_draws = {
         "hypothesis": " + ".join(named.effects), "probability": named.probability, "seed": SEED,
         "drawn_from": CUT if cut else NORMAL,
     }  # fmt: skip
     counts = {"chain": np.arange(CHAINS), "draw": np.arange(DRAWS)}
-    return xarray.Dataset(variables, coords=counts, attrs={**shared, **about})
+    return xarray.Dataset(variables, coords=counts, attrs={**shared, **source_of_draws})
 
 
 def _drawn(mean: float, sd: float, low: float, high: float, rng: np.random.Generator) -> Array:
@@ -110,6 +111,7 @@ def _drawn(mean: float, sd: float, low: float, high: float, rng: np.random.Gener
 
 
 def _evidence(xarray: Any, answer: Diagnosis, shared: Mapping[str, Any]) -> Any:
+    """The Dataset `evidence`: by hypothesis its probability, evidence, error, effects (1 or 0) and parameters (NaN: has none)."""
     ranking = answer.attribute.ranking
     sizes = {name: p.unit for r in ranking for name, p in r.parameters.items()}
     effects = sorted({e for r in ranking for e in r.effects})
@@ -185,8 +187,8 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
         "datePublished": datetime.now(UTC).date().isoformat(), "hasPart": _ids(graph), "about": _ids(robot[:1]),
         "mentions": _ids([a for a in actions if a["@type"] == "CreateAction"]),
     }  # fmt: skip
-    about = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
-    whole = {"@context": CONTEXT, "@graph": [about, root, *graph, *columns, *robot, *actions]}
+    crate = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
+    whole = {"@context": CONTEXT, "@graph": [crate, root, *graph, *columns, *robot, *actions]}
     replaced(folder / METADATA, json.dumps(whole, indent=1) + "\n")
     return folder / METADATA
 
@@ -197,6 +199,7 @@ def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _file(path: Path, recorded: Info | None) -> dict[str, Any]:
+    """The entry of one file; of a recording with its streams, of a diagnosis with its statement."""
     about: dict[str, Any] = {
         "@id": path.name, "@type": "File", "name": path.name,
         "encodingFormat": FORMATS.get(path.suffix.lower(), "application/octet-stream"), "contentSize": str(path.stat().st_size),
@@ -226,7 +229,7 @@ def _robot(path: Path) -> list[dict[str, Any]]:
 
 
 def _actions(files: Collection[str], recordings: Mapping[str, Info]) -> list[dict[str, Any]]:
-    """The software, the instruments, and which file was made by what."""
+    """Entries of the software, the instruments and operators of recordings, and of who or what made which file."""
     commit = source()["commit"]
     software = {"@id": "#software", "@type": "SoftwareApplication", "name": NAME, "softwareVersion": installed()}
     things: list[dict[str, Any]] = [software | ({"identifier": commit} if commit else {})]
@@ -268,7 +271,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
 
 
 def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """What was written, and the table of trials where it is one."""
+    """Write inputs in a form; returns the files written, and the table of trials where the form has one. Raises ConfigError."""
     cases = [p for p in inputs if p.is_dir()]
     names = dict(zip(inputs, names_apart(inputs), strict=True))
     if form == "crate":
@@ -317,7 +320,8 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """One folder with everything that a reader of a paper needs, described."""
+    """Copy a case, or recordings as a case, and all further files into a crate; returns the files and the table of trials.
+    Raises ConfigError for several cases, for none, and for two files of one name."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
@@ -331,14 +335,14 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
         write_csv(table, folder / "trials.csv")
-    beside = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    every = [folder / "robot.yaml", folder / "trials.csv", *beside, *files]
-    twice = next((p for i, p in enumerate(every) if any(p.name == q.name for q in every[:i])), None)
+    further = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
+    contents = [folder / "robot.yaml", folder / "trials.csv", *further, *files]
+    twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
     infos = {file: summary(path) for file, path in recordings.items()}
-    metadata = write_crate(folder, every, table, infos, cases[0].resolve().name if cases else name)
-    return [metadata, *(folder / p.name for p in every)], table
+    metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
+    return [metadata, *(folder / p.name for p in contents)], table
 
 
 def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:

@@ -59,7 +59,7 @@ PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 
 
 def serve(a: argparse.Namespace) -> Result:
-    """Run until Ctrl-C."""
+    """Run fakes until Ctrl-C, and write or print the rig.yaml that reaches them; --list-effects only lists effects."""
     if a.list_effects:
         sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
         sheet.add_column("effect", no_wrap=True)
@@ -150,9 +150,9 @@ def _demand_agreement(instruments: Mapping[str, Any]) -> None:
 
 def _rig(a: argparse.Namespace) -> FakeRig:
     """The fakes that the options ask for; raises ConfigError."""
-    others = {role: getattr(a, role) for role in ("arm", "force", "valve", "gauge", "mocap")}
+    other_drivers = {role: getattr(a, role) for role in ("arm", "force", "valve", "gauge", "mocap")}
     for name, role, driver in (("regulators", "pressure", a.regulators), ("spine", "spine", a.spine),
-                               *((role, role, driver) for role, driver in others.items())):  # fmt: skip
+                               *((role, role, driver) for role, driver in other_drivers.items())):  # fmt: skip
         _asked(f"--{name} {driver}", role, driver)
     sensors = {}
     for setting in a.sensor:
@@ -170,7 +170,7 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             seed=a.seed,
             regulators=how,
             spine=a.spine if robot is None or robot.spine is not None else "",
-            others=others,
+            others=other_drivers,
             sensors=sensors,
             known=found_fakes().usable,
         )
@@ -181,7 +181,8 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 
 def played(robot: Robot) -> RobotTruth:
-    """The virtual robot that has the geometry and the material of a robot.yaml; an area factor by length is taken at 0."""
+    """The virtual robot that has the geometry and the material of a robot.yaml, an area factor by spine length at the shortest
+    one; raises ConfigError for a robot that the fakes cannot simulate."""
     factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:

@@ -54,7 +54,7 @@ class WithEffects:
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
-    """The calibration; with a folder also write the calibrated robot.yaml."""
+    """Calibrate the robot of a case without its effects; with a folder also write the calibrated robot.yaml."""
     if folder is not None:
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
@@ -79,34 +79,33 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace
 
 
 def fit_with(
-    inputs: Sequence[Path], robot: Path | None, asked: WithEffects, folder: Path | None, replace: bool = False
+    inputs: Sequence[Path], robot: Path | None, wanted: WithEffects, folder: Path | None, replace: bool = False
 ) -> Result:
-    """Area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
+    """Fit area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
 
-    Raises ConfigError, BadEffect, RecordingError.
-    """
-    if asked.samples < 0:
-        raise ConfigError(f"--samples {asked.samples}: must be at least 1")
-    if asked.samples and folder is None:
-        raise ConfigError(f"--samples {asked.samples}: needs --out FOLDER to write the robots into")
+    Raises ConfigError, BadEffect, RecordingError."""
+    if wanted.samples < 0:
+        raise ConfigError(f"--samples {wanted.samples}: must be at least 1")
+    if wanted.samples and folder is None:
+        raise ConfigError(f"--samples {wanted.samples}: needs --out FOLDER to write the robots into")
     if folder is not None:
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    effects, left_out = catalogue(case.robot, asked.file)
+    effects, left_out = catalogue(case.robot, wanted.file)
     note(left_out)
     diagnosed = _diagnosed(inputs)
     start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
     with Screen("fitting") as screen:
-        fitted = fit_effects(case, asked.effects, effects, screen.step, asked.residual, start)
+        fitted = fit_effects(case, wanted.effects, effects, screen.step, wanted.residual, start)
     note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
-            if asked.samples:
-                names, values, robots = drawn(fitted.robot, effects, asked.samples, asked.seed)
+            if wanted.samples:
+                names, values, robots = drawn(fitted.robot, effects, wanted.samples, wanted.seed)
                 samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
                     for k, _ in enumerate(samples, 1):
@@ -149,13 +148,13 @@ def effects_sheet(f: Fitted) -> Sheet:
     """The fitted parameters as a table, in the units in which people read them."""
     named = " + ".join(f.effects) or "no effect"
     t = Sheet("parameter", "value", title=f"Robot with {named} (± standard deviation)", title_justify="left")
-    before = ""
+    last_group = ""
     for name, p in f.parameters.items():
         kind = name.partition(".")[0]
         group = "effect" if kind in f.effects else "tolerance" if "." in name else "area"
-        if before and group != before:
+        if last_group and group != last_group:
             t.add_section()
-        before = group
+        last_group = group
         value = Value(p.value, p.sd, p.unit, name not in f.undetermined)
         t.add_row(name, sized(value, f.robot.actuators.words))
     return t
@@ -193,7 +192,8 @@ def sheet(c: Calibration) -> Sheet:
     areas += [("tolerances", "all", c.area_factor)] if c.area_factor else []
     factor = c.robot.actuators.words.area_factor
     for kind, where, a in areas:
-        rows.append((f"{factor}, {kind}", where, _plain(a.factor), str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
+        value = f"{a.factor.value:.3f} ± {a.factor.standard_error:.3f}"
+        rows.append((f"{factor}, {kind}", where, value, str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
     spine = c.robot.spine is not None
     columns = ("parameter", *(("spine",) if spine else ()), "value", "states", "residual")
     t = Sheet(*columns, title="Calibration (± standard error)", title_justify="left")
@@ -215,10 +215,6 @@ def baseline_line(c: Calibration, area: AreaFit) -> str:
 
 def _mpa(e: Estimate) -> str:
     return f"{e.value / 1e6:.3f} ± {e.standard_error / 1e6:.3f} MPa"
-
-
-def _plain(e: Estimate) -> str:
-    return f"{e.value:.3f} ± {e.standard_error:.3f}"
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -256,13 +252,7 @@ VERBS = (
                 help="fit these effects too, and write them into robot.yaml",
             ),
             option("--residual", action="store_true", help="learn what the model still misses, for predictions"),
-            option(
-                "--samples",
-                type=int,
-                default=0,
-                metavar="N",
-                help="with --with: write N robots drawn from the posterior",
-            ),
+            option("--samples", type=int, default=0, metavar="N", help="with --with: write N robots drawn from the posterior"),
             option("--seed", type=int, default=0, help="seed of --samples (default 0)"),
             OWN_EFFECTS,
         ),
@@ -280,8 +270,7 @@ LEAST_AREA, MOST_AREA = 1e-6, 20.0
 def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) -> tuple[tuple[str, ...], Array, list[Robot]]:
     """Names (k), values (n, k) and robots (n) of the normal posterior cut at the parameters' bounds.
 
-    Raises ConfigError for a robot of which nothing is uncertain.
-    """
+    Raises ConfigError for a robot of which nothing is uncertain."""
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
@@ -291,18 +280,18 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0
     mean = np.array([stated[n].value if n in stated else area for n in names], np.float64)
-    half = np.asarray(np.linalg.cholesky(covariance), np.float64)
+    root = np.asarray(np.linalg.cholesky(covariance), np.float64)
     rng = np.random.default_rng(seed)
-    values = np.array([_within(mean, half, limits, rng) for _ in range(n)])
+    values = np.array([_within(mean, root, limits, rng) for _ in range(n)])
     return names, values, [robot.with_values(dict(zip(names, row, strict=True))) for row in values.tolist()]
 
 
-def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -> Array:
+def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -> Array:
+    """(k,) of a normal with covariance `root` `root`^T, drawn until within `limits` (k, 2), or cut there after 1000 draws."""
     low, high = limits[:, 0], limits[:, 1]
     value = mean
-    # then those that do not lie within their bounds are put on them
     for _ in range(1000):
-        value = mean + half @ rng.normal(size=len(mean))
+        value = mean + root @ rng.normal(size=len(mean))
         if ((value >= low) & (value <= high)).all():
             break
     return np.clip(value, low, high)
@@ -311,8 +300,7 @@ def _within(mean: Array, half: Array, limits: Array, rng: np.random.Generator) -
 def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = "") -> Iterator[Path]:
     """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit.
 
-    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`.
-    """
+    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`."""
     rows: list[list[object]] = [["file", *names]]
     width = max(4, len(str(len(robots))))
     for k, (row, robot) in enumerate(zip(values.tolist(), robots, strict=True), 1):

@@ -63,7 +63,7 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
 
 
 def told(made: Imported, folder: Path) -> Result:
-    """What was made, and of what."""
+    """The result of an import: states, trials, columns, notes and questions, the files written and those read."""
     trials = len(set(made.table.trial.tolist()))
     written = [str(folder / name) for name in OWN]
 
@@ -79,7 +79,8 @@ def told(made: Imported, folder: Path) -> Result:
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The first file, or files with pressures and tip together, of which a map can be proposed; else raises ConfigError."""
+    """The columns of the first file that names pressures and tip, else of the files that together do, joined in time, else of the
+    first of which a map can be made out all the same; with the map proposed for them. Raises ConfigError."""
     failed: list[ConfigError] = []
     tables: list[Series] = []
     for path in inputs:
@@ -98,8 +99,8 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
     kinds = [lacks(series, robot) for series in tables]
     if tables and not frozenset.intersection(*kinds):
         streams = [stream_of(series, series.path.name)[0] for series in tables]
-        lead, others = experiments(streams, kinds, lambda kind: "tip" not in kind)[0]
-        series = joined(lead, others)
+        lead, companions = experiments(streams, kinds, lambda kind: "tip" not in kind)[0][0]
+        series = joined(lead, companions)
         return series, guess_map(series, robot)
     for series in tables:
         try:
@@ -180,11 +181,7 @@ VERBS = (
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
             option(
-                "--out",
-                type=Path,
-                required=True,
-                metavar="FOLDER",
-                help="case folder to write; with --guess: where the map goes",
+                "--out", type=Path, required=True, metavar="FOLDER", help="case folder to write; with --guess: where the map goes"
             ),
             REPLACE,
         ),

@@ -47,6 +47,8 @@ NO_INTERVAL = (
     "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
 )
 PICTURES = (".svg", ".png", ".pdf")
+LOWEST_PRESSURE = 1e3
+"""Pa; a table whose highest pressure is below is in kPa or bar."""
 
 
 @dataclass(frozen=True)
@@ -64,26 +66,26 @@ class PredictionFiles:
 
 
 def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Path | None = None) -> Result:
-    """Predict states, those of a trial in their order. Raises ConfigError, ModelError."""
+    """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     outputs.demand_writable()
     catalogue = stated_by(robot, effects)
     _demand_columns(robot, states)
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
-    kept = {name: column[bent] for name, column in states.items() if name != "protocol"}
-    _beyond(robot, kept)
+    bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
+    _beyond(robot, bending)
     unsolved = int((~prediction.converged).sum())
     missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium: no tip is given" if unsolved else ""
 
     def draw(path: Path) -> None:
         from ..pages.figures import tips
 
-        highest = _pressures(robot, kept).max(axis=1)
-        tips(highest, np.asarray(kept["spine_length"], float), prediction, path, robot.actuators.words)
+        highest = _pressures(robot, bending).max(axis=1)
+        tips(highest, np.asarray(bending["spine_length"], float), prediction, path, robot.actuators.words)
 
     return _result(
-        robot, outputs, "states", prediction_rows(kept, prediction), lambda: _sheet(robot, kept, prediction), draw, missing
+        robot, outputs, "states", prediction_rows(bending, prediction), lambda: _sheet(robot, bending, prediction), draw, missing
     )
 
 
@@ -91,13 +93,14 @@ def _result(
     robot: Robot, outputs: PredictionFiles, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
     draw: Callable[[Path], None], missing: str,
 ) -> Result:  # fmt: skip
-    """Write what is wanted, and tell; `missing`: what there is no answer for."""
+    """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
     if outputs.csv is not None:
         outputs.csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if outputs.figure is not None:
         draw(outputs.figure.resolve())
     written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
-    interval = _interval(robot) if states_uncertainty(robot) else None
+    covered = robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
+    interval = covered if states_uncertainty(robot) else None
 
     def show() -> None:
         out.print(sheet())
@@ -109,8 +112,8 @@ def _result(
         if missing:
             out.print(missing)
 
-    about = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
-    return Result({**about, "files": written, kind: rows}, show)
+    head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
+    return Result({**head, "files": written, kind: rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -167,10 +170,9 @@ def invert(
 
 
 def table_states(path: Path, words: Words) -> Columns:
-    """What a table says was or will be done to the robot: trials.csv, or a table with p1 .. and spine_length alone.
+    """Columns (SI) of the states in a table: trials.csv, or one with p1 .. and spine_length (default 0) alone.
 
-    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit.
-    """
+    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit. Raises ConfigError, also for pressures too low for Pa."""
     example = f"p1 [{words.unit}]"
     columns = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {example} .., and spine_length (m)")
     for name in [name for name in columns if "[" in name]:
@@ -184,8 +186,7 @@ def table_states(path: Path, words: Words) -> Columns:
     n = len(next(iter(columns.values())))
     columns.setdefault("spine_length", np.zeros(n))
     highest = {name: float(np.nanmax(np.abs(column))) for name, column in columns.items() if re.fullmatch(r"p\d+", name)}
-    # such a table is in kPa or bar
-    if highest and 0 < max(highest.values()) < 1e3:
+    if highest and 0 < max(highest.values()) < LOWEST_PRESSURE:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
             f"{path}: column {name}: the highest {words.pressure} is {highest[name]:g} Pa, which looks like another "
@@ -291,12 +292,8 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
-def _interval(robot: Robot) -> str:
-    """What the interval covers."""
-    return robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
-
-
 def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:
+    """The first states and their predicted readings (± half of the interval, mm) as a table."""
     low, high = prediction.interval()
     pressures, words = _pressures(robot, states), robot.actuators.words
     count = pressures.shape[1]
@@ -318,6 +315,7 @@ def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:
 
 
 def _inverse_sheet(wanted: Array, reached: Reached, robot: Robot) -> Sheet:
+    """The first targets, (n, 3) m, whether each is reached, and what to ask of the robot for it, as a table."""
     words, spine = robot.actuators.words, robot.spine is not None
     low, high = reached.prediction.interval(model_only=True)
     columns = ("target, mm", "there", *(("spine",) if spine else ()), f"{words.unit} ({words.actuators})")

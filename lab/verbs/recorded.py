@@ -54,6 +54,7 @@ def _by_file(found: Sequence[tuple[Path, dict[str, Any]]]) -> object:
 
 
 def _show(file: Path, s: Info) -> None:
+    """Print what a recording holds: streams and their rates, how it ended, attachments, damage, requests, sensors, clocks."""
     speed, nominal = _rig_of(file)
     t = Sheet(title=str(file), title_justify="left", box=None, padding=(0, 1, 0, 0))
     t.add_column("topic", no_wrap=True)
@@ -198,6 +199,7 @@ def recover(file: Path, target: Path | None) -> Result:
 
 
 def _show_recovered(r: Recovery) -> None:
+    """Print what was kept of a recording and what was lost."""
     out.print(f"{r.target}: {sum(r.messages.values())} messages, {r.seconds_kept:.3f} s")
     if r.complete:
         out.print("nothing was lost")
@@ -249,6 +251,7 @@ def runs(folder: Path, where: Sequence[str] = ()) -> Result:
 
 
 def _show_runs(listed: Sequence[RecordedRun]) -> None:
+    """Print runs as a table, or as lines where the terminal is too narrow, with those that continue others or are not whole."""
     columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
     rows = [
         (run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol,
@@ -261,7 +264,7 @@ def _show_runs(listed: Sequence[RecordedRun]) -> None:
         sheet.add_row(*row)
     if out.measure(sheet, options=out.options.update(max_width=10_000)).maximum <= out.width:
         out.print(sheet)
-    else:  # the same where a table would be too wide: each recording with two lines below its path
+    else:
         for path, start, duration, protocol, spines, states, outcome, lost, notes, labels in rows:
             spine = f", spine {spines} cm" if spines else ""
             noted = f", {notes} note{'s' if notes != '1' else ''}" if notes else ""

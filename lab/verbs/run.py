@@ -94,8 +94,7 @@ def job(
 ) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file.
-    """
+    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file."""
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
@@ -113,7 +112,9 @@ def job(
 def protocol_plan(
     protocol: str, settings: list[str], facts: RobotFacts, source: Source | None = None, of_file: Experiment | None = None
 ) -> tuple[Experiment, Parameters, Plan]:
-    """A protocol with its parameters and its plan, for a robot of which so much is known; raises ConfigError."""
+    """A protocol (by name or file) with its parameters, `settings` put in, and its plan; raises ConfigError.
+
+    `facts`: what is known of the robot; `source`: the protocol's file where it was read; `of_file`: a protocol of Python."""
     source = _with(source or source_of(protocol), settings)
     table = source.table
     name = table.get("protocol", protocol)
@@ -157,8 +158,7 @@ def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: S
     """Columns of trials.csv (name -> (n,) values, SI) of planned states; cells that do not apply are NaN or empty.
 
     `channels`: what will be measured (x, y, z, qw .., m1x .., force), as columns of zeros (qw of ones), for
-    `model.effects.design.design_from_columns`, which takes what is there as observed.
-    """
+    `model.effects.design.design_from_columns`, which takes what is there as observed."""
     names = {name for row in rows for name in row if name != "vacuum" or robot.spine is not None}
     columns: Columns = {}
     for name in sorted(names, key=lambda name: column_order(name) or ()):
@@ -247,8 +247,8 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     `rehearsing`: do the protocol's `run` at the desk, too."""
     j = job(protocol, rig_path, settings)
     p, speed = j.plan, j.rig.clock.speed
-    asked = margins(p, j.rig, j.rig.body)
-    if not any(m.name in ACTIVE for m in asked):
+    margins_asked = margins(p, j.rig, j.rig.body)
+    if not any(m.name in ACTIVE for m in margins_asked):
         note(
             [
                 f"{p.protocol}: no step asks for a pressure, a spine length or a push; check its parameters, such as "
@@ -256,12 +256,13 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
             ]
         )
     done = _rehearsed(j) if rehearsing else None
-    largest = [asdict(m) for m in asked]
+    largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
-    return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, asked, whole, done))
+    return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, margins_asked, whole, done))
 
 
 def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
+    """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
     times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
     out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
     if speed != 1:
@@ -284,7 +285,7 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 
 
 def _rehearsed(j: Job) -> dict[str, Any]:
-    """Do `run` at the desk; returns what it read, and where that differs from the plan. Raises BadProtocol."""
+    """Execute a protocol's `run` without instruments: states and trials read, differences from its plan. Raises BadProtocol."""
     rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
     differs = []
     chambers = wiring(j.rig, j.rig.body).count
@@ -367,7 +368,9 @@ def run(
     watched: bool = False,
     labels: Mapping[str, str] = MappingProxyType({}),
 ) -> Result:
-    """Run a protocol or resume a run. `labels`: text by name."""
+    """Run a protocol, or go on with the broken run `resume`; `labels`: text by name, `watched`: on a page in the browser.
+
+    Code 0: completed; 1: cut short or not safe; 3: done, but samples were lost or states are doubtful. Raises ConfigError."""
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
@@ -382,8 +385,8 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
-        if isinstance(none := last(rig_path, j.rig), str):
-            out.print(f"{UNCHECKED}: {none}; lab check --move --rig {rig_path}", soft_wrap=True)
+        if isinstance(why_unchecked := last(rig_path, j.rig), str):
+            out.print(f"{UNCHECKED}: {why_unchecked}; lab check --move --rig {rig_path}", soft_wrap=True)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -425,8 +428,7 @@ def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> st
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
     """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
 
-    `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already.
-    """
+    `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
     j = job(name, rig_path, [], source, of_file, rig)
@@ -466,8 +468,10 @@ def execute(
     page: Page | None = None,
     steering: Steering | None = None,
 ) -> Outcome:
-    """Run the experiment (or what is left of a broken one) on an opened rig: record, conclude, and land safe whatever
-    happens. `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do."""
+    """Run the experiment (or the remainder of a broken one) on an opened rig: record it, and land the rig whatever happens.
+
+    `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do. An error of the
+    experiment is in the outcome, not raised."""
     steering = Steering() if steering is None else steering
     started = time.time_ns()
     file = recording_of(folder, j.experiment.name, started)
@@ -493,7 +497,7 @@ def execute(
     if page is not None:
         page.show(file, steering.ask)
 
-    def keep(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
+    def record_request(kind: str, by: str, text: str, done: bool, trial: int, step: int) -> None:
         with contextlib.suppress(RecordingError):  # a file that fails ends the run by itself
             recorder.request(Request(rig.clock.now(), kind, by, text, done, trial, step))
 
@@ -501,19 +505,19 @@ def execute(
         journal,
         screen,
         Interrupts(screen.say, rig.actuators.pulse) as interrupts,
-        steering.of_run(keep, interrupts.finish, screen.say),
-        _keys(steering, screen) as asked,
+        steering.of_run(record_request, interrupts.finish, screen.say),
+        _keys(steering, screen) as ask_at_terminal,
     ):
         rig.stop_now = lambda: interrupts.now
-        displacements: list[str] = []
+        displaced: list[str] = []  # texts on what happened to the recording's file, as said up to here
 
         def stopping() -> bool:
-            displacements.extend(new := recorder.displaced[len(displacements) :])
+            displaced.extend(new := recorder.displaced[len(displaced) :])
             for text in new:
                 screen.say(text)
-            return bool(displacements) or interrupts.stopping()
+            return bool(displaced) or interrupts.stopping()
 
-        bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, asked)
+        bench = rig.bench(recorder, screen, stopping, j.experiment.needs, steering, ask_at_terminal)
         trials = Trials(bench, j.plan, journal, finished)
         rig.record_to(recorder)
         if page is not None:
@@ -522,25 +526,25 @@ def execute(
             j.experiment.run(bench, j.parameters, trials)
         except Stopped as e:
             error, outcome = e, "stopped"
-            if displacements and not interrupts.stopping():
-                error = Stopped(f"stopped after the present state: {'; '.join(displacements)}")
+            if displaced and not interrupts.stopping():
+                error = Stopped(f"stopped after the present state: {'; '.join(displaced)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
             error, outcome = _of_file(e, j.experiment), "failed"
         if interrupts.now:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
-        report = _make_safe(rig, screen, outcome == "completed")
+        safe = _make_safe(rig, screen, outcome == "completed")
         rig.record_to(None)
         for topic, n in rig.lost().items():
             _note_lost(recorder, topic, lost_before.get(topic, 0), n)
-        lost = _finish(recorder, outcome, str(error or ""), report)
+        lost = _finish(recorder, outcome, str(error or ""), safe)
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
         announce(j.rig_path, recorder.path)
     table = Table.stacked([*([] if broken is None else [broken.table]), Table.of(trials.rows)])
     asked_to_end = interrupts.stopping()
-    return Outcome(recorder.path, outcome, table, lost, report, error, asked_to_end, recorder.displaced)
+    return Outcome(recorder.path, outcome, table, lost, safe, error, asked_to_end, recorder.displaced)
 
 
 @contextlib.contextmanager

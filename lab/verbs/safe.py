@@ -104,7 +104,8 @@ def safe_all() -> Result:
 
 
 def _landed(rig_path: Path, clear: bool) -> RigLanding:
-    """Land one rig. Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
+    """Land one rig, by its guard or else by this process, and return what was reached; `clear`: unlock it when all is confirmed.
+    Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
     result = RigLanding()
     result.ask(names_of_path(rig_path), rig_path)
     # the rest is imported after the asking, which needs none of it
@@ -138,6 +139,7 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
 
 
 def _show(rig_path: Path, result: RigLanding) -> None:
+    """Print each instrument's step and whether the rig is safe or locked, with what to do."""
     from ..console import out, styled
 
     for step in result.steps:
@@ -155,7 +157,7 @@ def _show(rig_path: Path, result: RigLanding) -> None:
 
 
 def _ended(landed: Landed) -> list[str]:
-    """What is to be said of the guards that were asked; one that stands still is ended, if that is allowed."""
+    """Kill each believed guard that did not answer, where that is allowed; texts on what was done, and on guards in doubt."""
     texts = []
     for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
@@ -176,7 +178,8 @@ def _ended(landed: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
-    """Land what no guard has landed. Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
+    """Land (vent, stop, read back) the actuators that no guard has landed; steps and notes go to `result`; `clear`: then unlock.
+    Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
     from timing import RigClock
 
     from ..files.rig_file import rig_to_make_safe
@@ -187,18 +190,20 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
 
     readable = rig_to_make_safe(rig_path, recall(rig_path))
     result.notes += readable.notes
+    # the guard of another rig may own a line of this one
     result.ask(owned_names(readable.rig) - result.names - names_of_path(rig_path), rig_path)
     demand_running(readable.rig)
-    file, slowed = at_real_speed(_without(readable.rig, result.names))
-    result.notes += [slowed] if slowed else []
-    names = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
-    beyond = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
-    if names or not result.names:
-        unlock = clear and not beyond
-        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), names, "lab safe", unlock)
+    file, speed_note = at_real_speed(_without(readable.rig, result.names))
+    result.notes += [speed_note] if speed_note else []
+    actuators = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
+    unusable = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
+    if actuators or not result.names:
+        unlock = clear and not unusable
+        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), actuators, "lab safe", unlock)
         result.steps += report.steps
-    if beyond and not result.names:
-        result.steps += beyond
+    # only the guard of this rig knows what it landed; that of another rig on the same lines says nothing of these
+    if unusable and not result.names & names_of_path(rig_path):
+        result.steps += unusable
         with contextlib.suppress(OSError):
             latch.write(f"safe state not confirmed after: lab safe. {SafeReport(tuple(result.steps))}")
 

@@ -54,9 +54,9 @@ def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, 
             with contextlib.suppress(KeyboardInterrupt):
                 show.run(stay=True)
 
-    about = {"address": page.address, "file": str(file), "live": going_on}
-    about |= {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
-    return Result(about, lambda: _tell(file, going_on, page, other), then=serve)
+    data = {"address": page.address, "file": str(file), "live": going_on}
+    data |= {} if other is None else {"foxglove": other.address, "layout": str(LAYOUT)}
+    return Result(data, lambda: _tell(file, going_on, page, other), then=serve)
 
 
 def _follow(show: Show, rig: Path, file: Path) -> None:

@@ -38,8 +38,8 @@ class RodColumns:
 
     def __getitem__(self, column: int) -> Array:
         leader, factor = self.layout.follows.get(column, (column, 1.0))
-        found = self._of.get(leader, ZERO)
-        return found if factor == 1.0 else factor * found
+        values = self._of.get(leader, ZERO)
+        return values if factor == 1.0 else factor * values
 
     def __setitem__(self, column: int, values: Array | float) -> None:
         self._of[column] = values if isinstance(values, np.ndarray) and values.ndim == 2 else np.atleast_2d(values)
@@ -71,13 +71,13 @@ class RodColumns:
         return np.asarray(sum(self[self.layout.elements[e] + col.LENGTH] for e in self.layout.of_part[part]))
 
     def mean(self, part: int, column: int) -> Array:
-        """A stiffness of a part: that of a uniform one which is as compliant; where the part is empty, its first element's."""
-        own = [self.layout.elements[e] for e in self.layout.of_part[part]]
-        if len(own) == 1:
-            return self[own[0] + column]
+        """A stiffness (v or 1, n or 1) of a part: of a uniform one as compliant; where the part is empty, its first element's."""
+        starts = [self.layout.elements[e] for e in self.layout.of_part[part]]
+        if len(starts) == 1:
+            return self[starts[0] + column]
         long = self.length(part)
-        compliant = sum(self[e + col.LENGTH] / self[e + column] for e in own)
-        return np.where(long > 0, long / np.where(long > 0, compliant, 1.0), self[own[0] + column])
+        compliant = sum(self[e + col.LENGTH] / self[e + column] for e in starts)
+        return np.where(long > 0, long / np.where(long > 0, compliant, 1.0), self[starts[0] + column])
 
 
 def directions(layout: at.Layout, changed: Sequence[int]) -> Array:
@@ -130,10 +130,10 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
 
 def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> tuple[Array, Array, Array]:
     """Bending (N m^2), axial and lateral stiffness (N), (v, n) of v variants of n states, of a section of the body (m^2, m^4)
-    with spine, if there is one.
+    with the spine, if the robot has one.
 
     The paper gives the body's section one modulus, mixed by volume (`area_moments` = 0); with `area_moments` = 1 body and spine
-    have their own areas and moments, of which a spine that slides carries less stretch.
+    have their own areas and moments, and a sliding spine takes less of the stretch (`spine_sliding`).
     """
     body, ratio = q.body_modulus, q.robot.shear_modulus / q.robot.youngs_modulus
     if q.robot.spine is None:
@@ -166,66 +166,74 @@ def silicone_share(q: Quantities, area: float, second: float, bend: Array) -> Ar
 
 
 def _actuation(q: Quantities, out: RodColumns) -> None:
-    """Forces P A e3 at the tip (eq. 4); where the chambers wind, the moment turns with them along the arc.
+    """Force P A e3 and moment of the actuators at the tip (eq. 4), and what sections elsewhere have more or less of either.
 
-    With azimuth az + c s (1 + g s / L) the internal moment of actuation at s is the one at the base turned so far. The
-    tip carries that at s = L, and the difference is a rest curvature, expanded to third order in s over an element.
-    A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque. Where chambers
-    are wider or farther off the axis than at the tip, or end, the difference in moment and force is one of rest, too, and all
-    of it for tendons: what they press on their guides keeps their pull along the arc.
+    The rod carries force and moment of the tip's section all along; what another section has more or less of either is a rest
+    strain or a rest curvature there. So it is where chambers are wider or farther off the axis than at the tip, or end, and for
+    all that tendons do: the guides they press on keep their pull along the arc.
 
-    Gas in a bent chamber also presses on its longer outer wall, with P A kappa a length, away from the centre of the bend.
-    Where the body takes that up (share w), what is left of the gas on any part of it is P A e3(s) at its ends: each section
-    is stretched by P A along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it. Of that, share b
-    stretches nothing, and the moment is times 1 + w g (3 (s / L)^2 - 1).
+    Gas in a bent chamber also presses on its longer outer wall, with P A kappa per length, away from the centre of the bend.
+    Where the body takes that up (share w = `thrust_on_walls`), the gas in any part of it pushes with P A e3(s) at its ends: each
+    section is stretched along its own tangent, as by a rest strain w P A / EA, and no thrust at the tip bends it. Share b
+    (`thrust_borne`) of that stretches nothing.
     """
     push = q.pressure * q.area_factor
-    azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]
-    around = np.sin(azimuth) - 1j * np.cos(azimuth)
-    force, moment = _wrench(push, around, q.body.tip_area, q.body.path_radius[-1])
+    azimuth = q.azimuth + (q.twist * q.length * (1 + q.twist_growth))[..., None]  # at the tip
+    unit_moments = np.sin(azimuth) - 1j * np.cos(azimuth)
+    force, moment = _wrench(push, unit_moments, q.body.tip_area, q.body.path_radius[-1])
     out[col.TIP_FORCE + 2] = (1 - q.thrust_on_walls) * force
     out[col.TIP_MOMENT] = moment.real
     out[col.TIP_MOMENT + 1] = moment.imag
-    same = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
+    as_at_tip = [bool((a == q.body.tip_area).all() and r == q.body.path_radius[-1])
             for a, r in zip(q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
-    if q.thrust_on_walls.any() or not all(same):
+    if q.thrust_on_walls.any() or not all(as_at_tip):
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-            of_piece = force if same[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
-            stretching = of_piece - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * of_piece
+            own_force = force if as_at_tip[piece] else (push * q.body.chamber_area[piece]).sum(axis=-1)
+            stretching = own_force - (1 - q.thrust_on_walls) * force - q.thrust_on_walls * q.thrust_borne * own_force
             out.add(element + col.REST_STRAIN + 2, stretching / out[element + col.STRETCH + 2])
+    moments = [moment if same else _wrench(push, unit_moments, area, radius)[1]
+               for same, area, radius in zip(as_at_tip, q.body.chamber_area, q.body.path_radius, strict=True)]  # fmt: skip
+    if q.twist.any() or (q.thrust_on_walls * q.thrust_growth).any() or not all(as_at_tip):
+        _rest_of_moments(q, out, moments, moment)
+
+
+def _rest_of_moments(q: Quantities, out: RodColumns, moments: Sequence[Complex], at_tip: Complex) -> None:
+    """Add (m(s) - `at_tip`) / EI as rest curvature, m the actuators' moment (x + i y, N m) at s.
+
+    With azimuth az + c s (1 + g s / L), m(s) is the moment of the piece (`moments`, as if aligned like at the tip) turned back by
+    what the chambers wind from s to L, times 1 + w h (3 (s / L)^2 - 1), h = `thrust_growth`; to third order in s over an element.
+    A cut across the body meets the pressure at right angles however the chambers lean, so there is no torque.
+    """
     uneven = q.thrust_on_walls * q.thrust_growth
-    if not q.twist.any() and not uneven.any() and all(same):
-        return
-    bottom = np.zeros((1, 1))
+    bottom = np.zeros((1, 1))  # m, arc length at which the element begins
     for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
-        long = out[element + col.LENGTH]
+        length = out[element + col.LENGTH]
         growth = q.twist_growth / q.length
         a0 = q.twist * (bottom * (1 + growth * bottom) - q.length * (1 + q.twist_growth))
-        a1, a2 = q.twist * long * (1 + 2 * growth * bottom), q.twist * growth * long**2
-        of_piece = moment if same[piece] else _wrench(push, around, q.body.chamber_area[piece], q.body.path_radius[piece])[1]
-        # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x; less what the tip carries.
-        turned = np.exp(1j * a0) * of_piece / out[element + col.BEND]
+        a1, a2 = q.twist * length * (1 + 2 * growth * bottom), q.twist * growth * length**2
+        # exp(i (a0 + a1 x + a2 x^2)) about a0, times b0 + b1 x + b2 x^2, to third order in x = 0..1 along the element
+        curvature = np.exp(1j * a0) * moments[piece] / out[element + col.BEND]
         c1, c2, c3 = 1j * a1, 1j * a2 - a1**2 / 2, -a1 * a2 - 1j * a1**3 / 6
-        b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * long / q.length**2,
-                      uneven * 3 * (long / q.length) ** 2)  # fmt: skip
+        b0, b1, b2 = (1 + uneven * (3 * (bottom / q.length) ** 2 - 1), uneven * 6 * bottom * length / q.length**2,
+                      uneven * 3 * (length / q.length) ** 2)  # fmt: skip
         powers = (
-            turned * b0 - moment / out[element + col.BEND],
-            turned * (b0 * c1 + b1),
-            turned * (b0 * c2 + b1 * c1 + b2),
-            turned * (b0 * c3 + b1 * c2 + b2 * c1),
+            curvature * b0 - at_tip / out[element + col.BEND],
+            curvature * (b0 * c1 + b1),
+            curvature * (b0 * c2 + b1 * c1 + b2),
+            curvature * (b0 * c3 + b1 * c2 + b2 * c1),
         )
         for power, rise in enumerate(powers):
             column = element + (col.REST_CURVATURE if power == 0 else col.RISE + 3 * (power - 1))
             out.add(column, rise.real)
             out.add(column + 1, rise.imag)
-        bottom = bottom + long
+        bottom = bottom + length
 
 
-def _wrench(push: Array, around: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
-    """Force (v, n) N and moment x + i y (v, n) N m of pressures times area factors (v, n, actuators) on areas, m^2; `around` are
-    the moments of a unit force at a unit distance."""
+def _wrench(push: Array, unit_moments: Complex, area: Array, path_radius: float) -> tuple[Array, Complex]:
+    """Force (v, n) N and moment x + i y (v, n) N m of pressures times area factors (v, n, actuators) on areas, m^2;
+    `unit_moments` are those of a unit force at a unit distance."""
     pushes = push * area
-    return pushes.sum(axis=-1), path_radius * (around * pushes).sum(axis=-1)
+    return pushes.sum(axis=-1), path_radius * (unit_moments * pushes).sum(axis=-1)
 
 
 def _loads(q: Quantities, out: RodColumns) -> None:
@@ -259,16 +267,16 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
     # skin and mounting give a little
     out[wall + col.SPRING_SOFTNESS] = q.robot.length / 200
-    last = q.layout.elements[-1]
-    curvature = [out[col.TIP_MOMENT + k] / out[last + col.BEND] for k in range(2)]
+    last_element = q.layout.elements[-1]
+    curvature = [out[col.TIP_MOMENT + k] / out[last_element + col.BEND] for k in range(2)]
     thrust = out[col.TIP_FORCE + 2]
-    b = q.plane_lever * (1 + thrust / out[last + col.STRETCH + 2])
-    turned = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
-    x = thrust / out[last + col.BEND] * b**2
-    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turned / 12)
+    b = q.plane_lever * (1 + thrust / out[last_element + col.STRETCH + 2])
+    turn_squared = (curvature[0] ** 2 + curvature[1] ** 2) * b**2
+    x = thrust / out[last_element + col.BEND] * b**2
+    by_curvature = b**2 * (1 / 2 + x / 24 + x**2 / 720) * (1 - turn_squared / 12)
     out[wall + col.SPRING_ARM] = -by_curvature * curvature[1]
     out[wall + col.SPRING_ARM + 1] = by_curvature * curvature[0]
-    out[wall + col.SPRING_ARM + 2] = b * (1 - turned / 6)
+    out[wall + col.SPRING_ARM + 2] = b * (1 - turn_squared / 6)
 
 
 def _payload(q: Quantities, out: RodColumns) -> None:

@@ -101,14 +101,14 @@ def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(of_trial[np.searchsorted(numbers, trial)], np.int64)
 
 
-def _progress(t: Array, trial: NDArray[np.int64], own: Flags) -> Array:
-    """Part 0..1 (n,) of the campaign past at the robot's `own` states, by time where trials follow each other, else by trial."""
+def _progress(t: Array, trial: NDArray[np.int64], of_robot: Flags) -> Array:
+    """Part 0..1 (n,) of the campaign past at the states `of_robot`, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
-    if own.any():
-        begins = np.array([t[own & (trial == k)][0] for k in np.unique(trial[own])])
-        usable = np.isfinite(t[own]).all() and bool((np.diff(begins) > 0).all())
-        passed = t[own] if usable else trial[own].astype(float)
-        out[own] = (passed - passed.min()) / max(float(np.ptp(passed)), 1e-9)
+    if of_robot.any():
+        begins = np.array([t[of_robot & (trial == k)][0] for k in np.unique(trial[of_robot])])
+        usable = np.isfinite(t[of_robot]).all() and bool((np.diff(begins) > 0).all())
+        passed = t[of_robot] if usable else trial[of_robot].astype(float)
+        out[of_robot] = (passed - passed.min()) / max(float(np.ptp(passed)), 1e-9)
     return out
 
 
@@ -117,20 +117,20 @@ def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
 
     Returns also (trials,) the row at which each trial is at rest: its own first state when that is without pressure.
     """
-    extra: list[int] = []
-    rest = np.zeros(len(design.trial_id), np.int64)
-    for k in range(len(rest)):
+    first_states: list[int] = []
+    rest_row = np.zeros(len(design.trial_id), np.int64)
+    for k in range(len(rest_row)):
         of_trial = np.flatnonzero((design.trial == k) & ~design.stiffness)
         if not of_trial.size:
             continue
-        rest[k] = of_trial[0]
+        rest_row[k] = of_trial[0]
         if np.abs(design.pressure[of_trial[0]]).max() > REST * design.pressure.max():
-            rest[k] = len(design) + len(extra)
-            extra.append(int(of_trial[0]))
-    extended = design[np.concatenate([np.arange(len(design)), np.array(extra, int)])]
+            rest_row[k] = len(design) + len(first_states)
+            first_states.append(int(of_trial[0]))
+    extended = design[np.concatenate([np.arange(len(design)), np.array(first_states, int)])]
     extended.pressure[len(design) :] = 0.0
     extended.hold[len(design) :] = HOLD
-    return extended, rest
+    return extended, rest_row
 
 
 def with_own_rest(states: States) -> States:
@@ -199,23 +199,23 @@ def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:
 def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
     ids: list[int] = []
-    trial, known = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
+    trial, number_of = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()
     for row, key in enumerate(zip(np.asarray(numbers).astype(int).tolist(), np.round(spine_length, 4).tolist(), strict=True)):
-        if key not in known:
-            known[key] = len(ids)
+        if key not in number_of:
+            number_of[key] = len(ids)
             ids.append(key[0])
-        trial[row] = known[key]
+        trial[row] = number_of[key]
     return np.array(ids, np.int64), trial
 
 
 def _channels(robot: Robot, columns: Columns, stiffness: Flags) -> tuple[str, ...]:
-    found: list[str] = []
+    names: list[str] = []
     if not stiffness.all():
-        found += [name for name in TIP if name in columns]
+        names += [name for name in TIP if name in columns]
         if all(name in columns for name in QUATERNION):
-            found += TURN
+            names += TURN
         for k in range(1, len(robot.markers) + 1):
-            found += [name for name in (f"m{k}x", f"m{k}y", f"m{k}z") if name in columns]
+            names += [name for name in (f"m{k}x", f"m{k}y", f"m{k}z") if name in columns]
     if stiffness.any() and "force" in columns:
-        found.append("force")
-    return tuple(found)
+        names.append("force")
+    return tuple(names)

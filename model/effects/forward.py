@@ -85,8 +85,8 @@ class InputChange:
 
 
 @dataclass(frozen=True)
-class _Beside:
-    """Variants close to a point, one for each of some slots or changes; all before the rod."""
+class _Varied:
+    """Variants of a point up to the rows of their rods: one for each of some slots, a step away, and one for each change."""
 
     spread: Spread
     by_row: Array
@@ -98,7 +98,7 @@ class _Beside:
     change: Array
     """(full, v, a) by how much, per unit of the parameter."""
     moves: bool
-    """Whether any of them enters before the rod."""
+    """Whether any of them changes quantities before the rod."""
     remembers: bool
     """Whether any of them adds memory of its own."""
     reads: bool
@@ -144,20 +144,20 @@ class ForwardModel:
         self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, robot.uncertainty.stated))
         self._every_law = every_law
         self._path = loading_path(design, rest_of)
-        moved = ~design.stiffness
+        of_robot = ~design.stiffness
         factor = robot.area_factor_at(full.spine_length)
         if area_factor is not None:
             factor = np.full(len(full), area_factor)
-        elif area == "one" and moved.any():
-            factor = np.full(len(full), factor[: len(design)][moved].mean())
+        elif area == "one" and of_robot.any():
+            factor = np.full(len(full), factor[: len(design)][of_robot].mean())
         self._place(design, full, factor, np.array(robot.markers[: design.markers]))
         if plane_direction is None:
             plane_direction = obstacle_direction(robot)
         nominal = self._rows(rod_columns(self._baseline, self._shear))
         self._steps = integration_steps(self._layout, nominal)
-        self._start = first = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
-        tips = first.result[: self._moved_rows.size]
-        side = tips[first.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
+        self._start = solved = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
+        tips = solved.result[: self._moved_rows.size]
+        side = tips[solved.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
@@ -169,15 +169,15 @@ class ForwardModel:
 
     @classmethod
     def of_single_states(cls, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> ForwardModel:
-        """The model of states that are each reached from rest by one ramp, with what robot.yaml states; `at` gives it states.
+        """The model of states that are each reached from rest by one ramp, with the effects of robot.yaml; `at` gives it states.
 
         A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
         """
         model = cls.__new__(cls)
         model.scales = scales(robot)
         effects = {id: spec.of(model.scales) for id, spec in stated_effects(robot, catalogue).items()}
-        one = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
-        model._vary(robot, one, "per_length", effects, single_sources(robot, tuple(effects.values())))
+        one_state = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
+        model._vary(robot, one_state, "per_length", effects, single_sources(robot, tuple(effects.values())))
         if "contact" in effects and obstacle_direction(robot) is None:
             raise BadRobot(
                 f"robot {robot.name!r}: effects.contact needs obstacle_azimuth_deg, the direction in which the obstacle stands"
@@ -201,19 +201,19 @@ class ForwardModel:
         catalogue: Mapping[str, EffectSpec],
         varied: tuple[VariationSource, ...],
     ) -> None:
-        """Lay out the parameters of `varied`."""
+        """Lay out the parameters of `varied`, and their laws and those of the robot's own effects in the catalogue's order."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
         self._steps, self._start = None, None
         self._table = parameter_table(full, varied)
         self._fixed = fixed_laws(robot, catalogue)
         rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
-        places: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
-        places |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
+        rank_of: dict[int | str, int] = {id: rank.get(id, len(rank)) for id in self._fixed}
+        rank_of |= {i: rank.get(s.spec.id, len(rank)) for i, s in enumerate(self._table.sources)}
         # the sort is stable: tolerances stay behind effects, in their own order
-        order = sorted(places, key=places.__getitem__)
-        every = [(k, self._fixed[k][0] if isinstance(k, str) else self._table.sources[k].spec.law) for k in order]
+        order = sorted(rank_of, key=rank_of.__getitem__)
+        laws = [(k, self._fixed[k][0] if isinstance(k, str) else self._table.sources[k].spec.law) for k in order]
         self._laws_of = {
-            part: [(k, do) for k, law in every if (do := getattr(law, part)) is not None] for part in ("before", "path", "after")
+            part: [(k, do) for k, law in laws if (do := getattr(law, part)) is not None] for part in ("before", "path", "after")
         }
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
@@ -224,8 +224,7 @@ class ForwardModel:
         self._direction = np.array([1.0, 0.0]) if direction is None else direction
         self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
         self._sd = np.array([p.sd for p in self.parameters])
-        low, high = np.array([[p.low, p.high] for p in self._table.infos]).T
-        self._low, self._high = low, high
+        self._low, self._high = np.array([[p.low, p.high] for p in self._table.infos]).T
         self._memory_sizes = {
             k
             for k, p in enumerate(self._table.infos)
@@ -263,11 +262,11 @@ class ForwardModel:
 
     def index(self, source: str) -> list[int]:
         """Indices of the parameters of an effect, tolerance or calibration by its id."""
-        found = self._table.of_effect(source)
-        if not found:
-            known = sorted({p.source for p in self.parameters})
-            raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(known)}")
-        return found
+        indices = self._table.of_effect(source)
+        if not indices:
+            sources = sorted({p.source for p in self.parameters})
+            raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(sources)}")
+        return indices
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(observations,) at parameters (p,); NaN where a state has no equilibrium.
@@ -288,10 +287,10 @@ class ForwardModel:
         wanted = tuple(slots[name] for name in quantities if name in slots)
         here = self._differentiable(self._checked(theta), wanted)
         every = partial(channels, reference=here.readings.orientation[0])
-        found = self._slopes(here, wanted, every, change)[:, : len(self.design)]
-        known = [name in slots for name in quantities] + [True] * (0 if change is None else len(change.by))
-        out = np.zeros((len(known), *found.shape[1:]))
-        out[known] = found
+        slopes = self._slopes(here, wanted, every, change)[:, : len(self.design)]
+        exists = [name in slots for name in quantities] + [True] * (0 if change is None else len(change.by))
+        out = np.zeros((len(exists), *slopes.shape[1:]))
+        out[exists] = slopes
         return here.readings.first(len(self.design)), out
 
     def near(self, theta: Array) -> ForwardModel:
@@ -333,19 +332,19 @@ class ForwardModel:
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         here = self._differentiable(theta, slots)
         of_row = self._table.of_row[list(slots)][:, self.observations.row]
-        place = np.full(len(self.parameters) + 1, len(wanted))
-        place[wanted] = np.arange(len(wanted))
+        column_of = np.full(len(self.parameters) + 1, len(wanted))
+        column_of[wanted] = np.arange(len(wanted))
         # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
         jacobian = np.zeros((len(self), len(wanted) + 1))
         slopes = self._slopes(here, slots, self.observations.every)
-        jacobian[np.arange(len(self)), place[of_row]] = self.observations.pick(slopes)
+        jacobian[np.arange(len(self)), column_of[of_row]] = self.observations.pick(slopes)
         return self.observations.of(here.readings)[0], jacobian[:, :-1]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
         sources = frozenset(map(self._table.source_index, slots))
         moving = any(self._table.infos[k].slot in slots for k in self._memory_sizes)
-        return self._asked(self._solved(theta, moving, asked=sources), sources)
+        return self._with_sources(self._solved(theta, moving, also=sources), sources)
 
     def respond(self, change: Array) -> Array:
         """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
@@ -399,13 +398,15 @@ class ForwardModel:
         return q
 
     def _solved(
-        self, theta: Array, moving: bool = False, trial: bool = False, asked: frozenset[int] = frozenset(), whole: bool = False
+        self, theta: Array, moving: bool = False, trial: bool = False, also: frozenset[int] = frozenset(), whole: bool = False
     ) -> _At:
-        """`moving`: what drives memory is wanted even where nothing remembers. `trial`, `whole`: see `predict`; `asked`: sources
-        whose laws are applied even at size zero."""
+        """Everything solved at parameters (p,), from the points that are kept if it is among them.
+
+        `moving`: with what drives memory, even where nothing remembers. `trial`, `whole`: see `predict`. `also`: sources whose
+        laws are applied even at size zero."""
         points = self._points  # another thread may put others in its place
-        same = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
-        here = points[same.index(True)] if any(same) else self._solve(theta, trial, asked, whole)
+        is_kept = [bool(np.array_equal(p.theta, theta)) and (trial or p.settled) for p in points]
+        here = points[is_kept.index(True)] if any(is_kept) else self._solve(theta, trial, also, whole)
         if moving and not here.bare.inside:
             bare = look_inside(here.bare)
             here = replace(here, bare=bare, driven=self._drive(here.built, bare.result[None]))
@@ -417,8 +418,9 @@ class ForwardModel:
         # a search predicts where it then linearises
         self._points = (here, *others)[:3]
 
-    def _asked(self, here: _At, sources: frozenset[int]) -> _At:
-        """The same point with the laws by which it is differentiated, also those of size zero; nothing is solved anew."""
+    def _with_sources(self, here: _At, sources: frozenset[int]) -> _At:
+        """The point `here` with the laws of `sources` applied, too, so that it can be differentiated by those of size zero. Its
+        values are the same and nothing is solved anew."""
         if sources <= here.spread.applied:
             return here
         spread = replace(here.spread, applied=here.spread.applied | sources)
@@ -433,18 +435,19 @@ class ForwardModel:
         self._keep(here)
         return here
 
-    def _solve(self, theta: Array, trial: bool, asked: frozenset[int], whole: bool) -> _At:
-        """Everything at parameters (p,): the rods without memory (`bare`), and, where a law remembers, the rest shapes that it
-        makes of their history and the rods with these (`final`)."""
-        spread = self._table.at(theta, asked)
+    def _solve(self, theta: Array, trial: bool, also: frozenset[int], whole: bool) -> _At:
+        """Solve at parameters (p,) the rods without memory (`bare`) and, where a law remembers, the rods with the rest shapes
+        that it makes of the history of those (`final`)."""
+        spread = self._table.at(theta, also)
         q = self._quantities(spread)
         built = rod_columns(q, self._shear)
         remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed.values())
         rods = self._rows(built)
-        alone = self._steps is None
+        single_states = self._steps is None
         steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
-        hard, plain = self._hard_nearby(theta), alone and not remembers
-        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, hard[0])
+        hard_bare, hard_final = self._hard_nearby(theta)
+        plain = single_states and not remembers
+        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, hard_bare)
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:
@@ -453,7 +456,7 @@ class ForwardModel:
             rows = final.rows.copy()
             rows[:, self._rest_columns] += rest[0, self._moved_rows]
             begin = self._remembering or final
-            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, hard[1])
+            final = solve(self._layout, rows, self._arcs, final.steps, begin, False, trial, False, whole, hard_final)
             # What drives memory is the rod without it: where that has no equilibrium, nothing can be said of the state.
             final.result[~bare.converged[: len(final.rows)]] = np.nan
         if not trial and (bare.hard or final.hard):
@@ -489,39 +492,39 @@ class ForwardModel:
     def _slopes(
         self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: InputChange | None = None
     ) -> Array:
-        """(slots + changes, full, channels) derivatives of `every` channel of readings in the parameters' units: the chain rule.
+        """(slots + changes, full, channels) derivatives of the channels that `every` makes of readings, in the parameters' units.
 
-        Rods by parameters and readings by equilibria are differenced, equilibria by rods are not. Slots that enter at the same
-        stage are varied together: what none of them changes is computed once.
+        By the chain rule: rows of rods by parameters and readings by equilibria are differenced, equilibria by rows are solved
+        for. Slots that enter at the same stage are varied together: what none of them changes is computed once.
         """
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
         no_change = InputChange(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
-        parts = [(part, no_change) for part in self._by_stage(slots)]
+        groups = [(of_stage, no_change) for of_stage in self._by_stage(slots)]
         if change is not None:
             # Of single states all together: what changes is one number for all states.
-            parts = [(slots, change)] if self._steps is None else [*parts, ((), change)]
-        batches = [self._beside(here, step, *part) for part in parts]
+            groups = [(slots, change)] if self._steps is None else [*groups, ((), change)]
+        batches = [self._varied(here, step, *group) for group in groups]
         read = every(here.readings)
         out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
-        for (indices, varied), b, moved in zip(parts, batches, self._moved(here, batches, every), strict=True):
+        for (of_stage, inputs), b, slope in zip(groups, batches, self._through_rods(here, batches, every), strict=True):
             if b.reads:
                 varied_read = every(self._readings(b.quantities, here.final.result[None], b.spread))
-                moved = moved + (varied_read - read) / b.by_row[..., None]
-            out[[slots.index(k) for k in indices] + [len(slots) + k for k in range(len(varied.by))]] = moved
+                slope = slope + (varied_read - read) / b.by_row[..., None]
+            out[[slots.index(k) for k in of_stage] + [len(slots) + k for k in range(len(inputs.by))]] = slope
         return out
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Slots that enter at the same stage; those that change readings alone by themselves."""
-        found: dict[tuple[bool, str], list[int]] = {}
+        by_stage: dict[tuple[bool, str], list[int]] = {}
         for k in slots:
             spec = self._table.source_of(k).spec
-            found.setdefault((_moves(spec), spec.stage), []).append(k)
-        return [tuple(own) for own in found.values()]
+            by_stage.setdefault((_moves(spec), spec.stage), []).append(k)
+        return [tuple(of_stage) for of_stage in by_stage.values()]
 
-    def _beside(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Beside:
-        """Variants of `here`: one for each slot, that is a step away, and one for each change."""
+    def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
+        """Variants of `here`: for each slot one in which it is a step away, and one for each change."""
         v, full = len(slots), len(self._full)
-        spread = self._table.beside(here.spread, here.theta + step, slots, len(change.by))
+        spread = self._table.variants(here.spread, here.theta + step, slots, len(change.by))
         by_row = np.empty((v + len(change.by), full))
         by_row[:v], by_row[v:] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
         laws = [self._table.source_of(k).spec.law for k in slots]
@@ -533,49 +536,49 @@ class ForwardModel:
         changed, slope = built.changes(here.built, by_row)
         remembers = any(law.path is not None for law in laws)
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
-        return _Beside(spread, by_row, q, built, changed, slope, moves, remembers, reads)
+        return _Varied(spread, by_row, q, built, changed, slope, moves, remembers, reads)
 
-    def _moved(self, here: _At, batches: Sequence[_Beside], every: Callable[[Readings], Array]) -> list[Array]:
-        """(v, full, channels) of each batch: derivatives of readings by what the slots do to rods, in the parameters' units."""
-        rests = self._rests(here, batches)
-        changed = sorted(
-            {c for b in batches for c in b.columns} | {c for r in rests if r is not None for c in self._rest_columns}
+    def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> list[Array]:
+        """(v, full, channels) of each batch: derivatives of readings through the rods' rows alone, in the parameters' units."""
+        rest_slopes = self._rest_slopes(here, batches)
+        columns = sorted(
+            {c for b in batches for c in b.columns} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(changed), every(here.readings).shape[-1]))
-        if changed:
+        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # by columns of a rod's row
+        if columns:
 
             def read(results: Array) -> Array:
                 return every(self._readings(here.quantities, results, here.spread))[:, self._moved_rows]
 
-            by_column[self._moved_rows] = _by_columns(here.final, changed, read)
+            by_column[self._moved_rows] = _by_columns(here.final, columns, read)
         out = []
-        for b, rest in zip(batches, rests, strict=True):
-            moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
-            if rest is not None:
-                remembered = by_column[:, [changed.index(c) for c in self._rest_columns]]
-                moved = moved + rest @ remembered
-            out.append(moved.swapaxes(0, 1))
+        for b, rest_slope in zip(batches, rest_slopes, strict=True):
+            slope = b.change @ by_column[:, [columns.index(c) for c in b.columns]]
+            if rest_slope is not None:
+                slope = slope + rest_slope @ by_column[:, [columns.index(c) for c in self._rest_columns]]
+            out.append(slope.swapaxes(0, 1))
         return out
 
-    def _rests(self, here: _At, batches: Sequence[_Beside]) -> list[Array | None]:
-        """(full, v, columns) of each batch: derivatives of what memory adds, in the parameters' units; None where it stays."""
-        changed = sorted({c for b in batches for c in b.columns})
-        by_column = np.zeros((len(self._full), len(changed), DRIVES))
-        if here.remembers and changed:
+    def _rest_slopes(self, here: _At, batches: Sequence[_Varied]) -> list[Array | None]:
+        """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`, in the parameters' units; None
+        where memory adds the same."""
+        columns = sorted({c for b in batches for c in b.columns})
+        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
+        if here.remembers and columns:
 
             def driven_by(results: Array) -> Array:
                 return self._drive(here.built, results)[:, self._in_bare]
 
-            by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, changed, driven_by))
-        lengths = {element + col.LENGTH for element in self._layout.elements}
+            by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, columns, driven_by))
+        lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
             driven = here.driven
             if here.remembers and b.columns:
-                moved = b.change @ by_column[:, [changed.index(c) for c in b.columns]]
+                slope = b.change @ by_column[:, [columns.index(c) for c in b.columns]]
                 if lengths.intersection(b.columns):
                     driven = self._drive(b.built, here.bare.result[None])
-                driven = driven + b.by_row[..., None] * moved.swapaxes(0, 1)
+                driven = driven + b.by_row[..., None] * slope.swapaxes(0, 1)  # of the variants, to first order
             elif not b.remembers and not (here.remembers and b.moves):
                 out.append(None)
                 continue

@@ -79,17 +79,17 @@ class Path:
         _slide(drive, self.before, self.after, self.first, yields, out)
         return out
 
-    def held(self, pulls: Array, give: Array) -> tuple[Array, Array]:
-        """Mean and rise (v, n, parts, tendons) of the line along each part nearest to what places keep of pulls (v, n, tendons).
+    def held(self, pulls: Array, friction: Array) -> tuple[Array, Array]:
+        """Mean and rise (v, n, parts, tendons) of the straight line, along each part, that is nearest to the tensions at places.
 
-        Each, the middle of one of equal pieces of the part, keeps what it had as long as that is between pull / (1 + give) and
-        pull / (1 - give), `give` (v, n, parts, places).
+        Places are the middles of equal pieces of a part. The tension at one stays what it was as long as that is between
+        pull / (1 + f) and pull / (1 - f), f its `friction` (v, n, parts, places), `pulls` (v, n, tendons) those of the motors.
         """
-        shape = np.broadcast_shapes(pulls.shape[:2], give.shape[:2])
-        pulls, give = (_spread(x, *shape, *x.shape[2:]) for x in (pulls, give))
-        mean = np.repeat(pulls[:, :, None, :], give.shape[2], axis=2)
+        shape = np.broadcast_shapes(pulls.shape[:2], friction.shape[:2])
+        pulls, friction = (_spread(x, *shape, *x.shape[2:]) for x in (pulls, friction))
+        mean = np.repeat(pulls[:, :, None, :], friction.shape[2], axis=2)
         rise = np.zeros(mean.shape)
-        _hold(pulls, give, self.before, self.after, self.first, mean, rise)
+        _hold(pulls, friction, self.before, self.after, self.first, mean, rise)
         return mean, rise
 
     def extremes(self, drive: Array, covered: Array, roll: Array, rate: Array, usual_pause: float) -> Array:
@@ -111,32 +111,26 @@ def loading_path(design: States, rest_of: Order) -> Path:
     before, after, first, stay, ramp, hold = [], [], [], [], [], []
     time = np.nan
     for k in range(len(design.trial_id)):
-        last, pressure, begins = int(rest_of[k]), np.zeros(design.pressure.shape[1]), True
+        previous, pressure, begins_trial = int(rest_of[k]), np.zeros(design.pressure.shape[1]), True
         for row in np.flatnonzero((design.trial == k) & ~design.stiffness).tolist():
             change = float(np.abs(design.pressure[row] - pressure).max())
             rate = float(design.rate[row])
             gap = float(design.t[row] - time)
-            rest = float(max(design.hold[row], 0.0))
+            hold_time = float(max(design.hold[row], 0.0))
             # A table may hold rates without times or times that contradict them: the time that passed wins.
-            up = change / rate if rate > 0 else 0.0
+            ramp_time = change / rate if rate > 0 else 0.0
             if gap > 0:
-                rest = min(rest, gap)
-                up = min(up, gap - rest) if rest > 0 else gap
-            before.append(last)
+                hold_time = min(hold_time, gap)
+                ramp_time = min(ramp_time, gap - hold_time) if hold_time > 0 else gap
+            before.append(previous)
             after.append(row)
-            first.append(begins)
-            stay.append(max(gap - up - rest, 0.0) if gap > 0 else np.inf if begins else 0.0)
-            ramp.append(up)
-            hold.append(rest)
-            last, pressure, time, begins = row, design.pressure[row], float(design.t[row]), False
-    return Path(
-        np.array(before, np.int64),
-        np.array(after, np.int64),
-        np.array(first, bool),
-        np.array(stay),
-        np.array(ramp),
-        np.array(hold),
-    )
+            first.append(begins_trial)
+            stay.append(max(gap - ramp_time - hold_time, 0.0) if gap > 0 else np.inf if begins_trial else 0.0)
+            ramp.append(ramp_time)
+            hold.append(hold_time)
+            previous, pressure, time, begins_trial = row, design.pressure[row], float(design.t[row]), False
+    order = (np.array(before, np.int64), np.array(after, np.int64), np.array(first, bool))
+    return Path(*order, np.array(stay), np.array(ramp), np.array(hold))
 
 
 def ramps(design: States) -> Path:
@@ -203,7 +197,7 @@ def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> Hi
 
 
 def by_element(history: History, rods: RodColumns) -> Array:
-    """(v, n, columns) what it adds to `rest_columns` of rods.
+    """(v, n, columns) what a history adds to `rest_columns` of rods.
 
     With tendons a rest curvature is linear along a part: `rest` is its mean and `rise` its change from end to end; an element
     holds its value where the element begins, and its change over the element. Without tendons it is the same all along.
@@ -268,8 +262,8 @@ def _lag(
                     resting[c] = start
                 x = start + (follower[c] - start) * kept
                 if ramp[k] > 0.0:
-                    behind = (end - start) / ramp[k] * time
-                    x = end - behind + (x - start + behind) * faded
+                    ramp_lag = (end - start) / ramp[k] * time  # after a long ramp
+                    x = end - ramp_lag + (x - start + ramp_lag) * faded
                 x = end + (x - end) * settled
                 follower[c] = x
                 out[v, after[k], c] = end - x
@@ -277,45 +271,47 @@ def _lag(
 
 @numba.njit(cache=True)
 def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
-    """Jenkins elements of equal weight: state += change / yield, returned to length 1 beyond it; `out` is their mean."""
-    count, wide = yields.shape[1], drive.shape[2]
-    state = np.zeros((count, wide))
+    """Fill `out` with the mean of Jenkins elements: state += change of drive / yield, shortened to length 1 where longer."""
+    elements, components = yields.shape[1], drive.shape[2]
+    state = np.zeros((elements, components))
     for v in range(drive.shape[0]):
         for k in range(before.size):
             if first[k]:
                 state[:] = 0.0
-            for j in range(count):
-                size = 0.0
-                for c in range(wide):
+            for j in range(elements):
+                length = 0.0
+                for c in range(components):
                     state[j, c] += (drive[v, after[k], c] - drive[v, before[k], c]) / yields[v, j]
-                    size += state[j, c] ** 2
-                size = max(1.0, np.sqrt(size))
-                for c in range(wide):
-                    state[j, c] /= size
-                    out[v, after[k], c] += state[j, c] / count
+                    length += state[j, c] ** 2
+                length = max(1.0, np.sqrt(length))
+                for c in range(components):
+                    state[j, c] /= length
+                    out[v, after[k], c] += state[j, c] / elements
 
 
 @numba.njit(cache=True)
-def _hold(pulls: Array, give: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array) -> None:
-    """Clipped between its limits step by step; a trial begins with what it is pulled by at rest."""
-    parts, places, count = give.shape[2], give.shape[3], pulls.shape[2]
-    kept = np.zeros((parts, places, count))
+def _hold(
+    pulls: Array, friction: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array
+) -> None:
+    """Fill `means` and `rises` of `Path.held`: each step clips tensions to their limits, which begin as pulls at rest."""
+    parts, places, tendons = friction.shape[2], friction.shape[3], pulls.shape[2]
+    tensions = np.zeros((parts, places, tendons))
     # sum of the squares of 1 - places, 3 - places .. places - 1, by which least squares find a line
     squares = places * (places**2 - 1) / 3
     for v in range(pulls.shape[0]):
         for k in range(before.size):
             if first[k]:
-                for i in range(count):  # numba compiles checks for two seconds where shapes may differ
-                    kept[:, :, i] = pulls[v, before[k], i]
+                for i in range(tendons):  # numba compiles checks for two seconds where shapes may differ
+                    tensions[:, :, i] = pulls[v, before[k], i]
             row = after[k]
             for part in range(parts):
-                for i in range(count):
+                for i in range(tendons):
                     pull, mean, rise = pulls[v, row, i], 0.0, 0.0
                     for j in range(places):
-                        tension = max(kept[part, j, i], pull / (1.0 + give[v, row, part, j]))
-                        if give[v, row, part, j] < 1.0:
-                            tension = min(tension, pull / (1.0 - give[v, row, part, j]))
-                        kept[part, j, i] = tension
+                        tension = max(tensions[part, j, i], pull / (1.0 + friction[v, row, part, j]))
+                        if friction[v, row, part, j] < 1.0:
+                            tension = min(tension, pull / (1.0 - friction[v, row, part, j]))
+                        tensions[part, j, i] = tension
                         mean += tension / places
                         rise += (2 * j + 1 - places) * tension
                     means[v, row, part, i] = mean
@@ -326,31 +322,31 @@ def _hold(pulls: Array, give: Array, before: Order, after: Order, first: NDArray
 def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: Array, rate: Array, out: Array) -> None:
     """See `Path.extremes`; `passed` (k,) s since the step before, the state `after[k]` included."""
     cells = covered.shape[2]
-    top, least = np.zeros((cells, 4)), np.zeros((cells, 4))
-    now, turned = np.zeros(4), np.zeros(4)
+    top, low = np.zeros((cells, 4)), np.zeros((cells, 4))
+    now, sums = np.zeros(4), np.zeros(4)
     cosine, sine, fading = np.cos(roll), np.sin(roll), np.exp(-rate[0] * passed)
     for v in range(drive.shape[0]):
-        top[:], least[:] = 0.0, 0.0
+        top[:], low[:] = 0.0, 0.0
         if v > 0 and rate[v] != rate[v - 1]:
             fading = np.exp(-rate[v] * passed)
         for k in range(after.size):
             row = after[k]
             kept, c, s = fading[k], cosine[row], sine[row]
-            inside = 0.0
+            inside = 0.0  # cells that the spine is in
             for j in range(cells):
                 inside += covered[v, row, j]
             for j in range(cells):
                 share = covered[v, row, j]
                 for i in range(4):
                     now[i] = share * drive[v, row, i] + (1.0 - share) * drive[v, row, 4 + i]
-                now[0], now[1] = c * now[0] + s * now[1], c * now[1] - s * now[0]
+                now[0], now[1] = c * now[0] + s * now[1], c * now[1] - s * now[0]  # in the body's frame
                 for i in range(4):
                     top[j, i] = max(top[j, i] * kept, now[i])
-                    least[j, i] = min(least[j, i] * kept, now[i])
-                    turned[i] = top[j, i] + least[j, i]
-                turned[0], turned[1] = c * turned[0] - s * turned[1], c * turned[1] + s * turned[0]
+                    low[j, i] = min(low[j, i] * kept, now[i])
+                    sums[i] = top[j, i] + low[j, i]
+                sums[0], sums[1] = c * sums[0] - s * sums[1], c * sums[1] + s * sums[0]  # in the base frame
                 for i in range(4):
                     if inside > 0.0:
-                        out[v, row, i] += share / inside * turned[i]
+                        out[v, row, i] += share / inside * sums[i]
                     if inside < cells:
-                        out[v, row, 4 + i] += (1.0 - share) / (cells - inside) * turned[i]
+                        out[v, row, 4 + i] += (1.0 - share) / (cells - inside) * sums[i]

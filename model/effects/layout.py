@@ -103,5 +103,5 @@ def layout_of(body: Body, spine: bool) -> Layout:
                 tied[first + col.LOAD + k] |= {column + col.LOAD + k: weight}
     tied[col.BASE_COMPLIANCE] = {col.BASE_COMPLIANCE + 1: 1.0}
     # no column is tied to itself
-    others = {c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()}
-    return Layout(pieces, parts, {c: times for c, times in others.items() if times})
+    to_others = {c: {o: f for o, f in times.items() if o != c} for c, times in tied.items()}
+    return Layout(pieces, parts, {c: times for c, times in to_others.items() if times})

@@ -32,19 +32,20 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     """
     known = {**CATALOGUE, **catalogue}
     sized = {id: spec.of(scales(robot)) for id, spec in known.items() if id in robot.causes}
-    found = [*_problems("effects", robot.causes, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
-    if found:
-        raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in found))
+    problems = [*_problems("effects", robot.causes, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
+    if problems:
+        raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in problems))
     return {id: spec for id, spec in known.items() if id in robot.causes}
 
 
-def _problems(key: str, table: Table, known: Mapping[str, EffectSpec]) -> Iterable[str]:
+def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterable[str]:
+    """What is wrong with the values of `table`, the part `key` of robot.yaml: ids and names not in `specs`, units, bounds."""
     for id, stated_values in table.items():
-        if id not in known:
+        if id not in specs:
             own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
-            yield f"{key}.{id}: is not known, {nearest(id, known)}{own_effect if key == 'effects' else ''}"
+            yield f"{key}.{id}: is not known, {nearest(id, specs)}{own_effect if key == 'effects' else ''}"
             continue
-        parameters = {p.name: p for p in known[id].parameters}
+        parameters = {p.name: p for p in specs[id].parameters}
         for name, stated in stated_values.items():
             place = f"{key}.{id}.{name}"
             p = parameters.get(name)
@@ -77,7 +78,7 @@ def nominal_values(robot: Robot, infos: Iterable[ParameterInfo]) -> Array:
 
 
 def beyond(robot: Robot, infos: tuple[ParameterInfo, ...], nominal: Array) -> tuple[ParameterInfo, ...]:
-    """Parameters theta - `nominal` (p,), which count from what robot.yaml states: bounds and starts move by that.
+    """Parameters that count from `nominal` (p,), what robot.yaml states: bounds and starts less that.
 
     An effect that the robot has may be larger or smaller than stated, so it has both signs; and as it has a size, a change of its
     shapes moves the robot too: all its parameters are sizes, which do nothing at zero.

@@ -71,15 +71,15 @@ def channels(r: Readings, reference: Array) -> Array:
 def measured(o: Observations, columns: Columns) -> Array:
     """Measured values in the order of `o`; NaN where a cell was not measured."""
     n = o.states
-    every = {name: np.asarray(columns[name]).astype(float) for name in columns if name in set(o.channel)}
+    by_channel = {name: np.asarray(columns[name]).astype(float) for name in columns if name in set(o.channel)}
     if set(TURN) & set(o.channel):
         q = unit(np.stack([np.asarray(columns[name]).astype(float) for name in QUATERNION], axis=1))
         turn = rotation_vector(multiply(q, o.reference[:n] * CONJUGATE))
-        every |= {name: turn[:, k] for k, name in enumerate(TURN)}
+        by_channel |= {name: turn[:, k] for k, name in enumerate(TURN)}
     value = np.empty(len(o))
     for name in np.unique(o.channel):
         of_channel = o.channel == name
-        if name not in every or len(every[name]) != n:
+        if name not in by_channel or len(by_channel[name]) != n:
             raise BadCondition(f"{name}: the table has no such column of {n} rows, the design observes it")
-        value[of_channel] = every[name][o.row[of_channel]]
+        value[of_channel] = by_channel[name][o.row[of_channel]]
     return np.where(np.isfinite(value), value, np.nan)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.condition import States
-from model.effects.spec import EffectSpec, Sign, Values
+from model.effects.spec import Sign, Values
 from model.effects.tolerance import Group, Scope, VariationSource, mounts
 
 Array = NDArray[np.float64]
@@ -69,19 +69,19 @@ class Spread:
     """(slots, n)."""
     applied: frozenset[int]
     """The sources whose laws are applied: those of which some size is not zero, and those that were asked for."""
-    there: Array | None = None
+    stepped: Array | None = None
     """(variants of a slot, n): the value of the slot in its own variant."""
     chosen: tuple[int, ...] = ()
     """The slot of each variant, -1 for one of no slot."""
 
     def slot(self, k: int) -> Array:
         """(v, n), or (1, n) where no variant has another value."""
-        if self.there is None or k not in self.chosen:
+        if self.stepped is None or k not in self.chosen:
             return self.base[k][None]
         out = np.empty((len(self.chosen), self.base.shape[1]))
         out[:] = self.base[k]
-        own = self.chosen.index(k)
-        out[own] = self.there[own]
+        variant = self.chosen.index(k)
+        out[variant] = self.stepped[variant]
         return out
 
 
@@ -98,11 +98,10 @@ class ParameterTable:
         """One variant: these parameters; laws of size zero change nothing and are left out, but for those `asked` for."""
         return Spread(np.append(theta, 0.0)[self.of_row], asked.union(self._sized[theta != 0].tolist()) - {-1})
 
-    def beside(self, spread: Spread, there: Array, slots: tuple[int, ...], more: int) -> Spread:
-        """One variant for each of `slots`: all as in `spread` but the slot itself, which is at `there`; and `more` as in
-        `spread`."""
-        own = np.append(there, 0.0)[self.of_row[list(slots)]]
-        return Spread(spread.base, spread.applied, own, (*slots, *(-1,) * more))
+    def variants(self, spread: Spread, stepped: Array, slots: tuple[int, ...], more: int) -> Spread:
+        """One variant for each of `slots`, in which the slot takes its value of `stepped` (p,); then `more` as `spread`."""
+        values = np.append(stepped, 0.0)[self.of_row[list(slots)]]
+        return Spread(spread.base, spread.applied, values, (*slots, *(-1,) * more))
 
     def values(self, source: int, spread: Spread) -> Values:
         """The values of one source by its own parameter names, (v, n) each."""
@@ -133,9 +132,8 @@ class ParameterTable:
         counts = [len(s.spec.parameters) for s in self.sources]
         return [sum(counts[:i]) for i in range(len(counts))]
 
-    def of_effect(self, spec: EffectSpec | str) -> list[int]:
+    def of_effect(self, id: str) -> list[int]:
         """Indices of the parameters of one effect (or tolerance) by its id."""
-        id = spec if isinstance(spec, str) else spec.id
         return [i for i, info in enumerate(self.infos) if info.source == id]
 
 
@@ -159,33 +157,28 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> Par
 
 
 def _copies(design: States, source: VariationSource) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
-    """What is added to the name of each copy of a parameter, the trial whose own it is, and the rows it is for."""
+    """Copies of a source's parameters: what the copy adds to their names, its trial's number if it is one trial's, its rows."""
     if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]
     if source.scope == "spine_length":
         rounded = np.round(design.spine_length, 4)
-        moved = ~design.stiffness
-        return [(f"[spine_length={x:g}]", None, (rounded == x) & moved) for x in np.unique(rounded[moved])]
+        of_robot = ~design.stiffness
+        return [(f"[spine_length={x:g}]", None, (rounded == x) & of_robot) for x in np.unique(rounded[of_robot])]
     if source.scope == "mount":
-        turned = np.round(np.degrees(design.roll))
+        roll_deg = np.round(np.degrees(design.roll))
         mountings = mounts(design)
         several = len({roll for roll, _ in mountings}) < len(mountings)
-        return [
-            (
-                f"[roll={roll:g} deg{f', sitting {sitting + 1}' if several else ''}]",
-                None,
-                (turned == roll) & (design.sitting == sitting) & ~design.stiffness,
-            )
-            for roll, sitting in mountings[1:]
-        ]
+        rows_of = {(roll, k): (roll_deg == roll) & (design.sitting == k) & ~design.stiffness for roll, k in mountings[1:]}
+        sittings = {k: f", sitting {k + 1}" if several else "" for _, k in mountings}
+        return [(f"[roll={roll:g} deg{sittings[k]}]", None, rows) for (roll, k), rows in rows_of.items()]
     if source.scope == "repeat":
         numbers = np.unique(design.repeat[~design.stiffness])
         return [(f"[repeat={k}]", None, (design.repeat == k) & ~design.stiffness) for k in numbers]
-    has = design.stiffness if source.scope == "push" else design.spine_length > 0
-    trials = [k for k in range(len(design.trial_id)) if has[design.trial == k].any()]
+    concerned = design.stiffness if source.scope == "push" else design.spine_length > 0
+    trials = [k for k in range(len(design.trial_id)) if concerned[design.trial == k].any()]
     ids = [int(design.trial_id[k]) for k in trials]
-    parted = len(set(ids)) < len(ids)
+    in_parts = len(set(ids)) < len(ids)
     return [
-        (f"[trial={trial}, part {k}]" if parted else f"[trial={trial}]", trial, design.trial == k)
+        (f"[trial={trial}, part {k}]" if in_parts else f"[trial={trial}]", trial, design.trial == k)
         for trial, k in zip(ids, trials, strict=True)
     ]

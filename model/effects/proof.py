@@ -44,20 +44,20 @@ def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
         return
     design = design_from_columns(robot, _campaign(robot))
     baseline = ForwardModel(robot, design, catalogue={})
-    still = baseline.predict(np.zeros(len(baseline.parameters)))
-    bent = baseline.observations.channel != "force"
+    without = baseline.predict(np.zeros(len(baseline.parameters)))
+    of_rod = baseline.observations.channel != "force"
     for spec in specs:
         try:
             zero, large = _tried(robot, design, spec)
         except Exception as error:  # whatever a law of a person's own raises is a fault of that law
             raise BadEffect(f"effect {spec.id}: its law fails: {type(error).__name__}: {error}{_nearest(error)}") from error
-        moved = float(np.nanmax(np.abs(zero - still)))
-        if moved > 0.0 or (np.isnan(zero) != np.isnan(still)).any():
+        change = float(np.nanmax(np.abs(zero - without)))
+        if change > 0.0 or (np.isnan(zero) != np.isnan(without)).any():
             raise BadEffect(
-                f"effect {spec.id}: moves readings by up to {moved:.3g} (m or rad) at zero sizes; "
+                f"effect {spec.id}: moves readings by up to {change:.3g} (m or rad) at zero sizes; "
                 "a law must have exactly no effect there"
             )
-        if not np.isfinite(large[bent]).any():
+        if not np.isfinite(large[of_rod]).any():
             raise BadEffect(
                 f"effect {spec.id}: no state of a small campaign has an equilibrium at its plausible size; "
                 "make the scale of its parameters smaller"
@@ -95,20 +95,20 @@ def _campaign(robot: Robot) -> Columns:
     """Two spine lengths, one chamber up and down, read while ramping; then the body pushed at its end."""
     n, chambers = len(PRESSURES), len(robot.actuators.azimuths_deg)
     lengths = (0.0, 0.5 * robot.length) if robot.spine is not None else (0.0,)
-    bent, pushed = n * len(lengths), len(PUSHES)
+    bending_rows, push_rows = n * len(lengths), len(PUSHES)
 
     def joined(bending: ArrayLike, push: ArrayLike) -> NDArray[np.generic]:
-        return np.concatenate([np.resize(np.asarray(bending), bent), np.resize(np.asarray(push), pushed)])
+        return np.concatenate([np.resize(np.asarray(bending), bending_rows), np.resize(np.asarray(push), push_rows)])
 
     columns: dict[str, NDArray[np.generic]] = {
-        "trial": np.concatenate([np.repeat(np.arange(1, len(lengths) + 1), n), np.full(pushed, len(lengths) + 1)]),
+        "trial": np.concatenate([np.repeat(np.arange(1, len(lengths) + 1), n), np.full(push_rows, len(lengths) + 1)]),
         "protocol": joined("bending", "stiffness"),
         "specimen": joined("", "body"),
         "branch": joined(["load"] * 3 + ["unload"] * 2, "load"),
-        "t": np.arange(bent + pushed) * 10.0,
+        "t": np.arange(bending_rows + push_rows) * 10.0,
         "rate": joined([0.0, RATE, RATE, -RATE, -RATE], 0.0),
-        "hold": np.zeros(bent + pushed),
-        "spine_length": np.concatenate([np.repeat(lengths, n), np.full(pushed, lengths[-1])]),
+        "hold": np.zeros(bending_rows + push_rows),
+        "spine_length": np.concatenate([np.repeat(lengths, n), np.full(push_rows, lengths[-1])]),
         "deflection": joined(0.0, PUSHES),
         "force": joined(np.nan, 0.0),
     }

@@ -81,50 +81,50 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
     squeezed flat.
     """
     design = q.design
-    of_spine = np.full((1, 1), NO_SPECIMEN)
+    bare_spine = np.full((1, 1), NO_SPECIMEN)
     if q.robot.spine is not None:
         second = annulus_second_moment(q.robot.spine.radius)
-        of_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear).bare, SOFTEST) * second)
-    specimen = np.where(design.body, _body_compliance(q, shear), of_spine) if design.body.any() else of_spine
+        bare_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear).bare, SOFTEST) * second)
+    specimen = np.where(design.body, _body_compliance(q, shear), bare_spine) if design.body.any() else bare_spine
     compliance = specimen + q.arm_compliance
-    reached = design.deflection - q.contact_offset
-    pressed = np.maximum(reached, np.minimum(design.deflection, 0.0)) / compliance
-    squeezed = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * compliance)
-    return np.where(design.stiffness, np.maximum(pressed, squeezed), 0.0)
+    travel = design.deflection - q.contact_offset
+    contact_force = np.maximum(travel, np.minimum(design.deflection, 0.0)) / compliance
+    layer_force = np.maximum(design.deflection, 0.0) * q.contact_layer / (1 + q.contact_layer * compliance)
+    return np.where(design.stiffness, np.maximum(contact_force, layer_force), 0.0)
 
 
 def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
     """(v, n) m/N of the body, its root's give included."""
-    long, inner = q.length, np.clip(q.spine_length, 0.0, q.length)
-    drawn = q.body.edges / q.robot.length
+    length, spine_end = q.length, np.clip(q.spine_length, 0.0, q.length)
+    relative_edges = q.body.edges / q.robot.length
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     edges: list[Array] = [np.zeros((1, 1))]
-    stiff, side = [], []
+    bend_stiffness, lateral_stiffness = [], []
     # each piece of the body: the part with spine, then the part without
     for k, (area, second) in enumerate(zip(q.body.area, q.body.second, strict=True)):
-        within, _, across = with_spine(q, shear, area, second)
-        edges += [np.clip(inner, edges[-1], drawn[k + 1] * long), drawn[k + 1] * long]
-        stiff += [within, q.body_modulus * second]
-        side += [across, ratio * q.body_modulus * area]
-    bending = bending_compliance(edges, stiff)
-    held = _pull(q, edges, stiff) / bending**2
-    sheared = shear_compliance(edges, side)
-    out: Array = 1 / (1 / (bending + sheared + q.clamp_root * long**2) + held)
+        bend, _, lateral = with_spine(q, shear, area, second)
+        edges += [np.clip(spine_end, edges[-1], relative_edges[k + 1] * length), relative_edges[k + 1] * length]
+        bend_stiffness += [bend, q.body_modulus * second]
+        lateral_stiffness += [lateral, ratio * q.body_modulus * area]
+    bending = bending_compliance(edges, bend_stiffness)
+    weight_stiffness = _weight_work(q, edges, bend_stiffness) / bending**2
+    sheared = shear_compliance(edges, lateral_stiffness)
+    out: Array = 1 / (1 / (bending + sheared + q.clamp_root * length**2) + weight_stiffness)
     return out
 
 
-def _pull(q: Quantities, edges: list[Array], stiff: list[Array]) -> Array:
-    """(v, n) integral of N slope^2 ds for the slope that 1 N at the end gives; N grows from the tip's mass to the base."""
-    down, long = q.robot.gravity[2], q.length
-    line = [q.density * down * area for area in np.repeat(q.body.weight_area, 2)]
-    parts = list(zip(edges[:-1], edges[1:], stiff, line, strict=True))
-    beyond: Array = sum((w * (b - a) for a, b, _, w in parts), np.zeros((1, 1))) + q.design.tip_mass * down
+def _weight_work(q: Quantities, edges: list[Array], bend_stiffness: list[Array]) -> Array:
+    """(v, n) m/N: integral of N (dw/ds)^2 ds, w the deflection (m/N) by 1 N at the end, N (N) the weight beyond s."""
+    down, length = q.robot.gravity[2], q.length
+    weight_per_length = [q.density * down * area for area in np.repeat(q.body.weight_area, 2)]
+    parts = list(zip(edges[:-1], edges[1:], bend_stiffness, weight_per_length, strict=True))
+    pull: Array = sum((w * (b - a) for a, b, _, w in parts), np.zeros((1, 1))) + q.design.tip_mass * down
     total, slope = np.zeros((1, 1)), np.zeros((1, 1))
     for low, high, bending, weight in parts:
         for x, share in zip(POINTS, WEIGHTS, strict=True):
             s = low + x * (high - low)
-            here = slope + (long * (s - low) - (s**2 - low**2) / 2) / bending
-            total = total + share * (high - low) * (beyond - weight * (s - low)) * here**2
-        slope = slope + (long * (high - low) - (high**2 - low**2) / 2) / bending
-        beyond = beyond - weight * (high - low)
+            slope_at_s = slope + (length * (s - low) - (s**2 - low**2) / 2) / bending
+            total = total + share * (high - low) * (pull - weight * (s - low)) * slope_at_s**2
+        slope = slope + (length * (high - low) - (high**2 - low**2) / 2) / bending
+        pull = pull - weight * (high - low)
     return np.asarray(total)

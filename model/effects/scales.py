@@ -78,11 +78,11 @@ def scales(robot: Robot, pressure: NDArray[np.float64] | None = None, pace: floa
             )
     if quoted is None:
         highest = 0.0 if pressure is None else float(np.abs(pressure).max(initial=0.0))
-        most = robot.max_pressure or STANDARD.pressure
-        near = robot.max_pressure is not None and NEAR * most <= highest <= most / NEAR
-        quoted = most if near or highest == 0 else float(f"{highest:.2g}")
+        highest_stated = robot.max_pressure or STANDARD.pressure
+        near = robot.max_pressure is not None and NEAR * highest_stated <= highest <= highest_stated / NEAR
+        quoted = highest_stated if near or highest == 0 else float(f"{highest:.2g}")
     stiffness = robot.youngs_modulus * body_of(robot).mean_second
     gravity = float(np.linalg.norm(robot.gravity)) or STANDARD.gravity
-    own = STANDARD.time if pace is None or MEMORY in robot.effects else pace
-    decades = round(math.log10(own / STANDARD.time))
+    measured_pace = STANDARD.time if pace is None or MEMORY in robot.effects else pace
+    decades = round(math.log10(measured_pace / STANDARD.time))
     return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades)

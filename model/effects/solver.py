@@ -85,11 +85,11 @@ def solve(
     whole: bool = False,
     followed: SolvedRods | None = None,
 ) -> SolvedRods:
-    """Solve rows (n, layout.width); `arcs` (k,) m get positions, `start` are rows nearby.
+    """Find the equilibria of rows (n, layout.width), with positions at `arcs` (k,) m and, `inside`, turns and strains.
 
-    With `start`, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that remain once one has no
-    equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no other solve starts
-    from these, so that springs that none of them has are left out: they cost half of the time.
+    From `start`, solved rows nearby, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that
+    remain once one has no equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no
+    other solve starts from these, so that springs that none of them has are left out, which take half of the time.
     """
     rods = plain_rods(layout, rows) if plain else sprung_rods(layout, rows)
     method = replace(METHOD, steps=steps, remember=not plain)
@@ -105,26 +105,26 @@ def solve(
 
 def look_inside(solved: SolvedRods) -> SolvedRods:
     """The same, with what is within the rods."""
-    found = replace(solved, result=solved.result.copy(), inside=True)
-    _fill_stations(found, sprung_rods(found.layout, found.rows), True)
-    return found
+    seen = replace(solved, result=solved.result.copy(), inside=True)
+    _fill_stations(seen, sprung_rods(seen.layout, seen.rows), True)
+    return seen
 
 
 def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
-    """Fill the results that are not at the tip, in one pass."""
+    """Fill, in one pass, the results at arcs and, `inside`, those of base and spine's end and the parts' mean strains."""
     layout, result = solved.layout, solved.result
     places = _places(layout, rods, solved.arcs, inside)
-    marked = places.shape[1]
+    place_count = places.shape[1]
     if inside:
-        within, weights = rod.gauss_points(rods, STRAIN_POINTS)
-        places = np.concatenate([places, within], axis=1)
+        gauss_points, weights = rod.gauss_points(rods, STRAIN_POINTS)
+        places = np.concatenate([places, gauss_points], axis=1)
     at_stations = rod.stations(rods, solved.solution, places, replace(METHOD, steps=solved.steps))
-    at_arcs = at_stations.position[:, marked - len(solved.arcs) : marked]
+    at_arcs = at_stations.position[:, place_count - len(solved.arcs) : place_count]
     result[:, at.MARKERS :] = at_arcs.reshape(len(result), 3 * len(solved.arcs))
     if inside:
         result[:, at.BASE : at.BASE + 4] = at_stations.orientation[:, 0]
         result[:, at.JOINT : at.JOINT + 4] = at_stations.orientation[:, 1]
-        strain = at_stations.strain[:, marked:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
+        strain = at_stations.strain[:, place_count:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
@@ -132,24 +132,24 @@ def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
 def _solve_from(
     layout: at.Layout, rows: Array, steps: Steps, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
-    """Solve from a close solution, else from others that were followed, from nothing, through rods between, or as loads grow."""
+    """Solve from `start`; what fails from `followed`, else anew, else through rods between, else as loads grow from zero."""
     rods = sprung_rods(layout, rows)
     solution = _nearby(rods, steps, start.solution)
     unsolved = _unsolved(solution)
     if unsolved.size and followed is not None:
-        here = _nearby(rods[unsolved], steps[unsolved], followed.solution.take(unsolved))
-        here.status[here.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
-        unsolved = _put(solution, unsolved, here)
+        attempt = _nearby(rods[unsolved], steps[unsolved], followed.solution.take(unsolved))
+        attempt.status[attempt.status == rod.Status.SOLVED] = rod.Status.SOLVED_IN_STEPS
+        unsolved = _put(solution, unsolved, attempt)
     if unsolved.size:
         unsolved = _put(solution, unsolved, rod.solve(rods[unsolved], replace(METHOD, steps=steps[unsolved], follow=False)))
     for parts in PARTS:
         if not unsolved.size:
             break
-        here = start.solution.take(unsolved)
+        attempt = start.solution.take(unsolved)
         for k in range(1, parts + 1):
             between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
-            here = _nearby(sprung_rods(layout, between), steps[unsolved], here)
-        unsolved = _put(solution, unsolved, here)
+            attempt = _nearby(sprung_rods(layout, between), steps[unsolved], attempt)
+        unsolved = _put(solution, unsolved, attempt)
     if whole:
         unsolved = _all_or_none(solution, rods, steps, unsolved, start, followed)
     elif unsolved.size and not trial:
@@ -167,8 +167,8 @@ def _all_or_none(
     # what had none the last time comes first
     for i in unsolved if followed is None else unsolved[np.argsort(followed.converged[unsolved], kind="stable")]:
         if start.converged[i]:
-            one = np.array([i])
-            if _put(found, one, rod.solve(rods[one], replace(METHOD, steps=steps[one]))).size:
+            rod_alone = np.array([i])
+            if _put(found, rod_alone, rod.solve(rods[rod_alone], replace(METHOD, steps=steps[rod_alone]))).size:
                 break
             unsolved = unsolved[unsolved != i]
     return unsolved
@@ -177,10 +177,10 @@ def _all_or_none(
 def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     """Solve from solutions close by; FAILED where one is not to be trusted, or the tip turned so far that it may have snapped."""
     # closer to buckling, not even a solution that began at a trusted one close by is trusted
-    found = rod.solve(rods, replace(METHOD, steps=steps, least_margin=0.02, follow=False), start=start)
-    turned = ~(np.abs(np.sum(found.orientation * start.orientation, axis=1)) >= FAR)
-    found.status[turned] = rod.Status.FAILED
-    return found
+    solution = rod.solve(rods, replace(METHOD, steps=steps, least_margin=0.02, follow=False), start=start)
+    turned = ~(np.abs(np.sum(solution.orientation * start.orientation, axis=1)) >= FAR)
+    solution.status[turned] = rod.Status.FAILED
+    return solution
 
 
 def _unsolved(found: rod.Solution) -> NDArray[np.intp]:
@@ -212,37 +212,35 @@ def differentiate(solved: SolvedRods, directions: Array) -> Array:
 
 def nudged(solved: SolvedRods, step: float) -> Array:
     """(1 + motions, n, columns) the results, and the same a step along each motion of `differentiate`."""
-    shifts = [at.TIP, at.TIP + 1, at.TIP + 2]
-    markers = list(range(at.MARKERS, solved.result.shape[1]))
-    motions: list[tuple[int, int | None]] = [(k, None) for k in shifts]
-    motions += [(at.ORIENTATION, k) for k in range(3)] + [(k, None) for k in markers]
+    motions: list[tuple[int, int | None]] = [(at.TIP + k, None) for k in range(3)]
+    motions += [(at.ORIENTATION, k) for k in range(3)] + [(k, None) for k in range(at.MARKERS, solved.result.shape[1])]
     if solved.inside:
         motions += [(column, k) for column in (at.BASE, at.JOINT) for k in range(3)]
         motions += [(at.STRAIN, None), (at.STRAIN + 1, None)]
     out = np.repeat(solved.result[None], 1 + len(motions), axis=0)
-    for moved, (column, axis) in zip(out[1:], motions, strict=True):
+    for variant, (column, axis) in zip(out[1:], motions, strict=True):
         if axis is None:
-            moved[:, column] += step
+            variant[:, column] += step
         else:
             turn = from_vector(step * np.eye(3)[axis])
-            moved[:, column : column + 4] = multiply(turn, moved[:, column : column + 4])
+            variant[:, column : column + 4] = multiply(turn, variant[:, column : column + 4])
     return out
 
 
 def sprung_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """Rods with all their springs, from rows (n, layout.width)."""
-    values = np.array(rows, order="C")
-    for element in layout.elements:
-        values[:, element + col.REST_STRAIN + 2] += 1.0
-    return rod.Rods(layout.form, values)
+    rods = rod.Rods(layout.form, np.array(rows, order="C"))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def plain_rods(layout: at.Layout, rows: Array) -> rod.Rods:
     """The same without springs where no row has one."""
-    rods = sprung_rods(layout, rows)
-    if rods.field("spring_stiffness").any():
-        return rods
-    return rod.Rods(rod.Form(layout.form.elements), np.delete(rods.values, slice(at.SPRINGS, at.ELEMENTS), axis=1))
+    if layout.form.view(rows, "spring_stiffness").any():
+        return sprung_rods(layout, rows)
+    rods = rod.Rods(rod.Form(layout.form.elements), np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1))
+    rods.field("rest_strain")[..., 2] += 1.0
+    return rods
 
 
 def _shares(layout: at.Layout, rods: rod.Rods) -> Array:

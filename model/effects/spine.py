@@ -49,11 +49,11 @@ class ShearSpine:
 
 
 def shear_spine(spine: Spine) -> ShearSpine:
-    """The shear-soft spine that comes closest to the table; where that has one length, 10 % of the compliance there is shear."""
+    """Fit E0 and a of a shear-soft spine to the table of moduli; where that has one length, 10 % of its compliance is shear."""
     length = np.array(sorted(spine.modulus))
     log_modulus = np.log([spine.modulus[x] for x in length])
-    kept = length > SHORTEST
-    length, log_modulus = length[kept], log_modulus[kept]
+    usable = length > SHORTEST
+    length, log_modulus = length[usable], log_modulus[usable]
     if length.size < 2:
         modulus = math.exp(float(log_modulus[0])) / 0.9 if log_modulus.size else next(iter(spine.modulus.values()))
         a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)  # 0.1 m where no length is known
@@ -80,8 +80,7 @@ def moduli(q: Quantities, shear: ShearSpine) -> SpineModuli:
     """Moduli of the spine: those of the table blended with those of the shear-soft spine, times stiffness and jamming."""
     spine = q.robot.spine
     if spine is None:
-        nothing = np.zeros((1, 1))
-        return SpineModuli(nothing, nothing, nothing)
+        return SpineModuli(*np.zeros((3, 1, 1)))
     table = spine.modulus_at(q.tabulated_length)
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     engaged = shear.modulus * (1 + q.shear_lag * (shear.engaged(q.spine_length) - 1))

@@ -14,14 +14,15 @@ from typing import Literal
 import numpy as np
 
 from model.condition import States
+from model.effects.laws.measurement import frame_misalignment
+from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
 from model.robot import Robot
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
-"""push: each stiffness trial, whatever its specimen; trial: each trial with spine; mount: each roll and sitting but the most
-usual;
+"""push: each stiffness trial, of any specimen; trial: each trial with spine; mount: each roll and sitting but the most usual;
 repeat: each repeat of the sweep; campaign: all of it, but another campaign's is another."""
 Group = Literal["effect", "calibration", "nuisance"]
 
@@ -58,17 +59,9 @@ def _length(q: Quantities, v: Values) -> None:
     q.length = q.length + v["excess"]
 
 
-def _tilt(q: Quantities, v: Values) -> None:
-    q.base_turn = q.base_turn + vector(v["x"], v["y"])
-
-
 def _mount(q: Quantities, v: Values) -> None:
-    _tilt(q, v)
+    base_tilt(q, v)
     q.azimuth = q.azimuth + v["z"][..., None]
-
-
-def _frame_turn(r: Readings, v: Values) -> None:
-    r.turn(vector(v["x"], v["y"], v["z"]))
 
 
 def _frame_shift(r: Readings, v: Values) -> None:
@@ -116,8 +109,8 @@ ANGLE = math.radians(0.1)
 ALWAYS = (
     _tolerance("youngs_modulus", "material", Law(before=_modulus), _excess("1", 0.02)),
     _tolerance("density", "load", Law(before=_density), _excess("1", 0.01)),
-    _tolerance("tilt", "boundary", Law(before=_tilt), *_xyz("rad", ANGLE, "xy")),
-    _tolerance("frame_turn", "measurement", Law(after=_frame_turn), *_xyz("rad", ANGLE)),
+    _tolerance("tilt", "boundary", Law(before=base_tilt), *_xyz("rad", ANGLE, "xy")),
+    _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_xyz("rad", ANGLE)),
     _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 0.5e-3)),
     _tolerance("length", "boundary", Law(before=_length), _excess("m", 0.5e-3)),
 )
@@ -149,6 +142,8 @@ DRIFT = _tolerance(
     scope="campaign",
 )
 """Silicone softens as it is worked, and is as warm as the room."""
+VACUUM_SWEEP = 0.05
+"""Spread of the vacuum, in nominal vacuums, above which its exponent shows."""
 JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
@@ -165,19 +160,19 @@ def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> Var
 
 def mounts(design: States) -> list[tuple[float, int]]:
     """Roll (deg) and sitting of each mounting, that of most states first."""
-    own = ~design.stiffness
-    both = np.column_stack([np.round(np.degrees(design.roll[own])), design.sitting[own]])
-    found, count = np.unique(both, axis=0, return_counts=True)
-    return [(float(roll), int(sitting)) for roll, sitting in found[np.argsort(-count, kind="stable")]]
+    of_robot = ~design.stiffness
+    roll_and_sitting = np.column_stack([np.round(np.degrees(design.roll[of_robot])), design.sitting[of_robot]])
+    mountings, count = np.unique(roll_and_sitting, axis=0, return_counts=True)
+    return [(float(roll), int(sitting)) for roll, sitting in mountings[np.argsort(-count, kind="stable")]]
 
 
 def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
-    found = [VariationSource(spec, "effect") for spec in effects]
-    found += [*ALWAYS, VariationSource(AREA, "calibration")]
+    chosen = [VariationSource(spec, "effect") for spec in effects]
+    chosen += [*ALWAYS, VariationSource(AREA, "calibration")]
     if robot.spine is not None:
-        found += [replace(source, scope="all") for source in BY_TRIAL]
-    return (*found, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(found)
+        chosen += [replace(source, scope="all") for source in BY_TRIAL]
+    return (*chosen, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(chosen)
 
 
 def sources(
@@ -186,12 +181,12 @@ def sources(
     area: Literal["one", "per_length"],
     uncertainty: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[VariationSource, ...]:
-    """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, those of each
-    mounting and trial. `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
+    """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, then what the design
+    has several of (mountings, repeats, trials). `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
     chosen = [VariationSource(spec, "effect") for spec in catalogue]
-    moved = bool((~design.stiffness).any())
-    chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if moved else ALWAYS[:2])]
-    if moved:
+    of_robot = bool((~design.stiffness).any())
+    chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
+    if of_robot:
         chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
@@ -201,8 +196,8 @@ def sources(
         chosen += REPEATS
     if (design.spine_length > 0).any():
         chosen += BY_TRIAL
-        spined = design.vacuum[design.spine_length > 0]
-        if np.ptp(spined) > 0.05 * design.nominal_vacuum:
+        with_spine = design.vacuum[design.spine_length > 0]
+        if np.ptp(with_spine) > VACUUM_SWEEP * design.nominal_vacuum:
             chosen.append(JAMMING)
     if design.stiffness.any():
         chosen += BY_PUSH

@@ -14,27 +14,27 @@ PATIENCE, PIVOTS = 3, 100
 def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
     """The x (n, k) within low .. high that minimise x.curve.x / 2 + slope.x, for n positive definite curves (n, k, k).
 
-    Block principal pivoting (Kim and Park 2011, for two-sided bounds): what lies beyond its bound is held there, what is held
-    against its pull is let go. All at once while that helps, else one by one, which ends after finitely many steps.
+    Block principal pivoting (Kim and Park 2011, for two-sided bounds): a variable beyond its bound is held there, a held one
+    whose gradient points inwards is freed. All at once while that helps, else one by one, which ends after finitely many steps.
     """
     n, k = slope.shape
-    side = np.zeros((n, k), np.int64)  # -1 held at the lower bound, 1 at the upper, 0 free
+    held = np.zeros((n, k), np.int64)  # -1 at the lower bound, 1 at the upper, 0 free
     fewest, patience = np.full(n, k + 1), np.full(n, PATIENCE)
     x = np.zeros((n, k))
     for _ in range(PIVOTS):
-        free = side == 0
-        x = np.where(side < 0, low, np.where(side > 0, high, 0.0))
-        both = free[:, :, None] & free[:, None, :]
-        pulled = np.where(free, -slope - (curve @ x[..., None])[..., 0], 0.0)
-        x = x + np.linalg.solve(np.where(both, curve, np.eye(k)), pulled[..., None])[..., 0]
-        uphill = (curve @ x[..., None])[..., 0] + slope
-        wanted = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(side * uphill > 0, 0, side))
-        wrong = wanted != side
+        free = held == 0
+        x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
+        both_free = free[:, :, None] & free[:, None, :]
+        downhill = np.where(free, -slope - (curve @ x[..., None])[..., 0], 0.0)
+        x = x + np.linalg.solve(np.where(both_free, curve, np.eye(k)), downhill[..., None])[..., 0]
+        gradient = (curve @ x[..., None])[..., 0] + slope
+        target = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * gradient > 0, 0, held))
+        wrong = target != held
         count = wrong.sum(axis=1)
         if not count.any():
             break
         patience = np.where(count < fewest, PATIENCE, patience - 1)
         fewest = np.minimum(fewest, count)
-        last = np.arange(k) == (k - 1 - np.argmax(wrong[:, ::-1], axis=1))[:, None]
-        side = np.where(wrong & (last | (patience >= 0)[:, None]), wanted, side)
+        is_last = np.arange(k) == (k - 1 - np.argmax(wrong[:, ::-1], axis=1))[:, None]
+        held = np.where(wrong & (is_last | (patience >= 0)[:, None]), target, held)
     return np.clip(x, low, high)

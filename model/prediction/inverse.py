@@ -92,12 +92,10 @@ def limits_of(
             f"max_pressure: robot.yaml does not say how much its {words.kind} may hold; add it, in Pa (10 {words.unit} are "
             f"{10 * words.pascal:g} Pa)"
         )
-    longest = max(robot.spine.modulus) if robot.spine is not None else 0.0
+    limit, longest = (robot.length, max(robot.spine.modulus)) if robot.spine is not None else (0.0, 0.0)
     low, high = spine if spine is not None else (0.0, longest)
-    if not 0 <= low <= high <= (robot.length if robot.spine is not None else 0.0):
-        raise BadCondition(
-            f"spine length: {low:g} .. {high:g} m, must lie between 0 and {robot.length if robot.spine is not None else 0.0:g} m"
-        )
+    if not 0 <= low <= high <= limit:
+        raise BadCondition(f"spine length: {low:g} .. {high:g} m, must lie between 0 and {limit:g} m")
     return ReachLimits(robot.max_pressure, chamber_groups, (low, high))
 
 
@@ -150,7 +148,7 @@ class _InverseSearch:
         return self._limits.max_pressure * u[:, :-1] @ self._member, self._low + self._range * u[:, -1]
 
     def run(self, progress: Callable[[float], None]) -> Array:
-        """(m, k) the best inputs of each target."""
+        """(m, k) the best inputs of each target: each start is improved in a trust region until its cost stays."""
         start = self._starts()
         m, tries = start.shape[:2]
         row = np.repeat(np.arange(m), tries)
@@ -162,55 +160,57 @@ class _InverseSearch:
             if not active.size:
                 break
             progress(k / ROUNDS)
-            goal = self._steps(u[active], missed[active], slope[active], radius[active])
-            remaining, along, reached = self._linear(goal, row[active])
-            better = reached < cost[active]
-            gained, moved = cost[active] - reached, np.abs(goal - u[active]).max(axis=1)
-            radius[active] = np.where(better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], moved))
-            kept = active[better]
-            u[kept], missed[kept], slope[kept], cost[kept] = (goal[better], remaining[better], along[better], reached[better])
-            done = better & ((gained < COST_TOLERANCE) | (moved < STEP_TOLERANCE))
-            active = active[~done & (radius[active] > LEAST_RADIUS)]
-        reached = cost.reshape(m, tries)
+            trial = self._steps(u[active], missed[active], slope[active], radius[active])
+            trial_missed, trial_slope, trial_cost = self._linear(trial, row[active])
+            better = trial_cost < cost[active]
+            decrease, step = cost[active] - trial_cost, np.abs(trial - u[active]).max(axis=1)
+            radius[active] = np.where(better, np.minimum(2 * radius[active], 1.0), 0.3 * np.minimum(radius[active], step))
+            accepted = active[better]
+            u[accepted], missed[accepted] = trial[better], trial_missed[better]
+            slope[accepted], cost[accepted] = trial_slope[better], trial_cost[better]
+            converged = better & ((decrease < COST_TOLERANCE) | (step < STEP_TOLERANCE))
+            active = active[~converged & (radius[active] > LEAST_RADIUS)]
+        costs = cost.reshape(m, tries)
         # rounding must not choose among ways to a target
-        best = np.argmax(reached <= reached.min(axis=1, keepdims=True) + 1e-8, axis=1)
+        best = np.argmax(costs <= costs.min(axis=1, keepdims=True) + 1e-8, axis=1)
         return np.asarray(u.reshape(m, tries, -1)[np.arange(m), best])
 
     def _starts(self) -> Array:
-        """(m, tries, k) inputs close to the targets, from states with one to three groups inflated, or all."""
+        """(m, tries, k) inputs to start from: of `TRIED` random states with one to three groups inflated, or all, for each target
+        and band of spine length that of least pressure among the `NEAREST`, and last the nearest of all."""
         rng = np.random.default_rng(SEED)
         groups = len(self._limits.groups)
         u = rng.uniform(size=(TRIED, groups + 1))
         order = rng.random((TRIED, groups)).argsort(axis=1)
-        used = rng.choice([*range(1, min(groups, 3) + 1), groups], TRIED)
-        u[:, :-1] *= order < used[:, None]
+        inflated = rng.choice([*range(1, min(groups, 3) + 1), groups], TRIED)
+        u[:, :-1] *= order < inflated[:, None]
         u[:, -1] *= self._high[-1]
         u[0] = 0.0
         tips = self._at(*self.inputs(u), arcs=()).tip
-        ok = np.isfinite(tips).all(axis=1)
-        u, tips = u[ok], tips[ok]
+        solved = np.isfinite(tips).all(axis=1)
+        u, tips = u[solved], tips[solved]
         if not len(u):
             raise BadCondition("targets: the rod has no equilibrium at any state within the limits: check robot.yaml")
-        total = u @ self._cost
+        pressure_cost = u @ self._cost
         bands = np.minimum((BANDS * u[:, -1]).astype(int), BANDS - 1)
-        parts = [candidates for candidates in (np.flatnonzero(bands == b) for b in range(BANDS)) if candidates.size]
-        out = np.empty((len(self._wanted), len(parts) + 1, u.shape[1]))
+        members = [candidates for candidates in (np.flatnonzero(bands == b) for b in range(BANDS)) if candidates.size]
+        out = np.empty((len(self._wanted), len(members) + 1, u.shape[1]))
         for i, (wanted, weight) in enumerate(zip(self._wanted, self._weight, strict=True)):
-            off = (((tips - wanted) * weight) ** 2).sum(axis=1)
-            out[i, -1] = u[np.argmin(off)]
-            for k, candidates in enumerate(parts):
-                near = candidates[np.argsort(off[candidates])[:NEAREST]]
-                out[i, k] = u[near[np.argmin(total[near])]]
+            distance = (((tips - wanted) * weight) ** 2).sum(axis=1)
+            out[i, -1] = u[np.argmin(distance)]
+            for k, candidates in enumerate(members):
+                near = candidates[np.argsort(distance[candidates])[:NEAREST]]
+                out[i, k] = u[near[np.argmin(pressure_cost[near])]]
         return out
 
     def _linear(self, u: Array, row: Order) -> tuple[Array, Array, Array]:
         """Weighted misses (n, 3) over TAU, their slopes (n, 3, k) by u, and costs (n,)."""
-        found = self._at(*self.inputs(u), arcs=(), gradient=True)
-        assert found.tip_by_pressure is not None and found.tip_by_length is not None
+        prediction = self._at(*self.inputs(u), arcs=(), gradient=True)
+        assert prediction.tip_by_pressure is not None and prediction.tip_by_length is not None
         weight = self._weight[row] / TAU
-        missed = weight * (found.tip - self._wanted[row])
-        by_group = self._limits.max_pressure * found.tip_by_pressure @ self._member.T
-        slope = weight[:, :, None] * np.concatenate([by_group, self._range * found.tip_by_length[:, :, None]], axis=2)
+        missed = weight * (prediction.tip - self._wanted[row])
+        by_group = self._limits.max_pressure * prediction.tip_by_pressure @ self._member.T
+        slope = weight[:, :, None] * np.concatenate([by_group, self._range * prediction.tip_by_length[:, :, None]], axis=2)
         cost = 0.5 * (missed**2).sum(axis=1) + u @ self._cost
         return missed, slope, np.where(np.isfinite(cost) & np.isfinite(slope).all(axis=(1, 2)), cost, np.inf)
 

@@ -115,25 +115,22 @@ class Predictor:
         given) and `roll` rad, each one number or (n,). `vacuum` Pa below ambient is the one at which the spine's moduli
         hold. Rate and hold matter to effects with memory alone. `arcs` (k,) m from the base. Raises `BadCondition`.
         """
-        asked = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
+        states = conditions(self.robot, spine_length, pressures, tip_mass, roll, vacuum=vacuum, rate=rate, hold=hold)
         places = np.asarray(self.robot.markers if arcs is None else arcs, float).reshape(-1)
-        if ((places < 0) | (places > self.robot.length)).any():
-            raise BadCondition(
-                f"arcs: {places[(places < 0) | (places > self.robot.length)][0]:g} m must lie between 0 and the robot's "
-                f"length {self.robot.length:g} m"
-            )
+        beyond = places[(places < 0) | (places > self.robot.length)]
+        if beyond.size:
+            raise BadCondition(f"arcs: {beyond[0]:g} m must lie between 0 and the robot's length {self.robot.length:g} m")
 
         def part(rows: Order) -> Prediction:
-            return predicted(self._forward.at(asked[rows], places), self._residual, intervals, gradient)
+            return predicted(self._forward.at(states[rows], places), self._residual, intervals, gradient)
 
-        n = len(asked)
-        # Rods that are solved together share their steps: alike ones need fewer.
-        # m of spine length
-        alike = np.lexsort((asked.pressure.sum(axis=1), np.round(asked.spine_length / 0.02)))
+        n = len(states)
+        # Rods that are solved together share their steps, and alike ones need fewer: by spine length to 2 cm, then by pressure
+        alike = np.lexsort((states.pressure.sum(axis=1), np.round(states.spine_length / 0.02)))
         order = alike if n > BATCH else np.arange(n)
         batches = [order[k : k + BATCH] for k in range(0, n, BATCH)]
         joined = _joined(self._shared_out(part, batches), order)
-        return replace(joined, outside=self._outside(asked.pressure))
+        return replace(joined, outside=self._outside(states.pressure))
 
     def _outside(self, pressure: Array) -> NDArray[np.bool_]:
         """(n,) of pressures (n, chambers) Pa; warns where there are any."""
@@ -159,36 +156,39 @@ class Predictor:
 def predicted(
     forward: ForwardModel, residual: LearntResidual | None, intervals: bool = False, gradient: bool = False
 ) -> Prediction:
-    """What a model predicts of the states that it has, of the robot as robot.yaml describes it."""
+    """What a model predicts of its states for the robot as robot.yaml describes it, `residual` added to the tip.
+
+    `intervals`: with standard deviations (see `spread`); `gradient`: with the tip's slopes by pressures and spine length.
+    """
     robot, states = forward.robot, forward.design
     zero = np.zeros(len(forward.parameters))
     learnt = None
     if residual is not None:
         learnt = residual(states.pressure, states.spine_length, intervals=intervals, gradient=gradient)
-    missed, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
+    learnt_mean, unexplained = (0.0, None) if learnt is None else (learnt.mean, learnt.variance)
     if not gradient and not intervals:
         r = forward.read(zero)
-        return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0])
+        return Prediction(r.tip[0] + learnt_mean, r.orientation[0], r.markers[0])
     names, covariance = uncertain(robot) if intervals else ((), np.zeros((0, 0)))
     parameters = [name for name in names if name != PRESSURE]
     chambers = states.pressure.shape[1] if gradient else 0
-    change = _changes(states, len(parameters) < len(names), gradient)
-    r, slopes = forward.motions(zero, ["area.excess" if name == AREA_FACTOR else name for name in parameters], change)
+    changes = _changes(states, len(parameters) < len(names), gradient)
+    r, slopes = forward.motions(zero, ["area.excess" if name == AREA_FACTOR else name for name in parameters], changes)
     fields: dict[str, Any] = {}
     if intervals:
-        if AREA_FACTOR in parameters:
+        if AREA_FACTOR in parameters:  # area.excess is relative to it
             slopes[parameters.index(AREA_FACTOR)] /= forward.area_factor[:, None]
-        by = slopes[[len(parameters) if name == PRESSURE else parameters.index(name) for name in names]]
-        wrong = robot.posterior is not None and robot.posterior.law_error > 0
-        absent = [forward.read(_without(forward, id)) for id in robot.effects] if wrong else []
-        fields |= standard_deviations(robot, covariance, r, by, absent, unexplained)
+        of_names = slopes[[len(parameters) if name == PRESSURE else parameters.index(name) for name in names]]
+        has_law_error = robot.posterior is not None and robot.posterior.law_error > 0
+        without_effect = [forward.read(_without(forward, id)) for id in robot.effects] if has_law_error else []
+        fields |= standard_deviations(robot, covariance, r, of_names, without_effect, unexplained)
     if gradient:
         tip = slopes[-chambers - 1 :, :, :3]
         fields["tip_by_pressure"], fields["tip_by_length"] = tip[:-1].transpose(1, 2, 0), tip[-1]
         if learnt is not None and learnt.by_pressure is not None and learnt.by_length is not None:
             fields["tip_by_pressure"] = fields["tip_by_pressure"] + learnt.by_pressure
             fields["tip_by_length"] = fields["tip_by_length"] + learnt.by_length
-    return Prediction(r.tip[0] + missed, r.orientation[0], r.markers[0], **fields)
+    return Prediction(r.tip[0] + learnt_mean, r.orientation[0], r.markers[0], **fields)
 
 
 def _changes(states: States, together: bool, each: bool) -> InputChange:
@@ -215,5 +215,5 @@ def _joined(parts: Sequence[Prediction], order: Order) -> Prediction:
         return parts[0]
     back = np.argsort(order)
     columns = {f.name: [getattr(p, f.name) for p in parts] for f in fields(Prediction)}
-    made: Any = {name: None if own[0] is None else np.concatenate(own)[back] for name, own in columns.items()}
-    return Prediction(**made)
+    joined: Any = {name: None if values[0] is None else np.concatenate(values)[back] for name, values in columns.items()}
+    return Prediction(**joined)

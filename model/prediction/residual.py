@@ -74,14 +74,14 @@ class LearntResidual:
         return kernel(u, length, self._u, self._length, own.pressure_scale, own.length_scale)
 
     def __call__(self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False) -> ExpectedResidual:
-        """At pressures (n, chambers) Pa and spine lengths (n,) m."""
+        """The mean at pressures (n, chambers) Pa and spine lengths (n,) m, with variance or slopes where asked for."""
         residual, u = self._own, section_sums(self._robot, pressure)
         k = self._correlation(u, length)
         mean = np.asarray(k @ self._weights)
         variance = by_pressure = by_length = None
         if intervals:
-            c = residual.amplitude**2 * k
-            explained = (c * cho_solve(self._factor, c.T).T).sum(axis=1)
+            covariance = residual.amplitude**2 * k
+            explained = (covariance * cho_solve(self._factor, covariance.T).T).sum(axis=1)
             variance = np.asarray(np.maximum(residual.amplitude**2 - explained, 0.0)[:, None])
         if gradient:
             by_u = np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", mean, u)

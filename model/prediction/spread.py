@@ -38,30 +38,30 @@ def standard_deviations(
     where a residual was learnt.
     """
     posterior = robot.posterior
-    share, loose, read = (posterior.law_error, posterior.discrepancy, posterior.noise.reading) if posterior else (0.0, 0.0, 0.0)
-
+    share, discrepancy = (posterior.law_error, posterior.discrepancy) if posterior else (0.0, 0.0)
     noise = posterior.noise if posterior else Noise()
     turn, shift = noise.turn, noise.shift
     spread = (np.einsum("ij,jnc->inc", covariance, slopes) * slopes).sum(axis=0)
+    # variances: of the tip, of its turn and of the markers
     tips, turns, shapes = spread[:, :3], spread[:, 3:6], spread[:, 7:].reshape(here.markers.shape[1:])
     for other in absent:
         tips = tips + (share * (here.tip[0] - other.tip[0])) ** 2
         shapes = shapes + (share * (here.markers[0] - other.markers[0])) ** 2
-        turned = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
-        turns = turns + (share * turned) ** 2
+        turn_by_effect = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
+        turns = turns + (share * turn_by_effect) ** 2
     tips, shapes = (
-        of_tip + open_ + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
-        for of_tip, open_, place in (
-            (tips, loose**2 if unexplained is None else unexplained, here.tip[0]),
-            (shapes, loose**2, here.markers[0]),
+        variance + rest + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        for variance, rest, place in (
+            (tips, discrepancy**2 if unexplained is None else unexplained, here.tip[0]),
+            (shapes, discrepancy**2, here.markers[0]),
         )
     )
     turns = turns + turn**2
     return {
         "model_sd": np.sqrt(tips),
-        "sd": np.sqrt(tips + read**2),
+        "sd": np.sqrt(tips + noise.reading**2),
         "orientation_sd": np.sqrt(turns),
-        "shape_sd": np.sqrt(shapes + read**2),
+        "shape_sd": np.sqrt(shapes + noise.reading**2),
     }
 
 

@@ -85,18 +85,18 @@ class Form:
     def view(self, values: Array, name: str) -> Array:
         """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""
         if name in _PER_ROD:
-            at, size = _PER_ROD[name]
-            return values[..., at] if size == 1 else values[..., at : at + size]
+            offset, size = _PER_ROD[name]
+            return values[..., offset] if size == 1 else values[..., offset : offset + size]
         if name in self._spring_fields():
-            first, count, each = columns.HEAD, self.springs, columns.SPRING
-            at, size = _PER_SPRING[name]
+            first, count, block = columns.HEAD, self.springs, columns.SPRING
+            offset, size = _PER_SPRING[name]
         elif name in _PER_ELEMENT:
-            first, count, each = self.head, self.elements, columns.BLOCK
-            at, size = _PER_ELEMENT[name]
+            first, count, block = self.head, self.elements, columns.BLOCK
+            offset, size = _PER_ELEMENT[name]
         else:
             raise BadCondition(f"{name}: no such field in rods of {self}; there are {', '.join(self.fields())}")
-        blocks = values[..., first : first + count * each].reshape(*values.shape[:-1], count, each)
-        return blocks[..., at] if size == 1 else blocks[..., at : at + size]
+        blocks = values[..., first : first + count * block].reshape(*values.shape[:-1], count, block)
+        return blocks[..., offset] if size == 1 else blocks[..., offset : offset + size]
 
 
 @dataclass(frozen=True)

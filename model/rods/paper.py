@@ -94,7 +94,10 @@ _NO_PATH = np.zeros((0, 3))
 def _march(
     start: Array, length: float, steps: int, ends: Array, sections: Array, path: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Eq. 6 applied to eq. 1 and 2, point after point from the base; `ends` (elements,) m."""
+    """p (m), R, n (N) and m (N m) at the tip: eq. 6 applied to eq. 1 and 2, point after point from n, m at the base (`start`).
+
+    `ends` (elements,) m: where elements end; `sections` (elements, 12) by the columns above; `path` takes p where it has rows.
+    """
     ds = length / steps
     p, rotation = np.zeros(3), np.eye(3)
     n, m = np.empty(3), np.empty(3)
@@ -102,16 +105,16 @@ def _march(
         n[k], m[k] = start[k], start[3 + k]
     v, u, slope = np.empty(3), np.empty(3), np.empty(3)
     turn = np.zeros((3, 3))
-    e = 0
+    element = 0
     for i in range(steps):
         # A step that starts at the end of an element is beyond it, whatever the last bit of i * ds says.
-        while e + 1 < ends.size and i * ds >= ends[e] - 1e-9 * length:
-            e += 1
+        while element + 1 < ends.size and i * ds >= ends[element] - 1e-9 * length:
+            element += 1
         for k in range(3):
             local_n = rotation[0, k] * n[0] + rotation[1, k] * n[1] + rotation[2, k] * n[2]
             local_m = rotation[0, k] * m[0] + rotation[1, k] * m[1] + rotation[2, k] * m[2]
-            v[k] = local_n / sections[e, STRETCH + k] + (1.0 if k == 2 else 0.0)
-            u[k] = local_m / sections[e, BEND + k] + sections[e, REST + k]
+            v[k] = local_n / sections[element, STRETCH + k] + (1.0 if k == 2 else 0.0)
+            u[k] = local_m / sections[element, BEND + k] + sections[element, REST + k]
         for k in range(3):
             slope[k] = rotation[k, 0] * v[0] + rotation[k, 1] * v[1] + rotation[k, 2] * v[2]
             turn[k, 0] = rotation[k, 1] * u[2] - rotation[k, 2] * u[1]
@@ -122,7 +125,7 @@ def _march(
         m[2] -= ds * (slope[0] * n[1] - slope[1] * n[0])
         for k in range(3):
             p[k] += ds * slope[k]
-            n[k] -= ds * sections[e, LOAD + k]
+            n[k] -= ds * sections[element, LOAD + k]
             for j in range(3):
                 rotation[k, j] += ds * turn[k, j]
         for k in range(3 if path.shape[0] > 0 else 0):

@@ -1,11 +1,10 @@
 """PyElastica (extra `pyelastica`) as a simulator of the robot: a Cosserat rod in time, damped until it rests.
 
 The robot's rod has N equal elements; stretch K_se and bend K_bt of each are those of the rod of robot.yaml at its middle, an
-element that the spine's end divides having both in series. It bends at the N - 1 places between elements, so K_bt is taken
-(N - 1) / N times. The chambers press on the tip with n_P and m_P, which turn with
-it (paper, eq. 4); weight and tip mass act at the nodes. Mass and damping decide how the robot comes to rest, not where.
-PyElastica's own law lets an element that is stretched bend more easily (its section keeps its volume), so that it does not
-agree with the rod to the last digit.
+element that the spine's end divides having both in series. It bends at the N - 1 places between elements, so K_bt is taken (N -
+1) / N times. The chambers press on the tip with n_P and m_P, which turn with it (paper, eq. 4); weight and tip mass act at the
+nodes. Mass and damping decide how the robot comes to rest, not where. PyElastica's own law lets an element that is stretched bend
+more easily (its section keeps its volume), so that it does not agree with the rod to the last digit.
 
 N. Naughton et al., "Elastica: A compliant mechanics environment for soft robotic control", RA-L 2021.
 """
@@ -72,26 +71,26 @@ class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping): 
 def relaxed(
     rods: Rods, i: int, density: float, elements: int = ELEMENTS, time_step: float = TIME_STEP, at_rest: float = 1e-4
 ) -> Array:
-    """(3,) m, the tip of rod `i` at rest, which is `at_rest` m/s; NaN where it does not rest. Many elements want a short
-    `time_step` (s)."""
-    total = float(rods.whole_length[i])
+    """(3,) m, the tip of rod `i` when no node is faster than `at_rest` (m/s); NaN where it does not come to rest. Many elements
+    need a short `time_step` (s)."""
+    length = float(rods.whole_length[i])
     rod = ea.CosseratRod.straight_rod(
-        elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), total, RADIUS, density,
+        elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), length, RADIUS, density,
         youngs_modulus=1e6, shear_modulus=1e6 / 3,
     )  # fmt: skip
-    edges = np.linspace(0.0, total, elements + 1)
-    within = rods.shares(i, edges)
-    between = rods.shares(i, 0.5 * (edges[1:] + edges[:-1]))
+    edges = np.linspace(0.0, length, elements + 1)
+    element_shares = rods.shares(i, edges)
+    joint_shares = rods.shares(i, 0.5 * (edges[1:] + edges[:-1]))
     for k in range(3):
-        rod.shear_matrix[k, k] = 1.0 / (within @ (1.0 / rods.field("stretch_stiffness")[i, :, k]))
-        bend = 1.0 / (between @ (1.0 / rods.field("bend_stiffness")[i, :, k]))
+        rod.shear_matrix[k, k] = 1.0 / (element_shares @ (1.0 / rods.field("stretch_stiffness")[i, :, k]))
+        bend = 1.0 / (joint_shares @ (1.0 / rods.field("bend_stiffness")[i, :, k]))
         rod.bend_matrix[k, k] = (elements - 1) / elements * bend
-        rod.rest_kappa[k] = elements / (elements - 1) * (between @ rods.field("rest_curvature")[i, :, k])
-        rod.rest_sigma[k] = within @ (rods.field("rest_strain")[i, :, k] - (k == 2))
+        rod.rest_kappa[k] = elements / (elements - 1) * (joint_shares @ rods.field("rest_curvature")[i, :, k])
+        rod.rest_sigma[k] = element_shares @ (rods.field("rest_strain")[i, :, k] - (k == 2))
     weight = np.zeros((3, elements + 1))
-    each = total / elements * (within @ rods.field("load")[i]).T
-    weight[:, :-1] += 0.5 * each
-    weight[:, 1:] += 0.5 * each
+    element_weight = length / elements * (element_shares @ rods.field("load")[i]).T
+    weight[:, :-1] += 0.5 * element_weight
+    weight[:, 1:] += 0.5 * element_weight
     weight[:, -1] += rods.field("dead_force")[i]
     system = _System()
     system.append(rod)

@@ -85,12 +85,12 @@ def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
     heaviest = load[int(np.argmax(np.linalg.norm(load, axis=1)))]
     size = float(np.linalg.norm(heaviest))
     gravity = heaviest / size if size else np.array([0.0, 0.0, 1.0])
-    each = length / len(stiffness)
+    segment_length = length / len(stiffness)
     links = [
         LinkSpec.circular(
             # SoRoMoX wants a density
-            length=each, radius=RADIUS, density=max(float(w @ gravity), 1e-9) / (np.pi * RADIUS**2),
-            reference_strain=u.tolist(), stiffness=jnp.diag(jnp.asarray(each * k)),
+            length=segment_length, radius=RADIUS, density=max(float(w @ gravity), 1e-9) / (np.pi * RADIUS**2),
+            reference_strain=u.tolist(), stiffness=jnp.diag(jnp.asarray(segment_length * k)),
         )
         for k, w, u in zip(stiffness, load, rest, strict=True)
     ]  # fmt: skip
@@ -99,9 +99,9 @@ def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
 
 @eqx.filter_jit
 def equilibrium(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any, Any]:
-    """The tip (3,) m of a model of SoRoMoX, and the largest component of what is out of balance (N m, N).
+    """The tip (3,) m of SoRoMoX' rod of a `length` (m) in equilibrium, and the largest component of its residual (N m, N).
 
-    At the tip `follower` (6,) N m, N in SoRoMoX' axes, which turns with it, and `dead` (3,) N in the robot's; `length` m.
+    At the tip act `follower` (6,) N m, N in SoRoMoX' axes, which turns with it, and `dead` (3,) N in the robot's axes.
     """
 
     def residual(q: Any, share: Any) -> Any:

@@ -44,13 +44,12 @@ def export_streams(recording: Recording, folder: str | os.PathLike[str]) -> list
     table = table_of(recording)
     streams = {_stem(t): _columns(recording, t) for t in recording.streams if len(recording.stream(t))}
     tables = {stem: {c.name: c.values for c in columns} for stem, columns in streams.items()}
-    about = [(stem, c.name, c.unit, " ".join(c.meaning.split())) for stem, columns in streams.items() for c in columns]
-    about += [("trials", name, unit, _meaning(name)) for name, unit in table.units.items()]
+    meanings = [(stem, c.name, c.unit, " ".join(c.meaning.split())) for stem, columns in streams.items() for c in columns]
+    meanings += [("trials", name, unit, _meaning(name)) for name, unit in table.units.items()]
+    if requests := recording.requests:
+        tables["requests"] = {f.name: np.array([getattr(request, f.name) for request in requests]) for f in fields(Request)}
     names = ("file", "column", "unit", "meaning")
-    described = {name: np.array([row[k] for row in about], np.str_) for k, name in enumerate(names)}
-    if asked := recording.requests:
-        tables["requests"] = {field.name: np.array([getattr(one, field.name) for one in asked]) for field in fields(Request)}
-    tables["columns"] = described
+    tables["columns"] = {name: np.array([row[k] for row in meanings], np.str_) for k, name in enumerate(names)}
     written = [folder / f"{stem}.csv" for stem in tables]
     for columns, path in zip(tables.values(), written, strict=True):
         _write(columns, path)
@@ -70,9 +69,9 @@ class _ExportColumn(NamedTuple):
 def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
     """The columns of a stream, those of arrays one by one."""
     samples, units, out = recording.stream(topic), recording.units(topic), list[_ExportColumn]()
-    described = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
+    own_fields = {f.name: f for f in STREAMS[topic].fields} if topic in STREAMS else {}
     for name in samples.dtype.names or ():
-        field = described.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
+        field = own_fields.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
         unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
         if name == "t":
             since = ""
@@ -83,10 +82,10 @@ def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
         elif samples[name].ndim == 1:
             out.append(_ExportColumn(name, samples[name], unit, field.doc))
         else:
-            several, count = unit.split(", "), values.shape[1]
+            part_units, count = unit.split(", "), values.shape[1]
             for i in range(count):
                 meaning = f"{_part(field, i)}; {field.doc}"
-                out.append(_ExportColumn(f"{name}_{i + 1}", values[:, i], several[i * len(several) // count], meaning))
+                out.append(_ExportColumn(f"{name}_{i + 1}", values[:, i], part_units[i * len(part_units) // count], meaning))
     if has_stamp(topic):
         meaning = "rig time at which the sample was taken, by the clock of the instrument"
         out.append(_ExportColumn("t_aligned", aligned(recording, topic), "s", meaning))

@@ -106,8 +106,7 @@ def info(path: str | os.PathLike[str]) -> Info:
         recording = Recording.salvaged(path)
         recording.load()
     counts, outcome = counted(recording.metadata), recording.metadata.get("outcome", {})
-    shown_elsewhere = ("clocks", "counts", "outcome")
-    metadata = {name: texts for name, texts in recording.metadata.items() if name not in shown_elsewhere}
+    metadata = {name: texts for name, texts in recording.metadata.items() if name not in ("clocks", "counts", "outcome")}
     notes: list[str] = []
     damage = [*(recording.damage or ()), *recording.undescribed()]
     times = {topic: recording.log_times(topic) for topic in recording.topics}
@@ -117,25 +116,25 @@ def info(path: str | os.PathLike[str]) -> Info:
         start = recording.start_wall_ns
     except Foreign:
         start = first or 0
-    several = Counter(channel.topic for channel in recording.contents.channels.values())
+    channel_counts = Counter(channel.topic for channel in recording.contents.channels.values())
     streams = {
         topic: StreamInfo(
             timing(_since(start, log_times)), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
-            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0, several[topic],
+            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0, channel_counts[topic],
         )
         for topic, log_times in times.items()
     }  # fmt: skip
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     planned = planned_of(recording)[1]
-    read: set[tuple[int, int]] = _or(set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials})
-    notes += beyond_plan(len(read), planned)
+    states_read: set[tuple[int, int]] = _or(set(), notes, damage, lambda: {(e.row.trial, e.row.step) for e in recording.trials})
+    notes += beyond_plan(len(states_read), planned)
     return Info(
         path=str(recording.path), size=recording.contents.size, readable=recording.contents.end,
         finished=recording.contents.finished, outcome=outcome.get("outcome"), detail=outcome.get("detail", ""),
         start="" if first is None else datetime.fromtimestamp(first / 1e9, UTC).isoformat(timespec="seconds"),
         duration=0.0 if first is None else (last - first) / 1e9,
         states=len(times["/state"]) if recording.knows("/state") else 0,
-        rows=len(read) or (len(times["/trial"]) if recording.knows("/trial") else 0),
+        rows=len(states_read) or (len(times["/trial"]) if recording.knows("/trial") else 0),
         planned=planned, streams=streams, attachments={name: len(data) for name, data in recording.attachments.items()},
         clocks=_or({}, notes, damage, partial(clocks, recording)), metadata=metadata,
         requests=_or([], notes, damage, lambda: recording.requests),
@@ -170,10 +169,10 @@ def _since(start: int, log_times: NDArray[np.uint64]) -> NDArray[np.float64]:
     return (log_times - first) / 1e9 + (int(first) - start) / 1e9
 
 
-def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T]) -> T:
-    """What `way` gives; else `otherwise` and a note (other versions, merged files), or damage where messages make no sense."""
+def _or(otherwise: T, notes: list[str], damage: list[str], compute: Callable[[], T]) -> T:
+    """What `compute` gives; else `otherwise`, with a note (other versions, merged files) or damage (senseless messages)."""
     try:
-        return way()
+        return compute()
     except (NotARecording, OtherVersion) as error:
         notes.append(str(error))
     except (Damaged, BadMessage, BadTable) as error:
@@ -182,9 +181,9 @@ def _or(otherwise: T, notes: list[str], damage: list[str], way: Callable[[], T])
 
 
 def _quantities(recording: Recording, topic: str) -> dict[str, Quantity]:
-    samples, found = recording.stream(topic), {}
+    samples, quantities = recording.stream(topic), {}
     for name, unit in recording.units(topic).items():
         values = samples[name][np.isfinite(samples[name])]
         if name != "t" and len(values):
-            found[name] = Quantity(unit, float(values.min()), float(values.mean()), float(values.max()))
-    return found
+            quantities[name] = Quantity(unit, float(values.min()), float(values.mean()), float(values.max()))
+    return quantities

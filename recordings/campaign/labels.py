@@ -29,18 +29,18 @@ def split(text: str) -> tuple[str, str]:
 
 def labels(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Checked texts by name; raises `BadMessage` for one that is empty, too long, or given twice."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for name, text in pairs:
         if not text.strip() or len(text) > LONGEST:
             raise BadMessage(f"{name} = {text[:80]!r}: must have 1 to {LONGEST} characters, has {len(text)}")
         if events.writable(text) != text:
             raise BadMessage(f"{name} = {text[:80]!r}: is not UTF-8; set the terminal to UTF-8 and write it again")
-        if name in found:
-            raise BadMessage(f"{name}: is given twice, as {found[name]!r} and {text!r}")
-        found[name] = text
-    if len(found) > MOST:
-        raise BadMessage(f"{len(found)} labels are given, at most {MOST}")
-    return found
+        if name in texts:
+            raise BadMessage(f"{name}: is given twice, as {texts[name]!r} and {text!r}")
+        texts[name] = text
+    if len(texts) > MOST:
+        raise BadMessage(f"{len(texts)} labels are given, at most {MOST}")
+    return texts
 
 
 def labels_of(recording: Recording) -> dict[str, str]:

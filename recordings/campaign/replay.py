@@ -58,16 +58,16 @@ def table_of(recording: Recording) -> Table:
 
 
 def _table(
-    recording: Recording, read: Sequence[tuple[TrialEvent | Replayed, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
+    recording: Recording, readings: Sequence[tuple[TrialEvent | Replayed, TrialRow]], drifts: Sequence[tuple[Zeros, Drift]]
 ) -> Table:
-    """The rows that count, without drift and with doubts: of a state read again the last, of a trial left out none (warnings)."""
-    again = {event.repeats for event, _ in read if event.repeats}
+    """The table of readings, without drift and with doubts: of a state read again the last counts, of a skipped trial none."""
+    again = {event.repeats for event, _ in readings if event.repeats}
     skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
-    rows = [(event.number, row) for event, row in read if row.trial not in skipped]
+    rows = [(event.number, row) for event, row in readings if row.trial not in skipped]
     doubts = [
         f"trial {trial}: was skipped by a person; the {n} states read in it are left out"
         for trial in sorted(skipped)
-        if (n := sum(row.trial == trial for _, row in read))
+        if (n := sum(row.trial == trial for _, row in readings))
     ]
     doubts += [
         f"trial {row.trial} step {row.step}: was read again; the last reading counts" for number, row in rows if number in again
@@ -97,8 +97,7 @@ class _Counted:
 
     def average(self, count: int) -> None:
         """Take the cost of averaging `count` samples from the budget."""
-        # averaging a sample costs twenty times what looking at it costs
-        self.budget.take(Cost.LOOKED_AT, 20 * count)
+        self.budget.take(Cost.LOOKED_AT, 20 * count)  # averaging a sample costs twenty times what looking at it costs
 
 
 def replay_states(recording: Recording) -> list[Replayed]:
@@ -106,14 +105,14 @@ def replay_states(recording: Recording) -> list[Replayed]:
     out = []
     recording.need(events.STATE.topic, events.TRIAL.topic)
     recording.load()
-    looked = _Counted(recording)
+    streams = _Counted(recording)
     for event in recording.states:
         try:
-            row = conclude(looked, event.state, looked.average)
-            why = "" if row else "the recording ends before the reading does"
+            row = conclude(streams, event.state, streams.average)
+            reason = "" if row else "the recording ends before the reading does"
         except NotSettled as error:
-            row, why = None, str(error)
-        out.append(Replayed(event.number, row, why, event.repeats))
+            row, reason = None, str(error)
+        out.append(Replayed(event.number, row, reason, event.repeats))
     return out
 
 
@@ -124,21 +123,21 @@ def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:
     (1,)
     """
     recording = Recording.open(path, truncated=truncated)
-    rows = [(again, again.row) for again in replay_states(recording) if again.row is not None]
-    drifts = [(zeros, moved) for zeros, moved in replay_zeros(recording) if moved is not None]
+    rows = [(state, state.row) for state in replay_states(recording) if state.row is not None]
+    drifts = [(zeros, zero_drift) for zeros, zero_drift in replay_zeros(recording) if zero_drift is not None]
     return _table(recording, rows, drifts)
 
 
 def replay_zeros(recording: Recording) -> list[tuple[Zeros, Drift | None]]:
     """How the force sensor's zero moved during each trial, from the file's samples; None where they do not tell."""
     out: list[tuple[Zeros, Drift | None]] = []
-    looked = _Counted(recording)
+    streams = _Counted(recording)
     for zeros in (event.zeros for event in recording.zeros):
-        moved = None
+        zero_drift = None
         with contextlib.suppress(NotSettled):
-            before, start, end = (unloaded(looked, zeros.direction, span) for span in (zeros.before, zeros.start, zeros.end))
-            moved = drift(before, start, end) if before and start and end else None
-        out.append((zeros, moved))
+            before, start, end = (unloaded(streams, zeros.direction, span) for span in (zeros.before, zeros.start, zeros.end))
+            zero_drift = drift(before, start, end) if before and start and end else None
+        out.append((zeros, zero_drift))
     return out
 
 
@@ -150,30 +149,29 @@ def compare(recording: Recording, states: list[Replayed] | None = None) -> Repla
     >>> compare(Recording.open("run.mcap")).equal
     True
     """
-    again = {replayed.number: replayed for replayed in (replay_states(recording) if states is None else states)}
+    replayed_states = {replayed.number: replayed for replayed in (replay_states(recording) if states is None else states)}
     live = recording.trials
     differences = []
     for event in live:
         name = f"trial {event.row.trial} step {event.row.step}"
-        replayed = again.get(event.number)
+        replayed = replayed_states.get(event.number)
         if replayed is None:
             raise RecordingError(f"{recording.path}: {name} has no recorded state {event.number}")
         if replayed.row is None:
             differences.append(f"{name}: no row in replay: {replayed.reason}")
         elif replayed.row.to_json() != event.row.to_json() or replayed.row.clipped != event.row.clipped:
             differences.append(f"{name}: {_first_difference(event.row, replayed.row)}")
-    for zero, (_, moved) in zip(recording.zeros, replay_zeros(recording), strict=True):
-        if moved != zero.drift:
-            text = f"drift of the zero was {zero.drift} live, is {moved} in replay"
-            differences.append(f"trial {zero.zeros.trial}: {text}")
-    return ReplayComparison(len(live), sum(replayed.row is not None for replayed in again.values()), tuple(differences))
+    for zero, (_, zero_drift) in zip(recording.zeros, replay_zeros(recording), strict=True):
+        if zero_drift != zero.drift:
+            differences.append(f"trial {zero.zeros.trial}: drift of the zero was {zero.drift} live, is {zero_drift} in replay")
+    return ReplayComparison(len(live), sum(replayed.row is not None for replayed in replayed_states.values()), tuple(differences))
 
 
 def _first_difference(live: TrialRow, replayed: TrialRow) -> str:
     a, b = live.cells(), replayed.cells()
     names = (name for name in (*a, *b) if repr(a.get(name)) != repr(b.get(name)))
-    found = (f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay" for name in names)
-    return next(found, "order of the columns")
+    texts = (f"{name} was {a.get(name)!r} live and is {b.get(name)!r} in replay" for name in names)
+    return next(texts, "order of the columns")
 
 
 # -- recordings that belong together: a run that was broken off and those that resumed it make one table of trials
@@ -215,20 +213,20 @@ def merged(recordings: Sequence[Recording]) -> Table:
     backwards).
     """
     parts = sorted(recordings, key=lambda recording: (first_trial(recording), _span(recording)[0]))
-    kept: list[Table] = []
+    tables: list[Table] = []
     doubts: list[str] = []
     shift = 0.0
     for number, recording in enumerate(parts):
         if number:
-            before = parts[number - 1]
-            ended = (_span(before)[1] - before.start_wall_ns) / 1e9
+            previous = parts[number - 1]
+            ended = (_span(previous)[1] - previous.start_wall_ns) / 1e9
             shift = max((recording.start_wall_ns - parts[0].start_wall_ns) / 1e9, shift + ended)
-            kept = [table.take(table.trial < first_trial(recording)) for table in kept]
+            tables = [table.take(table.trial < first_trial(recording)) for table in tables]
         table = table_of(recording)
-        kept.append(table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table)
+        tables.append(table.replaced({"t": table.get("t") + shift}) if shift and len(table) else table)
         doubts += table.warnings
     units = {column: unit for recording in parts for column, unit in units_of(recording).items()}
-    return replace(Table.stacked(kept), warnings=tuple(doubts), sensor_units=units)
+    return replace(Table.stacked(tables), warnings=tuple(doubts), sensor_units=units)
 
 
 def _span(recording: Recording) -> tuple[int, int]:

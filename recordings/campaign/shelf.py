@@ -71,7 +71,7 @@ def runs(folder: str | os.PathLike[str], where: Sequence[tuple[str, str]] = ()) 
     place = folder / INDEX
     if place.is_symlink() or (place.exists() and not place.is_file()):
         raise RecordingError(f"{place}: is a symbolic link or not a regular file, and is not followed; remove it")
-    before, indexed = _read(place), dict[str, tuple[int, RecordedRun]]()
+    known, indexed = _read(place), dict[str, tuple[int, RecordedRun]]()
     for file in sorted(folder.rglob("*.mcap")):
         if file.name.startswith("."):
             continue
@@ -80,11 +80,11 @@ def runs(folder: str | os.PathLike[str], where: Sequence[tuple[str, str]] = ()) 
             status = file.stat()
         except OSError:
             continue
-        changed, run = before.get(name, (0, None))
+        changed, run = known.get(name, (0, None))
         if run is None or (changed, run.size) != (status.st_mtime_ns, status.st_size):
             run = _entry(file, name, status)
         indexed[name] = status.st_mtime_ns, run
-    if indexed != before:
+    if indexed != known:
         lines = [{"changed": changed, **asdict(run)} for changed, run in indexed.values()]
         with contextlib.suppress(OSError):  # a folder that cannot be written has none
             replaced(place, json.dumps({"version": VERSION, "runs": lines}))

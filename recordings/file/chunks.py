@@ -185,9 +185,9 @@ def scan(data: bytes, budget: ReadingBudget) -> tuple[list[int], list[int], Exce
             else:
                 others.append(at)
                 if not opcode:
-                    length = len(data)
+                    length = len(data)  # no record: the walk ends
             at += head + length
-    if at > len(data):
+    if at > len(data):  # the last record goes beyond the end
         at = (messages if messages[-1:] > others[-1:] else others).pop()
     error: Exception | None = None
     if at < len(data):
@@ -205,25 +205,24 @@ def unpacked(data: memoryview, chunk: Chunk, budget: ReadingBudget) -> bytes:
 
     The caller has counted `chunk.size` of a whole chunk against the file's budget.
     """
-    where, packed = f"{budget.name}: chunk at byte {chunk.start}", data[chunk.data_start : chunk.data_end]
+    place, packed = f"{budget.name}: chunk at byte {chunk.start}", data[chunk.data_start : chunk.data_end]
     if chunk.bare:
         return bytes(packed)
     if chunk.data_end > len(data):
         return _torn(packed, chunk, budget)
     if chunk.compression not in ("", "lz4", "zstd"):
-        raise Damaged(f"{where} is compressed by {chunk.compression!r}, not zstd or lz4")
+        raise Damaged(f"{place} is compressed by {chunk.compression!r}, not zstd or lz4")
     try:
         stated = _stated_size(packed, chunk.compression)
         if stated not in (chunk.size, None):
-            text = f"{where} claims to hold {chunk.size} bytes, its compressed data state {stated}; run `lab verify`"
-            raise Damaged(text)
+            raise Damaged(f"{place} claims to hold {chunk.size} bytes, its compressed data state {stated}; run `lab verify`")
         if chunk.size > (most := largest_chunk(budget.size)):
-            raise Oversized(f"{where} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
+            raise Oversized(f"{place} claims to hold {chunk.size} bytes, limit {most}; {OPTION} lifts the limit")
         raw = _unpacked(packed, chunk, chunk.size + 1)  # a byte more shows that there is more
     except (zstandard.ZstdError, RuntimeError) as error:
-        raise Damaged(f"{where} does not decompress: {error}; run `lab verify`") from error
+        raise Damaged(f"{place} does not decompress: {error}; run `lab verify`") from error
     if len(raw) != chunk.size or (chunk.crc and zlib.crc32(raw) != chunk.crc):
-        raise Damaged(f"{where} fails its checksum; run `lab verify`")
+        raise Damaged(f"{place} fails its checksum; run `lab verify`")
     return raw
 
 
@@ -257,6 +256,7 @@ def _zstd() -> zstandard.ZstdDecompressor:
 
 
 def _torn(packed: memoryview, chunk: Chunk, budget: ReadingBudget) -> bytes:
+    """What can be unpacked of a chunk that the file's end cuts off; empty where nothing can."""
     most, parts = min(chunk.size, largest_chunk(budget.size), budget.left(Cost.UNPACKED)), list[bytes]()
     try:
         if chunk.compression == "zstd":

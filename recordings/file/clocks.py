@@ -53,13 +53,13 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
     use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
     device, host = device[use], host[use]
     back = np.flatnonzero(np.diff(device) < 0)
-    if len(back):
+    if len(back):  # restarts: only what came after the last counts
         device, host = device[back[-1] + 1 :], host[back[-1] + 1 :]
     if len(device) < 20 or not device[-1] > device[0]:
         return None
     reference = float(device[0])
     x = device - reference
-    y = (host - host[0]) - x
+    y = (host - host[0]) - x  # s: drift and delay, relative to the first sample
     a, b = _edge(x, y)
     drift = float((y[b] - y[a]) / (x[b] - x[a]))
     delay = y - (y[a] + drift * (x - x[a]))
@@ -69,7 +69,7 @@ def fit(device: Numbers, host: Numbers) -> ClockModel | None:
 
 
 def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
-    """The ends of the lower hull's edge below the mean of x; x ascends."""
+    """Indices of the two points whose line is the lower convex hull's edge at the mean of x; x ascends (monotone chain)."""
     xs, ys = x.tolist(), y.tolist()
     hull: list[int] = []
     for i in range(len(xs)):
@@ -80,7 +80,7 @@ def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
         while len(hull) > 1:
             p, q = hull[-2], hull[-1]
             if (ys[q] - ys[p]) * (xs[i] - xs[p]) < (ys[i] - ys[p]) * (xs[q] - xs[p]):
-                break
+                break  # q lies below the line from p to i
             hull.pop()
         hull.append(i)
     mean = math.fsum(xs) / len(xs)
@@ -91,7 +91,7 @@ def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
 def clocks(recording: Recording) -> dict[str, ClockModel]:
     """The models of all streams that carry device stamps, from the samples in the file."""
     samples = {topic: recording.stream(topic) for topic in recording.streams if has_stamp(topic)}
-    models = {topic: fit(found[STAMP], found["t"]) for topic, found in samples.items()}
+    models = {topic: fit(stream[STAMP], stream["t"]) for topic, stream in samples.items()}
     return {topic: model for topic, model in models.items() if model is not None}
 
 

@@ -113,10 +113,10 @@ class Contents:
             return
         kind: type[Schema] | type[Channel] = Schema if record.opcode == Opcode.SCHEMA else Channel
         self.budget.take(Cost.DEFINITIONS, len(body) if kind is Schema else PER_CHANNEL + PER_TEXT * len(body))
-        found = record.read(kind)
+        entry = record.read(kind)
         known: dict[int, Schema] | dict[int, Channel] = self.schemas if kind is Schema else self.channels
-        if _identity(known.setdefault(found.id, found)) != _identity(found):
-            raise Damaged(f"{self.name}: describes {kind.__name__.lower()} {found.id} twice, and differently; run `lab verify`")
+        if _identity(known.setdefault(entry.id, entry)) != _identity(entry):
+            raise Damaged(f"{self.name}: describes {kind.__name__.lower()} {entry.id} twice, and differently; run `lab verify`")
         self._seen.add(key)
 
     def described(self, number: int) -> bool:
@@ -144,8 +144,8 @@ class Contents:
     @property
     def span(self) -> tuple[int, int] | None:
         """First and last log time (ns) that chunks and messages outside chunks state; None where there are none."""
-        held = [chunk for chunk in self.chunks if chunk.first_time or chunk.last_time]
-        return (min(c.first_time for c in held), max(c.last_time for c in held)) if held else None
+        timed = [chunk for chunk in self.chunks if chunk.first_time or chunk.last_time]
+        return (min(c.first_time for c in timed), max(c.last_time for c in timed)) if timed else None
 
 
 def _unique(name: str, taken: dict[str, bytes] | dict[str, dict[str, str]]) -> str:

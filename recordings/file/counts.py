@@ -17,6 +17,8 @@ from ..json_text import read_json
 
 LARGEST = 2**53
 """No recorder counts further."""
+GAP = 2.5
+"""Median intervals, above which an interval is a gap."""
 
 
 @dataclass(frozen=True)
@@ -42,16 +44,16 @@ def timing(stamps: NDArray[np.float64]) -> Timing:
     """Summary of ascending stamps (s); zeros where there are too few to tell."""
     n = len(stamps)
     if n < 2:
-        at = float(stamps[0]) if n else 0.0
-        return Timing(n, at, at, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
+        stamp = float(stamps[0]) if n else 0.0
+        return Timing(n, stamp, stamp, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
     start, end = float(stamps[0]), float(stamps[-1])
     intervals = np.diff(stamps)
     median = float(np.median(intervals))
-    gap = intervals > 2.5 * median if median > 0 else np.zeros(n - 1, dtype=bool)
+    gap = intervals > GAP * median if median > 0 else np.zeros(n - 1, dtype=bool)
     missing = int(np.sum(np.round(intervals[gap] / median) - 1)) if gap.any() else 0
-    p50, p99, most = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
+    p50, p99, largest = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
     rate = (n - 1) / (end - start) if end > start else 0.0
-    return Timing(n, start, end, rate, median, p50, p99, most, int(gap.sum()), float(intervals.max()), missing)
+    return Timing(n, start, end, rate, median, p50, p99, largest, int(gap.sum()), float(intervals.max()), missing)
 
 
 @dataclass(frozen=True)

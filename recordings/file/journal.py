@@ -103,7 +103,7 @@ class Journal:
         with self._lock:
             self._text += text
             if displaced(self._place, self._fd, len(self._text) - len(text)):
-                return  # what was noticed last is written anew at once, whole
+                return  # the file is lost: `renew` or `follow` will write all lines anew
             try:
                 os.write(self._fd, text)
                 os.fsync(self._fd)

@@ -218,8 +218,8 @@ class McapFile:
             index = self._index[channel] = array("Q")
         index.append(log_time)
         index.append(self._size)
-        head = _MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time)
-        self._records.append(head)
+        # 5: a message record (Opcode.MESSAGE, whose look-up would cost time); 9: bytes of kind and length
+        self._records.append(_MESSAGE.pack(5, _MESSAGE.size - 9 + len(payload), channel, sequence, log_time, log_time))
         self._records.append(payload)
         self._size += _MESSAGE.size + len(payload)
 
@@ -246,18 +246,18 @@ class McapFile:
         )  # fmt: skip
         chunk = _bytes(record)
         start = self._output.position
-        places, parts, at = {}, [chunk], start + len(chunk)
-        for channel, index in self._index.items():
+        index_offsets, parts, offset = {}, [chunk], start + len(chunk)
+        for channel, index in self._index.items():  # time, offset, time, offset ..: 8 bytes each
             parts.append(_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(index), channel, 8 * len(index)))
             parts.append(np.array(index, "<u8").tobytes())
-            places[channel] = at
-            at += _INDEX.size + 8 * len(index)
+            index_offsets[channel] = offset
+            offset += _INDEX.size + 8 * len(index)
         block = b"".join(parts)
         self._write(block)
         entry = ChunkIndex(
             chunk_start_offset=start, chunk_length=len(chunk), compression="zstd", compressed_size=len(packed),
-            message_start_time=first, message_end_time=last, message_index_offsets=places,
-            message_index_length=at - start - len(chunk), uncompressed_size=len(raw),
+            message_start_time=first, message_end_time=last, message_index_offsets=index_offsets,
+            message_index_length=offset - start - len(chunk), uncompressed_size=len(raw),
         )  # fmt: skip
         self._enter(entry, block)
         self._records, self._size, self._index = [], 0, {}
@@ -272,23 +272,22 @@ class McapFile:
         self._times = (first, last) if self._times is None else (min(first, self._times[0]), max(last, self._times[1]))
 
     # -- elsewhere
-    def carry_on(self, before: McapFile, read: Callable[[int, int], bytes]) -> dict[int, int]:
+    def carry_on(self, old: McapFile, read: Callable[[int, int], bytes]) -> dict[int, int]:
         """Go on with what another file was given: definitions, each chunk that `read(start, size)` still finds as it was
         written, and the chunk in hand. Returns the messages by channel that are lost."""
-        self._schemas, self._channels = before._schemas, before._channels
+        self._schemas, self._channels = old._schemas, old._channels
         for record in (*self._schemas, *self._channels):
             self._write(_bytes(record))
-        for entry, crc in zip(before._chunk_indexes, before._chunk_crcs, strict=True):
+        for entry, crc in zip(old._chunk_indexes, old._chunk_crcs, strict=True):
             block = read(entry.chunk_start_offset, entry.chunk_length + entry.message_index_length)
             if zlib.crc32(block) != crc:
                 continue
             shift = self._output.position - entry.chunk_start_offset
             self._write(block)
-            places = {channel: at + shift for channel, at in entry.message_index_offsets.items()}
-            start = entry.chunk_start_offset + shift
-            self._enter(replace(entry, chunk_start_offset=start, message_index_offsets=places), block)
-        self._records, self._size, self._index = before._records, before._size, before._index
-        return {channel: lost for channel, n in before._counts.items() if (lost := n - self._counts.get(channel, 0))}
+            offsets = {channel: offset + shift for channel, offset in entry.message_index_offsets.items()}
+            self._enter(replace(entry, chunk_start_offset=entry.chunk_start_offset + shift, message_index_offsets=offsets), block)
+        self._records, self._size, self._index = old._records, old._size, old._index
+        return {channel: lost for channel, n in old._counts.items() if (lost := n - self._counts.get(channel, 0))}
 
     # -- the end
     def finish(self) -> None:
@@ -330,6 +329,6 @@ def _bytes(record: Any) -> bytes:
 
 
 def _counts(entry: ChunkIndex, block: bytes) -> dict[int, int]:
-    """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`."""
+    """Messages by channel in a chunk, by the lengths of the message indexes that follow it in `block`; 16 bytes a message."""
     places = {channel: at - entry.chunk_start_offset for channel, at in entry.message_index_offsets.items()}
     return {channel: _INDEX.unpack_from(block, at)[3] // 16 for channel, at in places.items()}

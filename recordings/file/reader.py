@@ -32,7 +32,7 @@ _TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
 """Number and log time (ns) of a message."""
 
 
-class _Said(Generic[T]):
+class _EventList(Generic[T]):
     """What the messages of an event's topic say; none when the file has no such topic."""
 
     def __init__(self, event: EventType) -> None:
@@ -40,8 +40,8 @@ class _Said(Generic[T]):
 
     def __get__(self, recording: Recording | None, owner: type) -> list[T]:
         kind, topic = self._event.message_class, self._event.topic
-        found = recording.payloads(self._event) if recording else []  # of the class: none
-        return [events.read_event(topic, log_time, parse(kind, payload, topic)) for log_time, payload in found]
+        payloads = recording.payloads(self._event) if recording else []  # of the class: none
+        return [events.read_event(topic, log_time, parse(kind, message, topic)) for log_time, message in payloads]
 
 
 class Recording:
@@ -68,9 +68,9 @@ class Recording:
         """What makes sense of a damaged file; raises `NotARecording` or `Oversized`."""
         data = mapped(path)
         contents = Contents(str(path), len(data))
-        found = holes(data, contents, unpack=True)
+        gaps = holes(data, contents, unpack=True)
         recording = cls(Path(path), data, contents)
-        recording.damage = tuple(str(hole.error) for hole in found if hole.start < contents.end)
+        recording.damage = tuple(str(hole.error) for hole in gaps if hole.start < contents.end)
         return recording
 
     def __repr__(self) -> str:
@@ -114,10 +114,10 @@ class Recording:
     @cached_property
     def _carriers(self) -> dict[str, list[Channel]]:
         """The channels of each topic, in the order of their numbers."""
-        found: dict[str, list[Channel]] = {}
+        carriers: dict[str, list[Channel]] = {}
         for _, channel in sorted(self.contents.channels.items()):
-            found.setdefault(channel.topic, []).append(channel)
-        return found
+            carriers.setdefault(channel.topic, []).append(channel)
+        return carriers
 
     @property
     def outcome(self) -> str | None:
@@ -158,13 +158,13 @@ class Recording:
 
     def _described(self) -> str:
         """The topics with their messages, for people."""
-        told = []
+        names = []
         for _, channel in sorted(self.contents.channels.items())[:12]:
             schema = self.contents.schemas.get(channel.schema_id)
             kind = channel.message_encoding if schema is None else f"{schema.name}, {channel.message_encoding}"
-            told.append(f"{channel.topic} ({kind})")
-        more = len(self.contents.channels) - len(told)
-        return (", ".join(told) or "no topics") + (f" and {more} more" if more > 0 else "")
+            names.append(f"{channel.topic} ({kind})")
+        more = len(self.contents.channels) - len(names)
+        return (", ".join(names) or "no topics") + (f" and {more} more" if more > 0 else "")
 
     # -- streams
     def stream(self, topic: str) -> NDArray[np.void]:
@@ -205,17 +205,17 @@ class Recording:
     def restarts(self, topic: str) -> int:
         """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
         samples, channel = self.stream(topic), self._channel(topic)
-        in_time = self._times_of(channel.id)["sequence"][self._order(channel, [], lambda i: b"")]
+        in_time = self._times_of(channel.id)["sequence"][self._order(channel, [], lambda i: b"")]  # their content does not matter
         counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
         return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
 
     def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.uint64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
         for batch in self._batches():
-            for number, found in batch.by_channel():
+            for number, messages in batch.by_channel():
                 channel = self.contents.channels.get(number)
                 if channel is not None and channel.topic in topics:
-                    yield channel, found.heads["log"].astype(np.uint64), found.payloads()
+                    yield channel, messages.heads["log"].astype(np.uint64), messages.payloads()
 
     def _batches(self) -> Iterator[Messages]:
         """All messages in the order of the file; not those of a chunk that is cut off."""
@@ -243,12 +243,12 @@ class Recording:
             self._load({channel.id} if not self._loaded else set(self.contents.channels) - self._loaded)
 
     def _channel(self, topic: str) -> Channel:
-        found = self._carriers.get(topic, [])
-        ours = [channel for channel in found if self._ours(channel)]
+        carriers = self._carriers.get(topic, [])
+        ours = [channel for channel in carriers if self._ours(channel)]
         if len(ours) > 1:
             raise NotARecording(f"{self.path}: {len(ours)} channels carry {topic}, as in files that were merged; split them")
-        if found:
-            return (ours or found)[0]
+        if carriers:
+            return (ours or carriers)[0]
         raise MissingStream(f"{self.path} has no stream {topic}; it has {', '.join(self.topics) or 'none'}")
 
     def _load(self, wanted: set[int]) -> None:
@@ -260,11 +260,11 @@ class Recording:
             channel = channels[number]
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
                 layouts[number], self._samples[number] = self._message(channel), []
-        kept = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
-        first = not self._loaded
+        event_channels = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
+        first_pass = not self._loaded
         for batch in self._batches():
             for number, messages in batch.by_channel():
-                if first:
+                if first_pass:  # the times of all channels, wanted or not
                     self._times.setdefault(number, []).append(messages.heads[["sequence", "log"]].astype(_TIMES))
                 if number in layouts:
                     parts, rows = self._samples[number], messages.rows()
@@ -272,13 +272,14 @@ class Recording:
                         self._samples[number] = None
                     else:
                         parts.append(layouts[number].decode(rows.reshape(-1)))
-                elif number in kept:
+                elif number in event_channels:
                     if channels[number].topic in events.READ:
                         self._budget.take(Cost.EVENTS, int(messages.sizes.sum()))
                     self._payloads.setdefault(number, []).extend(messages.payloads())
         self._loaded |= wanted
 
     def _decode(self, topic: str) -> NDArray[np.void]:
+        """All samples of a stream, ascending in time; raises as `stream` does."""
         channel = self._channel(topic)
         if not is_stream(topic):
             raise MissingStream(f"{topic} is not a stream of numbers; these are {', '.join(STREAMS)}")
@@ -328,15 +329,15 @@ class Recording:
         log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
 
-    states = _Said[events.StateEvent](events.STATE)
+    states = _EventList[events.StateEvent](events.STATE)
     """What was asked for, in order."""
-    trials = _Said[events.TrialEvent](events.TRIAL)
+    trials = _EventList[events.TrialEvent](events.TRIAL)
     """What was concluded live, in order."""
-    requests = _Said[events.Request](events.REQUEST)
+    requests = _EventList[events.Request](events.REQUEST)
     """What people asked of the run, and what of it was carried out, in order."""
-    zeros = _Said[events.ZeroEvent](events.ZERO)
+    zeros = _EventList[events.ZeroEvent](events.ZERO)
     """How the force sensor's zero moved during trials, in order."""
-    marks = _Said[events.Mark](events.MARK)
+    marks = _EventList[events.Mark](events.MARK)
     """Which states are in doubt, in order."""
-    log = _Said[events.LogLine](events.LOG)
+    log = _EventList[events.LogLine](events.LOG)
     """The lines of /log, in order."""

@@ -40,6 +40,8 @@ PLAUSIBLE = 2**32
 """Bytes that a record may claim beyond the end of a file that was cut off."""
 UNPACKERS = min(4, os.cpu_count() or 1)
 """Threads that unpack chunks."""
+BATCH = 4 * 2**20
+"""Bytes unpacked at a time; small enough for the allocator to use the same memory again."""
 _BEGIN = re.compile(rb"(?=[\x01-\x0f][\x00-\xff]{4}\x00{4})")
 """Where kind and length of a record below 4 GiB may stand."""
 _LENGTHS = {4: struct.Struct("<I"), 8: struct.Struct("<Q")}
@@ -72,13 +74,13 @@ def index(data: memoryview, name: str) -> Contents:
 
 def holes(data: memoryview, contents: Contents, *, unpack: bool = False) -> list[Hole]:
     """The holes of a file, of which `contents` takes note; raises `NotARecording` or `Oversized`."""
-    found = []
+    gaps: list[Hole] = []
     for item in records(data, contents, unpack=unpack):
         if isinstance(item, Hole):
             if isinstance(item.error, Oversized):
                 raise item.error
-            found.append(item)
-    return found
+            gaps.append(item)
+    return gaps
 
 
 def records(
@@ -106,18 +108,18 @@ def records(
         try:
             record = _record_at(data, offset, base)
             if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
-                break
+                break  # the end mark is still on its way
             contents.take(record)
         except (*UNPARSABLE, RecordingError) as error:
             if growing and _unfinished(data, offset):
                 break
             hole, record = _hole(data, offset, base, error, contents)
-        if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):
+        if run and (record is None or record.opcode != Opcode.MESSAGE or run is not contents.chunks[-1]):  # it has ended
             yield from inside(data, run, contents)
             run = None
         if hole is not None:
             contents.indexed = None
-            if unpack and hole.torn is not None:
+            if unpack and hole.torn is not None:  # the messages that a cut-off chunk still gives
                 yield from (item for item in inside(data, hole.torn, contents) if isinstance(item, Messages))
             yield hole
             offset = hole.end - base
@@ -136,8 +138,7 @@ def records(
     if run is not None:
         yield from inside(data, run, contents)
     if contents.finished and not growing and contents.end < len(data):
-        behind = Damaged(f"{len(data) - contents.end} bytes follow the end mark")
-        yield Hole(contents.end, len(data), behind)
+        yield Hole(contents.end, len(data), Damaged(f"{len(data) - contents.end} bytes follow the end mark"))
 
 
 def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messages | Hole]:
@@ -147,13 +148,13 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
     except RecordingError as problem:
         yield Hole(chunk.start, chunk.end, problem)
         return
-    starts, others, error = scan(raw, contents.budget)
-    wrong: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
+    starts, other_records, error = scan(raw, contents.budget)
+    faults: list[tuple[int, Exception]] = [] if error is None else [(len(raw), error)]
     messages = Messages.at(raw, np.array(starts, np.int64), chunk)
     if (short := messages.sizes < 0).any():
-        wrong += [(offset, struct.error("a message shorter than its head")) for offset in messages.starts[short].tolist()]
+        faults += [(offset, struct.error("a message shorter than its head")) for offset in messages.starts[short].tolist()]
         messages = messages.which(~short)
-    for offset in others:
+    for offset in other_records:
         opcode, length = HEAD.unpack_from(raw, offset)
         try:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -161,17 +162,17 @@ def inside(data: memoryview, chunk: Chunk, contents: Contents) -> Iterator[Messa
             elif opcode in LAYOUT:
                 raise struct.error(f"it holds a record of kind {opcode}, which stands outside chunks only")
         except (*UNPARSABLE, Damaged) as problem:
-            wrong.append((offset, problem))
+            faults.append((offset, problem))
         except Oversized as problem:
-            wrong = [*(earlier for earlier in wrong if earlier[0] < offset), (offset, problem)]
+            faults = [*(earlier for earlier in faults if earlier[0] < offset), (offset, problem)]
             messages = messages.which(messages.starts < offset)
             break
     begin = 0
-    for offset, reason in sorted(wrong, key=itemgetter(0)):
+    for offset, reason in sorted(faults, key=itemgetter(0)):  # a hole stands between the messages before and behind it
         end = int(np.searchsorted(messages.starts, offset))
-        yield messages.which(slice(begin, end))
-        place = f"{contents.name}: the chunk at byte {chunk.start}"
-        yield Hole(chunk.start, chunk.end, _named(reason, place, "recover"))
+        if end > begin:
+            yield messages.which(slice(begin, end))
+        yield Hole(chunk.start, chunk.end, _named(reason, f"{contents.name}: the chunk at byte {chunk.start}", "recover"))
         begin = end
     yield messages.which(slice(begin, None))
 
@@ -190,19 +191,19 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
     """
     budget = ReadingBudget(contents.name, len(data))
     ends = accumulate(chunk.size for chunk in contents.chunks)
-    # bytes unpacked at a time; small enough for the allocator to use the same memory again
-    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // (4 * 2**20))
+    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // BATCH)
     batches = [[chunk for chunk, _ in group] for _, group in groups]
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
-        ahead: list[tuple[list[Chunk], list[Future[bytes]]]] = []
+        pending: list[tuple[list[Chunk], list[Future[bytes]]]] = []
         for batch in [*batches, []]:
-            ahead.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
-            if len(ahead) > 1:
-                chunks, raws = ahead.pop(0)
+            pending.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
+            if len(pending) > 1:
+                chunks, raws = pending.pop(0)
                 yield _joined(chunks, [raw.result() for raw in raws], budget)
 
 
 def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Messages:
+    """The messages of chunks, whose unpacked bytes are `raws`; raises `Damaged`."""
     starts, base = [], 0
     for chunk, raw in zip(batch, raws, strict=True):
         messages, _, error = scan(raw, budget)
@@ -210,10 +211,10 @@ def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Mes
             raise _named(error, f"{budget.name}: the chunk at byte {chunk.start}", "recover")
         starts.append(np.array(messages, np.int64) + base)
         base += len(raw)
-    found = Messages.at(b"".join(raws), np.concatenate(starts), batch[0])
-    if (found.sizes < 0).any():
+    joined = Messages.at(b"".join(raws), np.concatenate(starts), batch[0])
+    if (joined.sizes < 0).any():
         raise Damaged(f"{budget.name}: a message is shorter than its head; run `lab recover` to leave it out")
-    return found
+    return joined
 
 
 def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> McapRecord:
@@ -246,14 +247,14 @@ def _used(data: memoryview | bytes, opcode: int, body: int) -> int:
 
 def _plausible(data: memoryview, at: int) -> bool:
     """Whether a record may begin here, or nothing comes any more, or only zeros do."""
-    left = len(data) - at - HEAD.size
-    if left < 0:
+    rest = len(data) - at - HEAD.size
+    if rest < 0:
         return True
     opcode, length = HEAD.unpack_from(data, at)
     if opcode == 0:
         # this many zeros behind a record are taken for the end of what was written
         return not (length or any(data[at : at + 4096]))
-    return bool(length <= left or (opcode in LAYOUT and length < PLAUSIBLE))
+    return bool(length <= rest or (opcode in LAYOUT and length < PLAUSIBLE))
 
 
 def _begins(data: memoryview, at: int) -> bool:
@@ -286,7 +287,8 @@ def _unfinished(data: memoryview, at: int) -> bool:
 
 
 def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Contents) -> tuple[Hole, McapRecord | None]:
-    """What is wrong at data[at] up to where the walk goes on, and a record whose stated length alone is wrong."""
+    """The hole that begins at data[at] (byte base + at) up to where the walk goes on, and the record there if its stated length
+    alone is wrong."""
     error = _named(error, f"{contents.name}: the record at byte {base + at}", "verify")
     end, chunk, record = len(data), None, None
     try:
@@ -295,11 +297,11 @@ def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Cont
     except UNPARSABLE:
         opcode, stated, used = 0, 0, 0
     known_kind = opcode in LAYOUT and opcode != Opcode.MESSAGE
-    if known_kind and stated == used > len(data):
+    if known_kind and stated == used > len(data):  # the file ends within it
         if opcode == Opcode.CHUNK:
             with contextlib.suppress(*UNPARSABLE):
                 chunk = Chunk.of(McapRecord(opcode, base + at, at + HEAD.size, stated, data))
-    elif known_kind and stated != used and _begins(data, used):
+    elif known_kind and stated != used and _begins(data, used):  # a record follows its fields: its length is wrong
         end = at + HEAD.size
         record = McapRecord(opcode, base + at, end, used, data)
         try:
@@ -307,7 +309,7 @@ def _hole(data: memoryview, at: int, base: int, error: Exception, contents: Cont
         except (*UNPARSABLE, RecordingError):
             end, record = used, None
     elif opcode and stated <= len(data) and (stated == len(data) or _begins(data, stated)):
-        end = stated
+        end = stated  # a record follows its stated end: its fields are wrong
     else:
         end = _next(data, at + 1, len(data))
     return Hole(base + at, base + end, error, chunk), record

@@ -118,24 +118,23 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
             result = _write(data, contents, target, file)
             file.flush()
             if problems := check(partial).problems:
-                wrong = f"the recovered file is wrong: {problems[0].text}"
-                raise RecordingError(f"{target}: {wrong}; the source is untouched")
+                raise RecordingError(f"{target}: the recovered file is wrong: {problems[0].text}; the source is untouched")
     except OSError as error:
         raise WriteFailed(f"{target} cannot be written: {error.strerror}") from error
     return result
 
 
-def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recovery:
-    """Everything found, in the order of the file; the record `recovery` states what is missing."""
+def _write(data: memoryview, contents: Contents, target: Path, file: Any) -> Recovery:
+    """Write all that `contents` describes, in the order of the file; the record `recovery` states what is missing."""
     writer = Writer(file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-    header = found.header
+    header = contents.header
     writer.start("" if header is None else header.profile, "" if header is None else header.library)
-    kept = _register(writer, found)
+    kept = _register(writer, contents)
     holes: list[Hole] = []
     nameless, seconds_lost, first, newest = 0, 0.0, math.inf, -math.inf
-    before: float | None = None
+    gap_start: float | None = None
     """Newest log time when a hole began, while no message has come behind it."""
-    for item in records(data, Contents(found.name, found.size), unpack=True):
+    for item in records(data, Contents(contents.name, contents.size), unpack=True):
         if isinstance(item, McapRecord):
             if item.opcode == Opcode.ATTACHMENT:
                 a = item.read(Attachment)
@@ -144,7 +143,7 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
                 writer.add_metadata(texts.name, texts.metadata)
         elif isinstance(item, Hole):
             holes.append(item)
-            before = newest if before is None else before
+            gap_start = newest if gap_start is None else gap_start
             if item.torn is not None and math.isfinite(newest):
                 seconds_lost += max(0.0, (item.torn.last_time - newest) / 1e9)
         else:
@@ -157,15 +156,15 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
                 entry.numbers.append(sequence)
                 entry.log_times.append(log_time)
                 writer.add_message(entry.channel, log_time, payload, publish_time, sequence)
-                if before is not None and math.isfinite(before):
-                    seconds_lost += max(0.0, (log_time - before) / 1e9)
-                before, first, newest = None, min(first, log_time), max(newest, log_time)
+                if gap_start is not None and math.isfinite(gap_start):
+                    seconds_lost += max(0.0, (log_time - gap_start) / 1e9)
+                gap_start, first, newest = None, min(first, log_time), max(newest, log_time)
     topics: dict[str, list[_KeptChannel]] = {}
     for entry in kept.values():
         topics.setdefault(entry.topic, []).append(entry)
-    counts = _counts(topics, found)
+    counts = _counts(topics, contents)
     result = Recovery(
-        source=found.name, target=str(target), finished=found.finished, library="" if header is None else header.library,
+        source=contents.name, target=str(target), finished=contents.finished, library="" if header is None else header.library,
         messages={topic: sum(len(entry.numbers) for entry in entries) for topic, entries in topics.items()},
         lost={topic: c.dropped + c.lost for topic, c in counts.items() if not c.complete}, nameless=nameless,
         schemaless=tuple(sorted({entry.topic for entry in kept.values() if entry.schemaless})),
@@ -176,37 +175,37 @@ def _write(data: memoryview, found: Contents, target: Path, file: Any) -> Recove
     if counts:
         writer.add_metadata("counts", {topic: json.dumps(asdict(c)) for topic, c in counts.items()})
     writer.add_metadata("recovery", {name: json.dumps(value) for name, value in result.to_dict().items()})
-    if "outcome" in found.metadata:
-        writer.add_metadata("outcome", found.metadata["outcome"])
-    elif not found.finished:
-        lost = f"recovered, {seconds_lost:.3f} s lost"
-        writer.add_metadata("outcome", {"outcome": "abrupt", "detail": lost, "closed_wall_ns": ""})
+    if "outcome" in contents.metadata:
+        writer.add_metadata("outcome", contents.metadata["outcome"])
+    elif not contents.finished:
+        detail = f"recovered, {seconds_lost:.3f} s lost"
+        writer.add_metadata("outcome", {"outcome": "abrupt", "detail": detail, "closed_wall_ns": ""})
     writer.finish()
     return result
 
 
-def _register(writer: Writer, found: Contents) -> dict[int, _KeptChannel]:
+def _register(writer: Writer, contents: Contents) -> dict[int, _KeptChannel]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
     schemas = {0: 0}
-    for number, schema in sorted(found.schemas.items()):
+    for number, schema in sorted(contents.schemas.items()):
         schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
     kept = {}
-    for number, c in sorted(found.channels.items()):
-        channel = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
-        numbered = ours(c, found.schemas.get(c.schema_id))
-        kept[number] = _KeptChannel(c.topic, channel, numbered, c.schema_id not in schemas)
+    for number, c in sorted(contents.channels.items()):
+        new_number = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
+        numbered = ours(c, contents.schemas.get(c.schema_id))
+        kept[number] = _KeptChannel(c.topic, new_number, numbered, c.schema_id not in schemas)
     return kept
 
 
-def _counts(topics: dict[str, list[_KeptChannel]], found: Contents) -> dict[str, StreamCounts]:
+def _counts(topics: dict[str, list[_KeptChannel]], contents: Contents) -> dict[str, StreamCounts]:
     """Counts of the new file by the messages' numbers; topics without numbers have none unless the source states them."""
-    first = min((min(entry.log_times) for own in topics.values() for entry in own if entry.log_times), default=0)
-    out, before = {}, counted(found.metadata)
+    first = min((min(entry.log_times) for entries in topics.values() for entry in entries if entry.log_times), default=0)
+    out, stated_counts = {}, counted(contents.metadata)
     for topic, entries in topics.items():
-        told, count = before.get(topic, {}), sum(len(entry.numbers) for entry in entries)
-        if not (told or any(entry.numbered for entry in entries)):
+        stated, count = stated_counts.get(topic, {}), sum(len(entry.numbers) for entry in entries)
+        if not (stated or any(entry.numbered for entry in entries)):
             continue
-        generated = max(sum(max(entry.generated, len(entry.numbers)) for entry in entries), told.get("generated", 0))
+        generated = max(sum(max(entry.generated, len(entry.numbers)) for entry in entries), stated.get("generated", 0))
         times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.uint64) for entry in entries]))
-        out[topic] = StreamCounts.of(generated, count, told.get("lost", 0), timing((times - first) / 1e9))
+        out[topic] = StreamCounts.of(generated, count, stated.get("lost", 0), timing((times - first) / 1e9))
     return out

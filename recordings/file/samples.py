@@ -71,13 +71,13 @@ def message_of(channel: Channel, schema: Schema | None, file: str) -> MessageTyp
         message = stream_message(channel.topic, b"" if schema is None else schema.data, units)
     except BadMessage as error:
         raise Damaged(f"{file}: {error}") from error
-    usual = {field.name: field.shape for field in message.fields}
+    usual_shapes = {field.name: field.shape for field in message.fields}
     for name, shape in shapes.items():
-        like = usual.get(name, ())
-        # Chambers and markers are the robot's; everything else has the size that it has.
-        free = name in OF_ROBOT and len(shape) == len(like) and shape[1:] == like[1:]
-        if not free and shape != like:
-            raise OtherVersion(f"{file}: {channel.topic} has {name} of shape {shape}, this software reads {like}")
+        usual = usual_shapes.get(name, ())
+        # How many chambers and markers there are is the robot's; every other size is fixed.
+        free = name in OF_ROBOT and len(shape) == len(usual) and shape[1:] == usual[1:]
+        if not free and shape != usual:
+            raise OtherVersion(f"{file}: {channel.topic} has {name} of shape {shape}, this software reads {usual}")
     return message.sized(**shapes)
 
 
@@ -89,8 +89,7 @@ def message_class(schema: Schema) -> type[Any]:
         GetMessages(FileDescriptorSet.FromString(schema.data).file, pool)
         return GetMessageClass(pool.FindMessageTypeByName(schema.name))  # type: ignore[no-untyped-call, no-any-return]
     except (DecodeError, TypeError, KeyError, ValueError, RecursionError) as error:
-        why = f"describes no message: {error}; run `lab verify`"
-        raise Damaged(f"the schema {schema.name} in the file {why}") from error
+        raise Damaged(f"the schema {schema.name} in the file describes no message: {error}; run `lab verify`") from error
 
 
 def parse(kind: type[Any], payload: bytes, topic: str) -> Any:
@@ -136,7 +135,7 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
 
 
 def _table(message: MessageType, first: Any, known: Sequence[Field], count: int) -> NDArray[np.void]:
-    """Room for all messages, arrays as long as those of the first; NaN where the file has no such numbers."""
+    """An empty array for `count` messages, its arrays as long as those of the first; NaN in fields that are not `known`."""
     shapes = {}
     for field in known:
         if field.shape:  # its first dimension is free

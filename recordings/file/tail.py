@@ -76,14 +76,14 @@ class Tail:
         """What stands next in the file, whole chunks only; none while nothing has come."""
         pieces: list[Piece] = []
         while not pieces and not self.contents.finished:
-            before = self.contents.end
+            end_before = self.contents.end
             for item in records(self._block(), self.contents, unpack=True, growing=True):
                 if isinstance(item, Hole):
                     raise item.error
                 if isinstance(item, Messages):
                     pieces.append(self._piece(item))
             self.contents.chunks.clear()
-            if self.contents.end == before:
+            if self.contents.end == end_before:
                 break
         self._more = bool(pieces)
         return pieces
@@ -101,10 +101,11 @@ class Tail:
             data = os.pread(self._fd, need + len(MAGIC), at) if at + need <= size else b""
         return memoryview(data)
 
-    def _piece(self, found: Messages) -> Piece:
-        heads, piece = found.heads, Piece(found.chunk.last_time)
-        piece.messages = list(zip(heads["channel"].tolist(), heads["log"].tolist(), found.payloads(), strict=True))
-        for number, held in found.by_channel():
+    def _piece(self, batch: Messages) -> Piece:
+        """Decode samples and followed events of `batch`; raises `Damaged`, `OtherVersion` or `Oversized`."""
+        heads, piece = batch.heads, Piece(batch.chunk.last_time)
+        piece.messages = list(zip(heads["channel"].tolist(), heads["log"].tolist(), batch.payloads(), strict=True))
+        for number, messages in batch.by_channel():
             channel = self.contents.channels.get(number)
             if channel is None:
                 raise Damaged(f"{self.path}: a message of channel {number}, which is not described; run `lab verify`")
@@ -115,16 +116,16 @@ class Tail:
                 continue
             check_version(channel, str(self.path))
             if topic in FOLLOWED:
-                piece.events[topic] += self._said(topic, held)
+                piece.events[topic] += self._events(topic, messages)
             elif topic in piece.samples:
                 raise Damaged(f"{self.path}: several channels carry {topic}, as in files that were merged")
             else:
-                piece.samples[topic] = self._samples(channel, held)
-                piece.numbers[topic] = held.heads["sequence"].tolist()
+                piece.samples[topic] = self._samples(channel, messages)
+                piece.numbers[topic] = messages.heads["sequence"].tolist()
         return piece
 
-    def _samples(self, channel: Channel, held: Messages) -> NDArray[np.void]:
-        schema, rows = self.contents.schemas.get(channel.schema_id), held.rows()
+    def _samples(self, channel: Channel, messages: Messages) -> NDArray[np.void]:
+        schema, rows = self.contents.schemas.get(channel.schema_id), messages.rows()
         if channel.id not in self._layouts:
             self._layouts[channel.id] = message_of(channel, schema, str(self.path))
         layout = self._layouts[channel.id]
@@ -132,12 +133,12 @@ class Tail:
             return layout.decode(rows.reshape(-1))
         if schema is None:
             raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-        return decode(layout, schema, held.payloads(), len(held))
+        return decode(layout, schema, messages.payloads(), len(messages))
 
-    def _said(self, topic: str, held: Messages) -> list[Any]:
-        self.contents.budget.take(Cost.EVENTS, int(held.sizes.sum()))
-        kind, times = events.EVENTS[topic].message_class, held.heads["log"].tolist()
-        parsed = [(t, parse(kind, payload, topic)) for t, payload in zip(times, held.payloads(), strict=True)]
+    def _events(self, topic: str, messages: Messages) -> list[Any]:
+        self.contents.budget.take(Cost.EVENTS, int(messages.sizes.sum()))
+        kind, times = events.EVENTS[topic].message_class, messages.heads["log"].tolist()
+        parsed = [(t, parse(kind, payload, topic)) for t, payload in zip(times, messages.payloads(), strict=True)]
         return [m if topic == events.PROGRESS.topic else events.read_event(topic, t, m) for t, m in parsed]
 
     def close(self) -> None:

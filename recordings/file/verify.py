@@ -105,6 +105,7 @@ class _Check:
         self.problems.append(FileProblem(at, text))
 
     def walk(self) -> None:
+        """Go through the file once and note each problem, up to a thousand."""
         for item in records(self.data, self.contents, unpack=True):
             if len(self.problems) >= 1000:
                 return
@@ -132,11 +133,11 @@ class _Check:
         self.problems += [FileProblem(0, text) for text in self.contents.schemaless]
         if not self.contents.finished:
             end = self.contents.end
-            rest = f"{len(self.data) - end} bytes are left and the file was not finished"
-            self.problem(end, f"no complete record follows; {rest}")
+            self.problem(end, f"no complete record follows; {len(self.data) - end} bytes are left and the file was not finished")
 
     # -- records
     def _record(self, record: McapRecord) -> None:
+        """Check one record's checksum, and note where it stands; records of the summary wait for the footer."""
         if record.opcode != Opcode.MESSAGE_INDEX:
             self._close_chunk()
         if record.opcode == Opcode.FOOTER:
@@ -154,12 +155,12 @@ class _Check:
             (crc,) = struct.unpack_from("<I", self.data, record.body)
             computed = zlib.crc32(self.data[: record.start])
             if crc and crc == computed:
-                self.bare.clear()
+                self.bare.clear()  # it covers all parts up to here
             elif crc and crc == self._without_chunks(record.start):
                 self.bare, computed = Counter(chunks=self.bare["chunks"]), crc
             self._compare(record.start, computed, crc, "data section")
             if self.oversized is not None and crc in (0, computed):
-                raise self.oversized
+                raise self.oversized  # the size is what was written, and no damage
         if record.opcode in LISTED:
             self.places[record.start] = (record.opcode, record.size)
 
@@ -172,7 +173,7 @@ class _Check:
         return zlib.crc32(self.data[at:end], crc)
 
     def _compare(self, at: int, computed: int, stored: int, what: str) -> bool:
-        """Whether there is a checksum; a problem where it is another one."""
+        """Whether a checksum is `stored`; notes a problem where it differs from the one `computed`."""
         self.checksums += stored != 0
         if stored not in (0, computed):
             self.problem(at, f"the checksum of the {what} is {computed:08x}, it was written as {stored:08x}")
@@ -180,29 +181,28 @@ class _Check:
 
     def _close_chunk(self, whole: bool = True) -> None:
         """Check the chunk's indexes: each lists what the chunk holds, and none is missing unless the file has none at all."""
-        chunk, held = self.chunk, self.held
+        chunk, messages = self.chunk, self.held
         self.chunk = self.held = None
-        if chunk is None or held is None:
+        if chunk is None or messages is None:
             return
-        by_channel = dict(held.by_channel())
+        by_channel = dict(messages.by_channel())
         for channel, start, end in chunk.indexes:
-            messages = by_channel.pop(channel, held.which(slice(0)))
+            of_channel = by_channel.pop(channel, messages.which(slice(0)))
             pairs = np.frombuffer(self.data[start:end], "<u8").reshape(-1, 2)
             pairs = pairs[np.argsort(pairs[:, 1], kind="stable")]
-            if not np.array_equal(pairs, np.column_stack([messages.heads["log"], messages.starts.astype(np.uint64)])):
-                index_start = start - _INDEX_HEAD
-                self.problem(index_start, f"the index of channel {channel} lists other messages than its chunk holds")
-        times = held.heads["log"]
+            if not np.array_equal(pairs, np.column_stack([of_channel.heads["log"], of_channel.starts.astype(np.uint64)])):
+                self.problem(start - _INDEX_HEAD, f"the index of channel {channel} lists other messages than its chunk holds")
+        times = messages.heads["log"]
         if not whole:
             return
         if len(times) and (times.min(), times.max()) != (chunk.first_time, chunk.last_time):
             self.problem(chunk.start, "the times of the chunk differ from those of its messages")
         if by_channel and chunk.indexes:
-            missing = ", ".join(map(str, by_channel))
-            self.problem(chunk.start, f"the chunk has no index of its messages of channel {missing}")
+            self.problem(chunk.start, f"the chunk has no index of its messages of channel {', '.join(map(str, by_channel))}")
 
     # -- the end
     def _footer(self, record: McapRecord) -> None:
+        """Check the end of the file, and the summary in front of it against what the walk has met."""
         end, size = record.end, record.end - record.body
         if self.data[end : end + len(MAGIC)] != MAGIC:
             self.problem(end, "the end mark is missing")
@@ -211,7 +211,7 @@ class _Check:
         if self.data_end is None:
             self.problem(record.start, "no record marks the end of the data")
         start, offsets, crc = _FOOTER.unpack_from(self.data, record.body)
-        starts = {item.start for item in self.summary} | {0, record.start}
+        starts = {item.start for item in self.summary} | {0, record.start}  # 0: the part is left out
         if start not in ({self.summary[0].start, 0} if self.summary else {0, record.start}) or offsets not in starts:
             self.problem(record.start, "the footer points to a summary that does not begin there")
             return
@@ -240,8 +240,7 @@ class _Check:
             if stated.message_count != total or (counts and counts != self.messages):
                 self.problem(record.start, f"the summary counts {stated.message_count} messages, there are {total}")
             if stated.chunk_count != len(self.chunks):
-                text = f"the summary counts {stated.chunk_count} chunks, there are {len(self.chunks)}"
-                self.problem(record.start, text)
+                self.problem(record.start, f"the summary counts {stated.chunk_count} chunks, there are {len(self.chunks)}")
         elif record.opcode in INDEXES:
             kind, target = INDEXES[record.opcode]
             index = record.read(kind)
@@ -263,25 +262,25 @@ class _Check:
 
     def uncovered(self) -> tuple[str, ...]:
         """Parts that no checksum covers."""
-        there, bare = Counter(kind for kind, _ in self.places.values()), self.bare
-        found = {
+        kinds, bare = Counter(kind for kind, _ in self.places.values()), self.bare
+        texts = {
             "outside": "header, definitions, metadata and indexes outside chunks",
-            "chunks": f"{bare['chunks']} of {there[Opcode.CHUNK]} chunks",
-            "attachments": f"{bare['attachments']} of {there[Opcode.ATTACHMENT]} attachments",
+            "chunks": f"{bare['chunks']} of {kinds[Opcode.CHUNK]} chunks",
+            "attachments": f"{bare['attachments']} of {kinds[Opcode.ATTACHMENT]} attachments",
             "messages": f"{bare['messages']} messages outside chunks",
             "summary": "the summary",
         }
-        return tuple(text for part, text in found.items() if bare[part])
+        return tuple(text for part, text in texts.items() if bare[part])
 
 
 def check(path: Path) -> Verification:
     """Check the records of a file, but not what its messages say; raises `NotARecording` or `Oversized`."""
     data = mapped(path)
-    found = _Check(data, Contents(str(path), len(data)))
-    found.walk()
+    walk = _Check(data, Contents(str(path), len(data)))
+    walk.walk()
     return Verification(
-        str(path), len(data), found.contents.finished, len(found.chunks), found.messages.total(),
-        found.checksums, found.uncovered(), tuple(found.problems),
+        str(path), len(data), walk.contents.finished, len(walk.chunks), walk.messages.total(),
+        walk.checksums, walk.uncovered(), tuple(walk.problems),
     )  # fmt: skip
 
 
@@ -291,13 +290,13 @@ def verify(path: str | os.PathLike[str]) -> Verification:
     >>> verify("run.mcap").verdict
     'intact'
     """
-    found = check(Path(path))
-    if found.problems:
-        return found
-    return replace(found, problems=tuple(FileProblem(0, text) for text in _said(Path(path))))
+    verification = check(Path(path))
+    if verification.problems:
+        return verification
+    return replace(verification, problems=tuple(FileProblem(0, text) for text in _content_problems(Path(path))))
 
 
-def _said(path: Path) -> list[str]:
+def _content_problems(path: Path) -> list[str]:
     """What is wrong with the messages and counts of a file whose records are all right."""
     try:
         recording = Recording.open(path)
@@ -306,14 +305,14 @@ def _said(path: Path) -> list[str]:
         return [str(error)]
     problems, counts = below_zero(recording.metadata), counted(recording.metadata)
     for topic in recording.topics:
-        written, held = counts.get(topic, {}).get("written"), len(recording.log_times(topic))
-        if written is not None and written != held:
-            problems.append(f"{topic}: {written} messages were written, the file holds {held}")
-    ways: list[Callable[[], object]] = [partial(recording.stream, topic) for topic in recording.streams]
-    ways += [partial(getattr, recording, name) for name in ("states", "trials", "log", "zeros", "marks")]
-    for way in ways:
+        written, count = counts.get(topic, {}).get("written"), len(recording.log_times(topic))
+        if written is not None and written != count:
+            problems.append(f"{topic}: {written} messages were written, the file holds {count}")
+    decodings: list[Callable[[], object]] = [partial(recording.stream, topic) for topic in recording.streams]
+    decodings += [partial(getattr, recording, name) for name in ("states", "trials", "log", "zeros", "marks")]
+    for decode in decodings:
         try:
-            way()
+            decode()
         except (NotARecording, OtherVersion):
             pass  # sound, but nothing that this software computes with
         except RecordingError as error:

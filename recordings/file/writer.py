@@ -63,10 +63,11 @@ _Item = tuple[str, int, bytes]
 class Recorder:
     """One recording in progress.
 
-    `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name ->
-    bytes. `metadata`: record name -> texts. `sensors`: the messages of sensors of the lab's own. `start`: rig time (s)
-    now, the first stamp of the file. `journal`: is kept with the recording. `rescue`: folders for a rescue file, the first
-    choice first; the system's temporary folder comes last. Raises `WriteFailed` when the file exists or cannot be written.
+    `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name -> bytes.
+    `metadata`: record name -> texts. `chambers`, `markers`: how many of them samples hold. `sensors`: the messages of sensors of
+    the lab's own. `keep`: rig seconds of samples that stay in `buffers`. `start`: rig time (s) now, the first stamp of the file.
+    `journal`: stays next to the recording. `rescue`: folders for a rescue file, the first choice first; the system's temporary
+    folder comes last. Raises `WriteFailed` when the file exists or cannot be written.
     """
 
     def __init__(
@@ -105,15 +106,14 @@ class Recorder:
         """Stream -> rig time (s) of its next message that viewers see."""
         self._event_lock = threading.Lock()
         self._disk = Disk(self.path)
-        about = {"start_wall_ns": str(start_wall_ns), "chambers": str(chambers), "markers": str(markers)}
+        facts = {"start_wall_ns": str(start_wall_ns), "chambers": str(chambers), "markers": str(markers)}
         self._metadata = {
-            "recording": {"schema_version": SCHEMA_VERSION, **about},
+            "recording": {"schema_version": SCHEMA_VERSION, **facts},
             **{name: dict(texts) for name, texts in (metadata or {}).items()},
         }
         self._attachments = dict(attachments or {})
         if self._attachments:
-            sums = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
-            self._metadata["sha256"] = sums
+            self._metadata["sha256"] = {name: hashlib.sha256(data).hexdigest() for name, data in self._attachments.items()}
         try:
             self._begin(self._nanoseconds("/log", start))
         except OSError as error:
@@ -122,7 +122,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="recording-writer", daemon=True)
         self._thread.start()
 
-    def _headed(self, disk: Disk, metadata: Mapping[str, dict[str, str]]) -> McapFile:
+    def _new_file(self, disk: Disk, metadata: Mapping[str, dict[str, str]]) -> McapFile:
         """A file with what stands before the messages."""
         mcap = McapFile(disk, LIBRARY)
         now = time.time_ns()
@@ -134,17 +134,17 @@ class Recorder:
 
     def _begin(self, ns: int) -> None:
         """Everything that must be on disk before the first sample; `ns`: rig time now."""
-        self._mcap = mcap = self._headed(self._disk, self._metadata)
-        written: list[MessageType | events.EventType] = [*self.messages.values(), *events.EVENTS.values()]
-        for message in written:
-            topic, schema = self._topics[message.topic], mcap.schema(message.full_name, "protobuf", message.schema)
-            topic.channel = mcap.channel(message.topic, "protobuf", schema, message.metadata)
+        self._mcap = mcap = self._new_file(self._disk, self._metadata)
+        messages: list[MessageType | events.EventType] = [*self.messages.values(), *events.EVENTS.values()]
+        for message in messages:
+            tally, schema = self._topics[message.topic], mcap.schema(message.full_name, "protobuf", message.schema)
+            tally.channel = mcap.channel(message.topic, "protobuf", schema, message.metadata)
             if isinstance(message, MessageType) and has_stamp(message.topic):
                 fields: Any = message.wire_dtype.fields
-                topic.stamp_at = fields[STAMP][1]
+                tally.stamp_at = fields[STAMP][1]
         # Schemas and channels reach the file with the first message's chunk.
-        first = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
-        self._queue.append(("/log", ns, first))
+        first_line = events.encode_log(self.start_wall_ns + ns, "info", "recording starts", "recorder")
+        self._queue.append(("/log", ns, first_line))
         self._drain()
         self._flush()
         self._disk.sync()
@@ -198,14 +198,14 @@ class Recorder:
         counted, the first one of a topic is reported on /log. Body markers that were not seen are filled up with NaN.
         """
         message = self.messages[topic]
-        rows = {f.name: f.shape[0] for f in message.fields if len(f.shape) == 2}
+        marker_counts = {f.name: f.shape[0] for f in message.fields if len(f.shape) == 2}
         nan = (math.nan,) * 3
 
         def take(sample: Any) -> None:
             values = [getattr(sample, name) for name in message.value_names]
             for index, name in enumerate(message.value_names):
-                if name in rows:
-                    values[index] = (*values[index], *(nan,) * (rows[name] - len(values[index])))
+                if name in marker_counts:
+                    values[index] = (*values[index], *(nan,) * (marker_counts[name] - len(values[index])))
             try:
                 self.push(topic, sample.t, tuple(values))
             except WriteFailed:
@@ -221,9 +221,9 @@ class Recorder:
         """A driver knows that this many samples of its stream never arrived; raises `BadMessage` for fewer than none."""
         if count < 0:
             raise BadMessage(f"{topic}: {count} lost samples, must not be below 0; give the number since the recording began")
-        entry = self._topics[topic]
-        with entry.lock:
-            entry.lost += count
+        tally = self._topics[topic]
+        with tally.lock:
+            tally.lost += count
 
     def log(self, level: str, text: str, t: float | None = None) -> None:
         """A line on /log; `level` one of debug, info, warning, error, fatal; `t` (s) defaults to the newest stamp.
@@ -250,8 +250,8 @@ class Recorder:
         with self._event_lock:
             self._states += 1
             number = self._states
-        parts = (("vacuum", state.vacuum), ("bodies", state.bodies))
-        limits = {f"{part}_{name}": x for part, of in parts if of is not None for name, x in asdict(of).items()}
+        demands = (("vacuum", state.vacuum), ("bodies", state.bodies))
+        limits = {f"{of}_{name}": x for of, demand in demands if demand is not None for name, x in asdict(demand).items()}
         fields = {"t": t, "number": number, "rule": state.rule_name, "json": state.to_json(), "repeats": repeats}
         self._event(events.STATE, t, state, **fields, **limits)
         return number
@@ -280,7 +280,7 @@ class Recorder:
 
     def _newest(self) -> int:
         with self.buffers.lock:
-            return max(*(ns for _, ns, _ in self._not_taken()), *(entry.last for entry in self._topics.values()))
+            return max(*(ns for _, ns, _ in self._not_taken()), *(tally.last for tally in self._topics.values()))
 
     def _event(self, event: events.EventType, at: float, source: object = None, **fields: object) -> None:
         """Record an event of rig time `at` (s), see `events.encoded`. They are few, and neither dropped for their order nor for
@@ -290,12 +290,12 @@ class Recorder:
 
     def _waiting(self, topic: str) -> list[tuple[float, bytes]]:
         """What the writer has not taken yet of a stream, in order: stamps (s) and payloads; `buffers.lock` is held."""
-        last, found = self._topics[topic].last, []
+        last, samples = self._topics[topic].last, []
         for name, ns, payload in self._not_taken():
-            if name == topic and ns >= last:
+            if name == topic and ns >= last:  # one that goes back in time will be dropped, see `_put`
                 last = ns
-                found.append((ns / 1e9, payload))
-        return found
+                samples.append((ns / 1e9, payload))
+        return samples
 
     def _not_taken(self) -> list[_Item]:
         """Messages that the writer has not taken yet, in order; `buffers.lock` is held."""
@@ -322,6 +322,7 @@ class Recorder:
 
     # -- the writer thread
     def _run(self) -> None:
+        """Write what comes until the end; a failure is kept for `check`."""
         try:
             due = time.monotonic() + FLUSH_PERIOD
             while self._drain():
@@ -353,22 +354,22 @@ class Recorder:
             return False
         self._flush()
         self._disk.sync()
-        item.set()
+        item.set()  # an event, for which `sync` waits
         return True
 
     def _put(self, topic: str, ns: int, payload: bytes) -> None:
         """Count a message and put it where it belongs, unless it is a sample from before its stream's previous one."""
-        entry = self._topics[topic]
-        entry.taken += 1
-        if topic not in self.messages:
-            entry.last = max(entry.last, ns)
-        elif ns < entry.last:
+        tally = self._topics[topic]
+        tally.taken += 1
+        if topic not in self.messages:  # an event: it may be recorded later than it happened
+            tally.last = max(tally.last, ns)
+        elif ns < tally.last:
             return
         else:
-            entry.last = ns
+            tally.last = ns
             self.buffers[topic].append(ns / 1e9, payload)
-        entry.note(ns, payload)
-        self._mcap.message(entry.channel, entry.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
+        tally.note(ns, payload)
+        self._mcap.message(tally.channel, tally.generated & 0xFFFFFFFF, self.start_wall_ns + ns, payload)
         if topic in events.VIEWS and ns / 1e9 >= self._views_due[topic]:
             self._views_due[topic] = ns / 1e9 + events.VIEW_PERIOD
             self._put_views(topic, ns, payload)
@@ -381,7 +382,7 @@ class Recorder:
                 self._put(topic, ns, view)
 
     def _flush(self) -> None:
-        self._keep()
+        self._check_files()
         self._mcap.flush()
         self._disk.commit()
         for topic in self._topics.values():
@@ -389,9 +390,9 @@ class Recorder:
             topic.pending = 0
 
     # -- a file that is lost
-    def _keep(self) -> bool:
-        """Check that both files are what their paths name, and put it right where they are not; whether the recording is
-        in another file since. Raises `WriteFailed` when it can be in none."""
+    def _check_files(self) -> bool:
+        """Check that both files are what their paths name, and replace one that is not; whether the recording is in another
+        file since. Raises `WriteFailed` when it can be in none."""
         if why := self._disk.displaced():
             self._move(f"{self.path} {why} while it was being written")
             return True
@@ -405,22 +406,22 @@ class Recorder:
 
     def _move(self, why: str) -> None:
         """Go on in a rescue file, with all that the open file still holds."""
-        before, failures = self.path, []
-        for path in self._places():
+        old_path, failures = self.path, []
+        for path in self._rescue_paths():
             try:
-                lost = self._moved(path, why)
+                lost = self._continue_in(path, why)
             except (OSError, WriteFailed) as error:
                 failures.append(str(error))
                 continue
-            topics = {topic.channel: topic for topic in self._topics.values()}
-            for channel, number in lost.items():
-                topics[channel].written -= number
-            gone = f"{sum(lost.values())} of its messages are lost" if lost else "nothing of it is lost"
-            self._note(f"{why}: {gone}, and the recording goes on in {path} instead of {before}")
+            tallies = {tally.channel: tally for tally in self._topics.values()}
+            for channel, count in lost.items():
+                tallies[channel].written -= count
+            loss = f"{sum(lost.values())} of its messages are lost" if lost else "nothing of it is lost"
+            self._note(f"{why}: {loss}, and the recording goes on in {path} instead of {old_path}")
             return
         raise WriteFailed(f"{why}, and no rescue file can be written: {'; '.join(failures)}")
 
-    def _places(self) -> Iterator[Path]:
+    def _rescue_paths(self) -> Iterator[Path]:
         """Where a rescue file may be, the best first; nothing there is overwritten."""
         for folder in self._rescue:
             path = folder / f"{self._stem}-rescue.mcap"
@@ -429,14 +430,14 @@ class Recorder:
                 path = path.with_stem(f"{path.stem}-{secrets.token_hex(4)}")
             yield path
 
-    def _moved(self, path: Path, why: str) -> dict[int, int]:
-        """Put the rescue file in the place of the recording; the messages by channel that are lost."""
+    def _continue_in(self, path: Path, why: str) -> dict[int, int]:
+        """Make a rescue file, copy what can be copied, and write on there; returns how many messages are lost, by channel."""
         metadata = {**self._metadata, "rescue": {"instead_of": str(self.path), "why": events.bounded(why)}}
         if self._journal is not None and "campaign" in metadata:
             metadata["campaign"] = {**metadata["campaign"], "journal": path.with_suffix(self._journal.path.suffix).name}
         disk = Disk(path)
         try:
-            mcap = self._headed(disk, metadata)
+            mcap = self._new_file(disk, metadata)
             lost = mcap.carry_on(self._mcap, self._disk.read)
             disk.commit()
             disk.sync()
@@ -461,7 +462,7 @@ class Recorder:
 
     def _end(self) -> None:
         self._finish()
-        while self._keep():  # lost in the moment of finishing
+        while self._check_files():  # lost in the moment of finishing
             self._finish()
         self._disk.close()
 

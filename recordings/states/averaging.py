@@ -69,8 +69,7 @@ def mean_quaternion(quaternions: Sequence[Sequence[float]]) -> Quaternion:
     """
     if not quaternions:
         raise ValueError("no quaternion to average")
-    n = len(quaternions)
-    matrix = [[math.fsum(q[i] * q[j] for q in quaternions) / n for j in range(4)] for i in range(4)]
+    matrix = [[math.fsum(q[i] * q[j] for q in quaternions) / len(quaternions) for j in range(4)] for i in range(4)]
     mean = _unit(list(quaternions[0]))
     for _ in range(200):
         after = _unit([math.fsum(matrix[i][j] * mean[j] for j in range(4)) for i in range(4)])
@@ -86,9 +85,7 @@ def line_quaternion(at: float, t: Numbers, quaternions: NDArray[np.float64]) -> 
 
     Good to the square of the angle turned within the samples, which is small while ramping.
     """
-    first = quaternions[0]
-    side = quaternions @ first < 0
-    aligned = np.where(side[:, None], -quaternions, quaternions)
+    aligned = np.where((quaternions @ quaternions[0] < 0)[:, None], -quaternions, quaternions)  # q and -q turn alike
     return _positive(_unit([line(at, t, aligned[:, i]).value for i in range(4)]))
 
 

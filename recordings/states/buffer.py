@@ -87,9 +87,9 @@ class Buffer:
             parts.append(block.bytes[np.searchsorted(stamps, t0) : np.searchsorted(stamps, t1, side="right")])
             if block.count and stamps[0] < t0:
                 break
-        waiting = b"".join(payload for t, payload in newer if t0 <= t <= t1)
-        held = [part.reshape(-1) for part in parts[::-1]]
-        return self.message.decode(np.concatenate([*held, np.frombuffer(waiting, np.uint8)]))
+        waiting_bytes = b"".join(payload for t, payload in newer if t0 <= t <= t1)
+        blocks = [part.reshape(-1) for part in parts[::-1]]
+        return self.message.decode(np.concatenate([*blocks, np.frombuffer(waiting_bytes, np.uint8)]))
 
 
 class Buffers:

@@ -69,6 +69,7 @@ def conclude(streams: Streams, state: State, count: Callable[[int], object] = la
 
 
 def _span(streams: Streams, state: State, watermark: float) -> Span | None:
+    """The time over which the state is averaged, by its rule; None while that may still come. Raises NotSettled."""
     rule, start = state.rule, state.t_start
     if isinstance(rule, Window):
         return fixed_window(rule, start, watermark)
@@ -83,8 +84,7 @@ def _span(streams: Streams, state: State, watermark: float) -> Span | None:
         raise NotSettled(f"{len(state.targets)} pressures are requested, but /pressure has {chambers}")
     further = [topic for topic in state.topics if topic not in ("/pressure", "/tip") and not of_sensor(topic)]
     others = {topic: streams.window(topic, start, until)["t"] for topic in further}
-    tip = streams.window("/tip", start, until)
-    return settled_window(pressure, tip, others, state.targets, rule, start, watermark)
+    return settled_window(pressure, streams.window("/tip", start, until), others, state.targets, rule, start, watermark)
 
 
 def _demand_vacuum(streams: Streams, state: State, span: Span | None, watermark: float) -> None:
@@ -106,12 +106,12 @@ def _demand_places(streams: Streams, state: State, span: Span) -> None:
     bodies = state.bodies
     if bodies is None:
         return
-    said = too_far(places_of(tracked(streams.window("/tip", span.t0, span.t1))), bodies) or jumped(
+    reason = too_far(places_of(tracked(streams.window("/tip", span.t0, span.t1))), bodies) or jumped(
         tracked(streams.window("/tip", bodies.begin(span.t1), span.t1))
     )
-    if said:
+    if reason:
         raise Misplaced(
-            f"{said}; the cameras may have taken one body for another, or the base frame is not where mocap_to_base says"
+            f"{reason}; the cameras may have taken one body for another, or the base frame is not where mocap_to_base says"
         )
 
 
@@ -215,6 +215,6 @@ def _push(estimate: Estimator, probe: Probe, force: Samples, arm: Samples) -> tu
     """Force on the specimen along the push (N) and the TCP's way along it from the origin (m)."""
     along = along_push(probe.direction, force["raw"] - force["zero"], arm["tcp_pose"], probe.sensor_rotation)
     pushed = estimate(force["t"], along - probe.force_offset)
-    moved = arm["tcp_pose"][:, :3] - np.array(probe.origin)
-    way = moved[:, 0] * probe.direction[0] + moved[:, 1] * probe.direction[1] + moved[:, 2] * probe.direction[2]
+    x, y, z = (arm["tcp_pose"][:, :3] - np.array(probe.origin)).T
+    way = x * probe.direction[0] + y * probe.direction[1] + z * probe.direction[2]
     return pushed, estimate(arm["t"], way)

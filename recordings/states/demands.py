@@ -19,6 +19,10 @@ from ..trials import TrialRow
 
 SLACK = 0.005
 """m by which a distance may be longer than the body allows: bodies for the cameras are mounted on the robot's surface."""
+AWAY = 0.02
+"""m that a body at rest may be from where it rested before: hysteresis and creep of the paper's robot leave less than half."""
+FASTEST = 3.0
+"""m/s; a robot of 40 cm that swings freely with its whole deflection at 2 Hz stays below."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +33,7 @@ class Demand:
 
     def begin(self, until: float) -> float:
         """Rig time (s) of the first sample that is judged where samples are judged until `until` (s)."""
-        # samples stay in memory for 900 s, `buffer.KEEP`
-        return max(self.since, until - 600.0)
+        return max(self.since, until - 600.0)  # samples stay in memory for 900 s, `buffer.KEEP`
 
 
 @dataclass(frozen=True)
@@ -87,16 +90,16 @@ def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:
     """Which body is farther from the base, or from another one, than the robot is long between them, for people; empty where none
     is. `places` (samples, bodies, 3) m; the message names the worst distance."""
     places = places[:, : len(bodies.arcs)]
-    worst, said = 0.0, ""
+    worst, text = 0.0, ""
     points = [(_name(i), arc, places[:, i]) for i, arc in enumerate(bodies.arcs[: places.shape[1]])]
-    for i, (name, arc, at) in enumerate(points):
-        for other, below, place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
-            between = np.linalg.norm(at - place, axis=1)
-            seen, limit = between[np.isfinite(between)], bodies.stretch * abs(arc - below) + SLACK
+    for i, (name, arc, place) in enumerate(points):
+        for other_name, other_arc, other_place in [("the base", 0.0, np.zeros(3)), *points[:i]]:
+            distances = np.linalg.norm(place - other_place, axis=1)
+            seen, limit = distances[np.isfinite(distances)], bodies.stretch * abs(arc - other_arc) + SLACK
             if len(seen) and (over := float(np.median(seen)) - limit) > worst:
                 worst, apart = over, f"{float(np.median(seen)) * 1e3:.0f} mm apart"
-                said = f"{other} and {name} are {apart}, the stretched robot allows {limit * 1e3:.0f} mm"
-    return said
+                text = f"{other_name} and {name} are {apart}, the stretched robot allows {limit * 1e3:.0f} mm"
+    return text
 
 
 LATEST = 0.5
@@ -115,15 +118,14 @@ def jumped(samples: NDArray[np.void]) -> str:
         position, t, stamp = places[seen, body], samples["t"][seen], samples["device_time"][seen]
         if len(position) < 2:
             continue
-        steps, lasted = np.diff(position, axis=0), np.diff(t)
-        lasted = np.clip(np.nan_to_num(np.diff(stamp)), lasted, lasted + LATEST)
-        # m/s: a robot of 40 cm that swings freely with its whole deflection at 2 Hz reaches less
-        sudden = np.linalg.norm(steps, axis=1) > 3.0 * lasted + SLACK
+        steps, dt = np.diff(position, axis=0), np.diff(t)
+        dt = np.clip(np.nan_to_num(np.diff(stamp)), dt, dt + LATEST)
+        sudden = np.linalg.norm(steps, axis=1) > FASTEST * dt + SLACK
         away = float(np.linalg.norm(steps[sudden].sum(axis=0)))
         if away > SLACK:
             first = int(np.argmax(sudden))
             return (
-                f"{_name(body)} jumped by {float(np.linalg.norm(steps[first])) * 1e3:.0f} mm within {lasted[first] * 1e3:.0f} ms "
+                f"{_name(body)} jumped by {float(np.linalg.norm(steps[first])) * 1e3:.0f} mm within {dt[first] * 1e3:.0f} ms "
                 f"at {t[first + 1]:.2f} s and is still {away * 1e3:.0f} mm away"
             )
     return ""
@@ -136,5 +138,4 @@ def elsewhere(before: TrialRow, now: TrialRow) -> str:
     pairs = enumerate(zip((before.tip, *before.markers), (now.tip, *now.markers), strict=True))
     away = [(math.dist(a, b), i) for i, (a, b) in pairs if not any(map(math.isnan, (*a, *b)))]
     worst, body = max(away, default=(0.0, 0))
-    # m: hysteresis and creep of the robot of the paper leave less than 1 cm
-    return f"{_name(body)} is at rest {worst * 1e3:.0f} mm away from its place at rest" if worst > 0.02 else ""
+    return f"{_name(body)} is at rest {worst * 1e3:.0f} mm away from its place at rest" if worst > AWAY else ""

@@ -161,8 +161,7 @@ class State:
             ("bodies to judge need", self.bodies is not None, ("/tip",)),
         ):
             if demanded and not set(needed) <= set(self.topics):
-                of = f"state {self.trial}/{self.step}"
-                raise BadMessage(f"{of}: {what} {' and '.join(needed)} among the topics")
+                raise BadMessage(f"state {self.trial}/{self.step}: {what} {' and '.join(needed)} among the topics")
         if self.least_force is not None and self.probe is None:
             raise BadMessage(f"state {self.trial}/{self.step}: a least force needs a probe")
 
@@ -201,9 +200,9 @@ _T = TypeVar("_T", bound=State | Settled | Window | Crossing | Probe | VacuumBan
 def checked(value: _T) -> _T:
     """The value, when every field holds what it is annotated with, numbers finite; raises `BadMessage`."""
     for name, hint in _HINTS[type(value)].items():
-        given = getattr(value, name)
-        if not _is(given, hint):
-            raise BadMessage(f"{name} = {repr(given)[:80]}: must be {hint}")
+        field_value = getattr(value, name)
+        if not _is(field_value, hint):
+            raise BadMessage(f"{name} = {repr(field_value)[:80]}: must be {hint}")
     if isinstance(value, Settled | Window | Crossing):
         for name, number in vars(value).items():
             if isinstance(number, int | float) and name != "level" and number < 0:

@@ -50,14 +50,15 @@ def settled_window(
 
     `targets`: Pa by chamber. `others`: stamps (s) of further streams, by topic, that the window must hold samples of.
     Windows end at a tracked tip sample; of those ending there the shortest long enough counts. Raises `NotSettled`
-    after the time- out.
+    after the time-out.
     """
     end = t_start + rule.timeout
     tip = tracked(tip)
     ends = tip["t"][(tip["t"] < watermark) & (tip["t"] <= end)]
-    far = ~(np.abs(pressure["measured"] - np.asarray(targets)) <= rule.band).all(axis=1)
+    off_target = ~(np.abs(pressure["measured"] - np.asarray(targets)) <= rule.band).all(axis=1)
     stamps = {"/pressure": pressure["t"], "/tip": tip["t"], **others}
 
+    # of each end the latest begin: the window is long enough, and holds enough samples of each stream
     begins = ends - max(rule.still, rule.average)
     good = np.ones(len(ends), dtype=bool)
     for topic, times in stamps.items():
@@ -73,8 +74,8 @@ def settled_window(
         for topic, times in stamps.items():
             good &= _longest_pause_ok(times, begins, ends, _pause(rule, topic))
         first, last = _bounds(pressure["t"], begins, ends)
-        too_far = np.concatenate(([0], np.cumsum(far)))
-        good &= too_far[last] == too_far[first]
+        count_off = np.concatenate(([0], np.cumsum(off_target)))
+        good &= count_off[last] == count_off[first]  # no sample in the window is off its target
         good &= _extent(tip, begins, ends, rule.smooth) <= rule.still_distance
     if good.any():
         first_good = int(np.argmax(good))
@@ -111,11 +112,11 @@ def crossing_window(pressure: Samples, rule: Crossing, t_start: float, ramp_end:
     if i < 0 or t[i] > t_start + rule.timeout:
         if watermark <= t_start + rule.timeout:
             return None
-        finite, best = mean[np.isfinite(mean)], ""
+        finite, extreme = mean[np.isfinite(mean)], ""
         if len(finite):
-            best = f", highest {finite.max():.0f} Pa" if rule.rising else f", lowest {finite.min():.0f} Pa"
+            extreme = f", highest {finite.max():.0f} Pa" if rule.rising else f", lowest {finite.min():.0f} Pa"
         raise NotSettled(
-            f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s{best}; "
+            f"chambers {_names(rule.chambers)} did not get {way} {rule.level:.0f} Pa within {rule.timeout:g} s{extreme}; "
             "check supply and ramp, or raise the time-out"
         )
     share = (rule.level - mean[i - 1]) / (mean[i] - mean[i - 1])
@@ -158,17 +159,17 @@ def _extent(tip: Samples, begins: Numbers, ends: Numbers, smooth: int) -> Number
     # Tables of the extremes over 1, 2, 4, .. samples answer any window by two look-ups.
     # One at a time: all of them would take the memory of the samples many times over.
     highs = lows = average
-    out = np.empty(len(ends))
+    extents = np.empty(len(ends))
     level = np.floor(np.log2(last - first)).astype(int)
     for k in range(int(level.max(initial=0)) + 1):
         if k:
             half = 2 ** (k - 1)
             highs, lows = np.maximum(highs[:-half], highs[half:]), np.minimum(lows[:-half], lows[half:])
-        here = level == k
-        a, b = first[here], last[here] - 2**k
+        at_level = level == k
+        a, b = first[at_level], last[at_level] - 2**k
         high, low = np.maximum(highs[a], highs[b]), np.minimum(lows[a], lows[b])
-        out[here] = (high - low).max(axis=1)
-    return out
+        extents[at_level] = (high - low).max(axis=1)
+    return extents
 
 
 MOST_CHANNELS = 3
@@ -179,21 +180,22 @@ def _why_not(
     pressure: Samples, tip: Samples, stamps: Mapping[str, Numbers], targets: Sequence[float], rule: Settled, end: float
 ) -> str:
     """What was not at rest in the last seconds before the time-out, by how much, against what."""
-    lasting = max(rule.still, rule.average)
-    since = end - lasting
+    duration = max(rule.still, rule.average)
+    since = end - duration
     parts = _why_unseen(stamps, rule, since, end)
     parts += _why_off(pressure[(pressure["t"] >= since) & (pressure["t"] <= end)], targets, rule)
     late = tip[(tip["t"] >= since) & (tip["t"] <= end)]
     if len(late) >= rule.smooth:
-        moved = float(_extent(late, np.array([since]), np.array([end]), rule.smooth)[0])
-        if not moved <= rule.still_distance:
-            parts.append(f"the tip still moved {moved * 1e3:.2f} mm in {lasting:g} s, limit {rule.still_distance * 1e3:.2f} mm")
+        motion = float(_extent(late, np.array([since]), np.array([end]), rule.smooth)[0])
+        if not motion <= rule.still_distance:
+            parts.append(f"the tip still moved {motion * 1e3:.2f} mm in {duration:g} s, limit {rule.still_distance * 1e3:.2f} mm")
     if not parts:
-        parts.append(f"all were at rest at the end, but for less than {lasting:g} s: raise the time-out")
+        parts.append(f"all were at rest at the end, but for less than {duration:g} s: raise the time-out")
     return f"not settled within {rule.timeout:g} s: {'; '.join(parts)}"
 
 
 def _why_unseen(stamps: Mapping[str, Numbers], rule: Settled, since: float, end: float) -> list[str]:
+    """The streams (see `settled_window`) that paused too long from `since` to `end` (s), or have too few samples."""
     parts = []
     for topic, times in stamps.items():
         late = times[(times >= since) & (times <= end)]

@@ -83,28 +83,28 @@ def unloaded(streams: Streams, direction: Sequence[float], span: Span) -> Unload
 
 def drift(before: Unloaded, start: Unloaded, end: Unloaded) -> Drift:
     """How the zero moved from `start` to `end`, and whether at the pace at which it moved before."""
-    early, during = start.t - before.t, end.t - start.t
-    if not (early > 0 and during > 0):
+    span_before, span_trial = start.t - before.t, end.t - start.t
+    if not (span_before > 0 and span_trial > 0):
         return Drift(end.force - start.force, 0.0, False)
-    moved = end.force - start.force
-    rate = moved / during
-    other = (start.force - before.force) / early - rate
-    error = math.hypot(before.error / early, end.error / during, start.error * (1 / early + 1 / during))
+    force = end.force - start.force
+    rate = force / span_trial
+    rate_change = (start.force - before.force) / span_before - rate
+    error = math.hypot(before.error / span_before, end.error / span_trial, start.error * (1 / span_before + 1 / span_trial))
     # at four standard errors, one constant drift in 15 000 is mistaken
-    linear = abs(other) <= 4.0 * error or abs(other) * during <= TOLERATED
-    return Drift(moved, rate, linear)
+    linear = abs(rate_change) <= 4.0 * error or abs(rate_change) * span_trial <= TOLERATED
+    return Drift(force, rate, linear)
 
 
 def without_drift(rows: Iterable[TrialRow], drifts: Iterable[tuple[Zeros, Drift]]) -> list[TrialRow]:
     """Rows with what is known of the zero's drift: removed from their forces where it is a line, else marked."""
-    found = list(rows)
-    for zeros, moved in drifts:
-        for i, row in enumerate(found):
+    corrected = list(rows)
+    for zeros, zero_drift in drifts:
+        for i, row in enumerate(corrected):
             if row.trial != zeros.trial or row.force is None or not zeros.start[1] <= row.t <= zeros.end[0]:
                 continue
-            if moved.linear:
-                shift = moved.rate * (row.t - zeros.offset_at)
-                found[i] = replace(row, force=row.force - shift, force_drift=moved.force)
+            if zero_drift.linear:
+                shift = zero_drift.rate * (row.t - zeros.offset_at)
+                corrected[i] = replace(row, force=row.force - shift, force_drift=zero_drift.force)
             else:
-                found[i] = replace(row, force_drift=moved.force, doubt=row.doubt or "drift")
-    return found
+                corrected[i] = replace(row, force_drift=zero_drift.force, doubt=row.doubt or "drift")
+    return corrected

@@ -40,8 +40,7 @@ class UrBackDoor(Connection):
             return False
         self.buffer = rest
         try:
-            request = json.loads(line)
-            act(self.subject, request)
+            act(self.subject, json.loads(line))
             reply = state(self.subject)
         except (ValueError, KeyError, TypeError) as error:
             reply = {"error": f"{type(error).__name__}: {error}"}
@@ -117,8 +116,8 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
                 controller.power(on=False)
                 controller.robot_mode = RobotMode.RUNNING
         case "stuck":
-            held = request["variables"]
-            controller.stuck = held if isinstance(held, dict) else {name: controller.value(name) for name in held}
+            stuck = request["variables"]
+            controller.stuck = stuck if isinstance(stuck, dict) else {name: controller.value(name) for name in stuck}
         case "forget":
             controller.commands.clear()
             controller.ended.clear()
@@ -128,6 +127,7 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
 
 
 def _set(controller: FakeController, request: dict[str, Any]) -> None:
+    """Put the arm and its settings where a request says."""
     unknown = set(request) - {"do", "q", "pose", "wrench", "slider", "scaling", "payload", "payload_centre", "tcp"}
     if unknown:
         raise ValueError(f"unknown keys {sorted(unknown)}")

@@ -142,7 +142,7 @@ class FakeController:
         self._stopped_at = -math.inf
         self._program: ControlScript | None = None
         self._watchdog: float | None = None
-        self._starving = 0.0
+        self._starving = 0.0  # s since a client fed the watchdog
         self._random = np.random.default_rng(self.seed)
         self._measure()
 
@@ -351,6 +351,7 @@ class FakeController:
         return 0 if count == 1 else [0] * count
 
     def _vectors(self, name: str) -> Array | None:
+        """What a variable with several numbers reports, (6,) or (3,); None for any other."""
         match name:
             case "actual_q":
                 return _measured(self._actual_q)

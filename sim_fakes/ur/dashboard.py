@@ -35,6 +35,7 @@ class DashboardConnection(Connection):
             self.transport.write(line.encode() + b"\n")
 
     def take(self) -> bool:
+        """Answer one line; False when none is complete or the connection ends."""
         line, newline, rest = self.buffer.partition(b"\n")
         if len(line) > 1024:
             self.hub.violation("dashboard: line too long")
@@ -75,6 +76,7 @@ def answer(controller: FakeController, request: str) -> str:
 
 
 def _act(controller: FakeController, request: str, key: str) -> str:
+    """Do what a request (`key`: in lower case) asks for; the dashboard's answer."""
     match key:
         case "stop":
             if controller.runtime == Runtime.STOPPED:

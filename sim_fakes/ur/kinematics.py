@@ -112,4 +112,4 @@ def inverse(geometry: Geometry, target: Array, start: Array, tool: Array) -> Arr
         damping = min(1e-2 * size, 1e-3) * size + 1e-14
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
         joints = joints + step * min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
-    return joints if size < 1e-7 else None
+    return joints if size < 1e-7 else None  # the error before the last step

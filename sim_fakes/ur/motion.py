@@ -90,14 +90,14 @@ class Profile:
         """Share of the distance done at time t (s), 0..1."""
         if t >= self.duration:
             return 1.0
-        left = self.duration - t
+        rest = self.duration - t
         if t < self.ramp:
-            done = self.acceleration * t * t / 2
-        elif left < self.ramp:
-            done = self.distance - self.acceleration * left * left / 2
+            travelled = self.acceleration * t * t / 2
+        elif rest < self.ramp:
+            travelled = self.distance - self.acceleration * rest * rest / 2
         else:
-            done = self.speed * (t - self.ramp / 2)
-        return done / self.distance
+            travelled = self.speed * (t - self.ramp / 2)
+        return travelled / self.distance
 
 
 class Motion:

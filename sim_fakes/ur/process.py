@@ -167,6 +167,7 @@ class UrFake:
             self._thread.join(1.0)
 
     def _receive(self) -> None:
+        """Put each new TCP pose that the controller sends into the plant, until stopped."""
         punctual()
         newest: tuple[float, ...] = ()
         while self._running:

@@ -102,6 +102,7 @@ class RtdeConnection(Connection):
         return [self.last]
 
     def _answer(self, kind: int, body: bytes) -> bool:
+        """Answer one packet; False after a breach, which ends the connection."""
         if kind == VERSION and len(body) == 2:
             asked = struct.unpack(">H", body)[0]
             self.version = asked if asked in (V1, V2) else self.version
@@ -130,11 +131,12 @@ class RtdeConnection(Connection):
         return True
 
     def _set_outputs(self, frequency: float, names: bytes) -> None:
+        """Subscribe to variables (names with commas) at `frequency` Hz, and answer with their types."""
         controller = self.hub.controller
         wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
         types = [controller.outputs.get(name, "NOT_FOUND") for name in wanted]
         fastest = 1 / controller.period
-        # not exactly: a division of rounded numbers may come out below a whole one
+        # 1e-9: a division of rounded numbers may come out below a whole one
         every = math.floor(fastest / frequency + 1e-9) if SLOWEST <= frequency <= fastest else 0
         if not every:
             self.hub.violation(f"rtde: frequency {frequency:g} Hz, possible are {SLOWEST:g} to {fastest:g} Hz")
@@ -149,6 +151,7 @@ class RtdeConnection(Connection):
         self._send(OUTPUTS, bytes([accepted] * len(head)) + ",".join(types).encode())
 
     def _set_inputs(self, names: bytes) -> None:
+        """Reserve input variables (names with commas) for this client, and answer with the recipe's number and their types."""
         offered = variables.inputs()
         wanted = [name for name in names.decode("ascii", "replace").split(",") if name]
         types = [offered.get(name, "NOT_FOUND") for name in wanted]
@@ -184,17 +187,16 @@ class RtdeConnection(Connection):
 
     def publish(self, values: dict[str, list[float]]) -> None:
         """Send this cycle's package when it is due; `values` is shared by all clients of the cycle."""
-        want = self.subscription
-        if want is None or not self.started or self.hub.controller.starting:
+        subscription = self.subscription
+        if subscription is None or not self.started or self.hub.controller.starting:
             return
-        want.cycle += 1
-        # packages are skipped while a client leaves too much unread
-        if want.cycle % want.every or self.transport.get_write_buffer_size() > 200_000:
-            return
+        subscription.cycle += 1
+        if subscription.cycle % subscription.every or self.transport.get_write_buffer_size() > 200_000:
+            return  # not due, or the client leaves too much unread
         package: list[float] = []
-        for name in want.names:
+        for name in subscription.names:
             if name not in values:
                 value = self.hub.controller.value(name)
                 values[name] = value if isinstance(value, list) else [value]
             package += values[name]
-        self._send(DATA, struct.pack(want.layout, *want.head, *package))
+        self._send(DATA, struct.pack(subscription.layout, *subscription.head, *package))

@@ -56,9 +56,9 @@ class ControlScript:
 
     def __init__(self, host: Host, offset: int) -> None:
         self.host, self.arm, self.offset = host, host.arm, offset
-        self._executing = False
-        self._blocking: Motion | None = None
-        self._move: Motion | None = None
+        self._executing = False  # the command in the register was taken and is not cleared yet
+        self._blocking: Motion | None = None  # no command is taken before its end
+        self._move: Motion | None = None  # in the background, as is `_stop`
         self._stop: Motion | None = None
         self._linear_stop = False
         self._writes = self._operation = 0
@@ -142,6 +142,7 @@ class ControlScript:
         command(self, name)
 
     def _motion(self, name: str) -> None:
+        """Start a move to the target in the registers; raises ProgramError."""
         target, speed, acceleration = self._vector(), self._double(6), self._double(7)
         self.host.note_command(name, [*target.tolist(), speed, acceleration, float(self.host.read_int(1 + self.offset))])
         most_speed, most_acceleration = SPEED_RANGE["joint" if name.startswith("movej") else "tool"]
@@ -151,14 +152,15 @@ class ControlScript:
             raise ProgramError(f"{name}: speed {speed:g} or acceleration {acceleration:g} out of range")
         self._kill_move()
         if name == "movel_fk":
-            here, self.arm.q = self.arm.q, target
-            target, self.arm.q = self.arm.pose_vector(), here
+            present, self.arm.q = self.arm.q, target
+            target, self.arm.q = self.arm.pose_vector(), present
         if name == "movej_ik":
             target = self._solve(target, name)
         make = JointMove if name.startswith("movej") else LinearMove
         self._start(make(self.arm, target, speed, acceleration))
 
     def _stopping(self, name: str) -> None:
+        """Decelerate, in the background or until the arm stands; raises ProgramError."""
         deceleration, background = self._double(0), self.host.read_int(1 + self.offset) == 1
         self.host.note_command(name, [deceleration, float(background)])
         if not deceleration > 0:

@@ -63,9 +63,9 @@ class UrServer:
             await self._listen(dashboard.PORT, lambda: dashboard.DashboardConnection(hub))
         for port in UPLOAD_PORTS:
             await self._listen(port, lambda: UploadConnection(hub))
-        own = Hub(self.controller)
+        door_hub = Hub(self.controller)
         if door is not None:
-            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(own, hub), door)
+            await asyncio.get_running_loop().create_unix_server(lambda: backdoor.UrBackDoor(door_hub, hub), door)
         ready()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plant:
             plant.setblocking(False)
@@ -76,6 +76,7 @@ class UrServer:
         await asyncio.get_running_loop().create_server(make, self.host, port)
 
     async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
+        """Run the controller's cycles; after each send the TCP pose to `pose_to`, and the RTDE packages."""
         controller, period = self.controller, self.controller.period
         due = began = timing.now()
         while True:
@@ -84,8 +85,8 @@ class UrServer:
             # keeps only the newest of several packages that arrive together.
             due = max(due + period, now - LONGEST_BACKLOG)
             await asyncio.sleep(due - now if due > now else period / 2)
-            before, began = began, timing.now()
-            controller.advance(began - before)
+            previous, began = began, timing.now()
+            controller.advance(began - previous)
             if pose_to is not None:
                 rig_time = (due - self.clock_start) * controller.speed
                 with contextlib.suppress(OSError):

@@ -9,16 +9,9 @@ DOUBLE, VECTOR6D, VECTOR3D = "DOUBLE", "VECTOR6D", "VECTOR3D"
 INT32, UINT32, UINT64, VECTOR6INT32, UINT8, BOOL = "INT32", "UINT32", "UINT64", "VECTOR6INT32", "UINT8", "BOOL"
 
 FORMAT = {
-    DOUBLE: "d",
-    VECTOR6D: "6d",
-    VECTOR3D: "3d",
-    INT32: "i",
-    UINT32: "I",
-    UINT64: "Q",
-    VECTOR6INT32: "6i",
-    UINT8: "B",
-    BOOL: "?",
-}
+    DOUBLE: "d", VECTOR6D: "6d", VECTOR3D: "3d", INT32: "i", UINT32: "I", UINT64: "Q", VECTOR6INT32: "6i", UINT8: "B", BOOL: "?",
+}  # fmt: skip
+"""Type -> code of `struct`."""
 COUNT = {VECTOR6D: 6, VECTOR3D: 3, VECTOR6INT32: 6}
 """Values in one variable; 1 where absent."""
 
@@ -26,45 +19,16 @@ REGISTERS = 48
 Version = tuple[int, int, int, int]
 
 _VECTORS = [
-    "target_q",
-    "target_qd",
-    "target_qdd",
-    "target_current",
-    "target_moment",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "joint_control_output",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "target_TCP_pose",
-    "target_TCP_speed",
-    "joint_temperatures",
-    "actual_joint_voltage",
-]
+    "target_q", "target_qd", "target_qdd", "target_current", "target_moment", "actual_q", "actual_qd", "actual_current",
+    "joint_control_output", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "target_TCP_pose", "target_TCP_speed",
+    "joint_temperatures", "actual_joint_voltage",
+]  # fmt: skip
 _DOUBLES = [
-    "timestamp",
-    "actual_execution_time",
-    "speed_scaling",
-    "target_speed_fraction",
-    "actual_momentum",
-    "actual_main_voltage",
-    "actual_robot_voltage",
-    "actual_robot_current",
-    "standard_analog_input0",
-    "standard_analog_input1",
-    "standard_analog_output0",
-    "standard_analog_output1",
-    "io_current",
-    "euromap67_24V_voltage",
-    "euromap67_24V_current",
-    "tool_analog_input0",
-    "tool_analog_input1",
-    "tool_output_current",
-    "tool_temperature",
-    "tcp_force_scalar",
-]
+    "timestamp", "actual_execution_time", "speed_scaling", "target_speed_fraction", "actual_momentum", "actual_main_voltage",
+    "actual_robot_voltage", "actual_robot_current", "standard_analog_input0", "standard_analog_input1",
+    "standard_analog_output0", "standard_analog_output1", "io_current", "euromap67_24V_voltage", "euromap67_24V_current",
+    "tool_analog_input0", "tool_analog_input1", "tool_output_current", "tool_temperature", "tcp_force_scalar",
+]  # fmt: skip
 _INTEGERS = {
     "analog_io_types": UINT32,
     "euromap67_input_bits": UINT32,

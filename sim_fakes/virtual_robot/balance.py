@@ -42,7 +42,11 @@ def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) ->
 def _balance(
     chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoads, low: Array, diag: Array, up: Array, g: Array
 ) -> None:
-    """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix."""
+    """Fill the out-of-balance forces g (sign: to be solved for) and Newton's matrix.
+
+    Of each segment, in the world: `nw`, `mw` its force and moment; `knn` = dn/dd, `kmm` = dm/d(turn of one end against the
+    other), `p` = dn/d(turn of either end), `w` the same of m; `tr` and `tp` are the derivatives of d/2 x n like `knn` and `p`.
+    """
     n = chain.h.shape[0]
     low[:] = 0.0
     diag[:] = 0.0
@@ -140,7 +144,7 @@ def _external(
         diag[n, i, i] -= loads.spring[0]
     add_skew(f, -1.0, diag[n, :3, 3:])
     for c in range(loads.contacts.shape[0]):
-        row = loads.contacts[c]
+        row = loads.contacts[c]  # node, weight, direction (3), level, soft depth, soft stiffness, stiffness
         k = int(row[0])
         w = row[1]
         distance = 0.0
@@ -197,7 +201,7 @@ def equilibrium(chain: Chain, s: Sections, hist: SliderHistory, loads: ChainLoad
 
 @kernel
 def foresee(chain: Chain, r_before: Array, q_before: Array, ratio: float) -> None:
-    """Carry the last motion on: the shape becomes now + ratio * (now - before); `before` becomes what was now."""
+    """Carry the last motion on: the shape becomes now + ratio * (now - before); the arrays `before` take what was now."""
     d = np.empty(3)
     frame = np.empty((3, 3))
     q = np.empty(4)

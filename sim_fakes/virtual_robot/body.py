@@ -44,8 +44,7 @@ class VirtualBody:
         """Material during a step of dt seconds."""
         truth, laws, n = self._truth, self._laws, self._truth.segments
         jamming = spine.jamming
-        # from this relative jamming on, the spine has fully taken its share of the section
-        x = min(jamming / 0.3, 1.0)
+        x = min(jamming / 0.3, 1.0)  # from a relative jamming of 0.3 on, the spine has fully taken its share of the section
         volume_share = truth.spine_area / (truth.area + truth.spine_area)
         share_taken = (1 - laws.area_moment) * volume_share * x * x * (3 - 2 * x)
         shape = np.array([truth.area * truth.shear_ratio] * 2 + [truth.area] + [self._inertia] * 2 + [2 * self._inertia])
@@ -54,14 +53,11 @@ class VirtualBody:
         slip_force = np.zeros((n, len(SLIP_STRAINS)))
         if laws.spine_slip and spine.jammed:
             h = self.rod.chain.h
-            room = np.maximum(spine.true_length - (np.cumsum(h) - h / 2), 0.0)
-            slip_moment = np.outer(
-                # friction fades over 3 cm before the spine's end
-                np.minimum(room / 0.03, 1.0),
-                laws.spine_slip * jamming * np.array(SLIP_SHARES),
-            )
-            # N/m of friction force per N m of friction moment
-            slip_force += ((20.0 / 0.15) * laws.spine_slip * jamming / len(SLIP_STRAINS) * room)[:, None]
+            to_end = np.maximum(spine.true_length - (np.cumsum(h) - h / 2), 0.0)  # m, of each segment's middle
+            fade = np.minimum(to_end / 0.03, 1.0)  # friction fades over 3 cm before the spine's end
+            slip_moment = np.outer(fade, laws.spine_slip * jamming * np.array(SLIP_SHARES))
+            # 20 / 0.15: N/m of friction force per N m of friction moment
+            slip_force += ((20.0 / 0.15) * laws.spine_slip * jamming / len(SLIP_STRAINS) * to_end)[:, None]
         return Sections(
             stiffness=np.outer(silicone, shape) + np.outer(self._cover, self._spine_stiffness(spine, volume_share)),
             slip_moment=slip_moment,
@@ -83,19 +79,18 @@ class VirtualBody:
         truth, laws = self._truth, self._laws
         h = self.rod.chain.h
         gravity = np.array(truth.gravity if self._hanging else truth.stand_gravity)
-        line = truth.density * truth.area * h
+        segment_mass = truth.density * truth.area * h
         mass = np.zeros(len(h) + 1)
-        mass[1:] += line / 2
-        mass[:-1] += line / 2
+        mass[1:] += segment_mass / 2
+        mass[:-1] += segment_mass / 2
         mass[-1] += tip_mass
         force = mass[:, None] * gravity
         spring, base = np.array([0.0, 0.0, 0.0, truth.length]), np.array([1.0, 0.0, 0.0, 0.0])
         if self._hanging:
             if laws.tether_load:
-                a = self._directions.tether
-                force[-1, :2] += laws.tether_load * np.array([math.cos(a), math.sin(a)])
-                # m of tip motion that takes the tether's force to zero
-                spring[0] = abs(laws.tether_load) / 0.3
-            a, half = self._directions.tilt, laws.base_tilt / 2
-            base = np.array([math.cos(half), -math.sin(a) * math.sin(half), math.cos(a) * math.sin(half), 0.0])
+                azimuth = self._directions.tether
+                force[-1, :2] += laws.tether_load * np.array([math.cos(azimuth), math.sin(azimuth)])
+                spring[0] = abs(laws.tether_load) / 0.3  # m of tip motion that takes the tether's force to zero
+            azimuth, half = self._directions.tilt, laws.base_tilt / 2
+            base = np.array([math.cos(half), -math.sin(azimuth) * math.sin(half), math.cos(azimuth) * math.sin(half), 0.0])
         return ChainLoads(force, follower_force, follower_moment, spring, contacts, base)

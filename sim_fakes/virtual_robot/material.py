@@ -37,7 +37,7 @@ class Sections(NamedTuple):
     slip_force: Array
     """(n, 2) Friction force of each level, N."""
     viscosity: float
-    """c of the equation above."""
+    """c of the equation above, a pure number."""
     slips: bool = False
     """False: the sliders are skipped."""
 
@@ -72,13 +72,13 @@ def approach(dt: float, settling_time: float) -> float:
 
 @kernel
 def _friction(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Array, t: Array, commit: bool) -> None:
-    """Add the sliders' stress and consistent tangent, and keep their positions with `commit`; without friction they follow."""
+    """Add the sliders' stress and consistent tangent t (see `respond`), and move them with `commit`; free ones follow."""
     for j in range(len(SLIP_CURVATURES)):
         moment = s.slip_moment[k, j]
         limit = SLIP_CURVATURES[j]
         if moment > 0.0:
             stiff = moment / limit
-            ex = strain[3] - hist.slider[k, j, 0]
+            ex = strain[3] - hist.slider[k, j, 0]  # curvature of the slider's spring
             ey = strain[4] - hist.slider[k, j, 1]
             size = np.sqrt(ex * ex + ey * ey)
             if size <= limit:
@@ -127,7 +127,7 @@ def respond(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Arr
         stiff = s.stiffness[k, i]
         stress[i] = stiff * strain[i] + s.viscosity * stiff * (strain[i] - hist.strain[k, i])
         t[i if i < 4 else i + 1] = (1.0 + s.viscosity) * stiff
-    t[4] = 0.0
+    t[4] = 0.0  # only friction couples the two bending axes
     if s.slips:
         _friction(s, hist, k, strain, stress, t, commit)
     if commit:

@@ -45,7 +45,7 @@ def look(chain: Chain, arc_lengths: Array) -> TipView:
 
 @kernel
 def centre_line(chain: Chain, arc_lengths: Array) -> Array:
-    """Points (k, 3) of the centre line at rising arc lengths (m), cubic between nodes; its end beyond the end."""
+    """Points (k, 3) of the centre line at rising arc lengths (m), cubic (Hermite) between nodes; its end beyond the end."""
     out = np.empty((len(arc_lengths), 3))
     a = np.empty((3, 3))
     b = np.empty((3, 3))
@@ -107,17 +107,17 @@ class Pneumatics:
         lengths h and the robot rolled by so much (rad)."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
-        path = self._truth.chamber_path_radius
-        mx = path * float(np.sum(forces * np.sin(azimuths)))
-        my = -path * float(np.sum(forces * np.cos(azimuths)))
+        radius = self._truth.chamber_path_radius
+        mx = radius * float(np.sum(forces * np.sin(azimuths)))
+        my = -radius * float(np.sum(forces * np.cos(azimuths)))
         if self._laws.chamber_twist == 0.0:
             moments[-1, :2] = mx, my
         else:
             s = np.cumsum(h) - h / 2
-            wound = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
-            mid = np.stack([mx * np.cos(wound) - my * np.sin(wound), mx * np.sin(wound) + my * np.cos(wound)], axis=1)
-            moments[1:, :2] = mid
-            moments[1:-1, :2] -= mid[1:]
+            turn = self._laws.chamber_twist * s * (1 + 0.3 * s / self._truth.length)
+            moment = np.stack([mx * np.cos(turn) - my * np.sin(turn), mx * np.sin(turn) + my * np.cos(turn)], axis=1)
+            moments[1:, :2] = moment
+            moments[1:-1, :2] -= moment[1:]  # a node takes the change from one segment to the next
         return np.array([0.0, 0.0, float(forces.sum())]), moments
 
 
@@ -179,11 +179,10 @@ class VirtualRobot:
             if hands.mount == "spine"
             else VirtualBody(self.truth, self.laws, self.directions, hanging=hands.mount == "robot")
         )
-        self._pending = 0.0
-        self._speed = 0.0
+        self._pending = 0.0  # s since the shape was computed
+        self._speed = 0.0  # m/s of the last motion
         self._contacts = NO_CONTACT
-        # a step in which everything comes to rest
-        self._solve(1e9)
+        self._solve(1e9)  # s: everything comes to rest
         self._inputs = self._input_vector()
 
     # -- one step
@@ -201,6 +200,7 @@ class VirtualRobot:
         self._solve(step)
 
     def _input_vector(self) -> Array:
+        """What the shape depends on, in the order of `INPUT_STEPS`."""
         near = float(self.specimen.rod.chain.r[:, 0].min()) - 0.002
         # a probe that stays clear of the specimen is no input
         level, at = self.hands.probe if self.hands.probe and self.hands.probe[0] > near else (-1.0, 0.0)
@@ -208,6 +208,7 @@ class VirtualRobot:
         return np.concatenate([self.pneumatics.forces(), rest])
 
     def _solve(self, dt: float) -> None:
+        """Go to the equilibrium under the present inputs after dt seconds. Raises `NoEquilibrium`."""
         hands, body = self.hands, self.specimen
         body.fit(self.spine)
         chain = body.rod.chain

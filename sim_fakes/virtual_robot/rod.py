@@ -64,7 +64,7 @@ class ChainRod:
         """Go to the equilibrium at the end of dt seconds; returns the largest motion (m). Raises `NoEquilibrium`."""
         # the last motion foretells this one when the steps are alike; a contact could be lost by it, so not there
         ratio = math.inf if len(loads.contacts) else dt / self._last_step
-        r, q = self._before
+        r, q = self._before  # of the step before; `foresee` overwrites them with the shape at the start of this one
         # the last motion is not carried on over a much longer step
         foresee(self.chain, r, q, ratio if ratio < 3.0 else 0.0)
         self._last_step = dt
@@ -72,28 +72,28 @@ class ChainRod:
         if iterations < 0:
             self.chain.r[:], self.chain.q[:] = r, q
             self._last_step = math.inf
-            self._creep_there(sections, loads)
-        moved = float(np.abs(self.chain.r - r).max())
+            self._reach_in_braked_steps(sections, loads)
+        motion = float(np.abs(self.chain.r - r).max())
         commit(self.chain, sections, self.history)
-        return moved
+        return motion
 
-    def _creep_there(self, sections: Sections, loads: ChainLoads) -> None:
-        """Reach a far equilibrium in braked steps; the brake is eased as they succeed and tightened when one fails."""
+    def _reach_in_braked_steps(self, sections: Sections, loads: ChainLoads) -> None:
+        """Go to a far equilibrium in steps with a higher viscosity, lowered as they succeed and raised when one fails."""
         state = (self.chain.r, self.chain.q, *self.history)
         begin = [a.copy() for a in state]
-        brake = FIRST_BRAKE
+        viscosity = FIRST_BRAKE
         for _ in range(80):
-            before = [a.copy() for a in state]
-            last = brake < LAST_BRAKE
-            step = sections if last else sections._replace(viscosity=max(brake, sections.viscosity))
+            step_start = [a.copy() for a in state]
+            last = viscosity < LAST_BRAKE
+            step = sections if last else sections._replace(viscosity=max(viscosity, sections.viscosity))
             if equilibrium(self.chain, step, self.history, loads) < 0:
-                _put_back(state, before)
-                brake = 5 * max(brake, LAST_BRAKE)
+                _put_back(state, step_start)
+                viscosity = 5 * max(viscosity, LAST_BRAKE)
             elif last:
                 return
             else:
                 commit(self.chain, step, self.history)
-                brake /= 2
+                viscosity /= 2
         _put_back(state, begin)
         raise NoEquilibrium(
             f"virtual robot: no equilibrium under a tip force of {loads.follower_force[2]:.1f} N and "

@@ -19,9 +19,11 @@ from .robot import Hands, VirtualRobot
 Array = NDArray[np.float64]
 
 JAM_TIME = 10.0
+"""s of un-jamming, and of jamming."""
 FINE_STEP, COARSE_STEP = 8e3, 60e3
 """Pa of pressure change per step of a ramp, with and without effects that depend on the way."""
 HOLD_EDGES = (0.02, 0.1, 0.3, 0.6, 1.0)
+"""Shares of a hold that are computed one by one with effects that depend on the way."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ def _prepare(robot: VirtualRobot, state: Condition) -> bool:
     hands.tip_mass = state.tip_mass
     travel = abs(state.spine_length - spine.length)
     spine.place(state.spine_length, 0.0)
-    robot.move(travel / 0.02 + JAM_TIME)
+    robot.move(travel / 0.02 + JAM_TIME)  # at 0.02 m/s
     spine.place(state.spine_length, state.vacuum)
     robot.move(JAM_TIME)
     return True
@@ -153,7 +155,7 @@ def _push(robot: VirtualRobot, touch: float, deflection: float) -> None:
 def _hold(robot: VirtualRobot, hold: float) -> None:
     if hold == 0.0:
         return
-    before = 0.0
+    previous = 0.0
     for edge in HOLD_EDGES if robot.laws.spine_slip else (1.0,):
-        robot.move(hold * (edge - before))
-        before = edge
+        robot.move(hold * (edge - previous))
+        previous = edge

@@ -55,30 +55,28 @@ class VirtualSpine:
         t = self._truth
         goal, time = (self._pumped(supply), t.pump_time) if valve_on else (0.0, t.release_time)
         self.vacuum = goal + (self.vacuum - goal) * math.exp(-dt / time)
-        self._notice()
+        self._lock_or_release()
         drive = max(0.0, drive)
         if self._jammed:
-            # m of drive travel beyond a held spine before the motor counts as stalled
-            self.blocked = abs(drive - self.length) > 5e-4
+            self.blocked = abs(drive - self.length) > 5e-4  # m beyond a held spine at which the motor counts as stalled
         else:
             self.blocked = False
-            # m/s at which the spine catches up with the drive once it is free
-            step = 0.15 * dt
+            step = 0.15 * dt  # m/s at which the spine catches up with the drive once it is free
             self.length += min(max(drive - self.length, -step), step)
 
     def place(self, length: float, vacuum: float) -> None:
         """Grow to a length without vacuum, then jam at a vacuum, at once."""
         self.vacuum = 0.0
-        self._notice()
+        self._lock_or_release()
         self.length = length
         self.draw(vacuum)
 
     def draw(self, vacuum: float) -> None:
         """Bring a spine of the present length to a vacuum, at once; a leak keeps it from getting there."""
         self.vacuum = vacuum if self._laws.vacuum_leak == 0.0 else vacuum * (1 - GAUGE_SHARE * self._leak())
-        self._notice()
+        self._lock_or_release()
 
-    def _notice(self) -> None:
+    def _lock_or_release(self) -> None:
         """Draw this jamming's scatter when the granules lock; forget that they were locked when the vacuum is gone."""
         threshold = self._truth.jam_threshold
         if not self._jammed and self.vacuum > threshold:

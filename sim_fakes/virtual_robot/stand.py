@@ -28,6 +28,8 @@ SHORTEST_SPINE = 0.02
 BIAS_RISE, BIAS_FALL = 0.2, 20.0
 """s in which the force sensor's zero moves when loaded, and returns."""
 
+SOFT_STIFFNESS = 150.0
+"""N/m of the soft layer that is squeezed before the probe meets the specimen."""
 NO_CONTACT = np.zeros((0, 9))
 
 
@@ -55,8 +57,7 @@ class BareSpine:
     def sections(self, spine: VirtualSpine, dt: float) -> Sections:
         """Material during a step of dt seconds."""
         n, radius, area = self._truth.segments, self._truth.spine_radius, self._truth.spine_area
-        # an unjammed spine keeps a shape
-        jamming = max(spine.jamming, 2e-3)
+        jamming = max(spine.jamming, 2e-3)  # an unjammed spine keeps a shape
         e = jamming * spine.modulus
         # a spine that does not shear adds below 3e-4 to its compliance
         shear = area / (1 / (1e3 * e) + self._laws.spine_shear / (jamming * SHEAR_STIFFNESS))
@@ -103,7 +104,7 @@ class VirtualStand:
         s = np.concatenate([[0.0], np.cumsum(chain.h)])
         k = min(max(int(np.searchsorted(s, at)) - 1, 0), len(chain.h) - 1)
         weight = min((at - s[k]) / chain.h[k], 1.0)
-        return np.array([[k, weight, 1.0, 0.0, 0.0, level, self._soft_depth, 150.0, self._stiffness]])
+        return np.array([[k, weight, 1.0, 0.0, 0.0, level, self._soft_depth, SOFT_STIFFNESS, self._stiffness]])
 
     @staticmethod
     def force(chain: Chain, contacts: Array) -> float:

@@ -16,16 +16,7 @@ from benchmarks.blind.__main__ import main
 from benchmarks.blind.answers import Answer, answer_from
 from benchmarks.blind.folder import SetFolder, open_seal
 from benchmarks.blind.make import make, walk_of
-from benchmarks.blind.metrics import (
-    JudgedAnswer,
-    bootstrap,
-    calibration_error,
-    flagged_at,
-    judged,
-    metrics,
-    mm_metrics,
-    share,
-)
+from benchmarks.blind.metrics import JudgedAnswer, bootstrap, calibration_error, flagged_at, judged, metrics, mm_metrics, share
 from benchmarks.blind.score import score, write
 from benchmarks.blind.sheet import sheet
 from benchmarks.blind.sweeps import BASE, CHANNELS, MENU, design

@@ -151,7 +151,7 @@ N = 60
 SD = 0.01
 
 
-class Valley:
+class Valley(ToyForward):
     """A bend and a tilt that do nearly the same, the bend growing along the robot: y = tilt + bend (1 + growth s)."""
 
     def __init__(self) -> None:
@@ -161,12 +161,6 @@ class Valley:
             parameter("bend.growth", "bend", low=-3.0, high=3.0, role="shape"),
             parameter("tilt", low=-9.0, high=9.0),
         )
-
-    def near(self, theta: Array) -> "Valley":
-        return self
-
-    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
-        return self.linearise(theta)[0]
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         size, growth, tilt = theta

@@ -134,8 +134,8 @@ def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: M
 def test_an_answer_of_another_length_with_a_right_checksum_is_told_from_a_broken_cable(make: Make) -> None:
     spine, servo = make(timeout=0.1)
     spine.open()
-    held = servo._held
-    servo._held = lambda address, size: held(address, size - 1) if size > 20 else held(address, size)
+    content = servo._content
+    servo._content = lambda address, size: content(address, size - 1) if size > 20 else content(address, size)
     with pytest.raises(BadReply, match="with 37 bytes; check that it is an X servo") as caught:
         spine.read()
     assert "cable" not in str(caught.value)

@@ -5,11 +5,13 @@ import json
 import re
 import shutil
 import subprocess
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib.image
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from diagnosed_case import Answered
@@ -20,6 +22,7 @@ from benchmarks.browser import Browser
 from diagnosis.answer.result import Diagnosis
 from diagnosis.findings import finding
 from lab.files.inputs import read_case
+from lab.pages.diagnosis_figures import _curve
 from lab.pages.diagnosis_report import alike, gap_numbers, names, write
 from lab.pages.report import TERMS, Report
 
@@ -76,6 +79,18 @@ def test_every_picture_of_the_page_shows_something(answered: Answered) -> None:
     for picture in pictures:
         drawn = ElementTree.fromstring(base64.b64decode(picture))
         assert sum(element.tag.endswith(("}path", "}use")) for element in drawn.iter()) > 50
+
+
+def test_a_setting_without_a_number_interrupts_a_curve_and_a_state_without_a_pressure_is_left_out() -> None:
+    figure, axis = plt.subplots()
+    pressure, gap = np.array([0.0, 100.0, 50e3, 90e3, np.nan]), np.array([1.0, 3.0, np.nan, 4.0, 50.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _curve(axis, pressure, 1e3, gap, "k", "-")
+    (line,) = axis.lines
+    assert np.asarray(line.get_xdata()) == pytest.approx([0.05, 50.0, 90.0])
+    assert np.asarray(line.get_ydata()) == pytest.approx([2.0, np.nan, 4.0], nan_ok=True)
+    plt.close(figure)
 
 
 def test_the_page_points_nowhere(answered: Answered) -> None:

@@ -89,33 +89,25 @@ def test_clocks_that_differ_are_seen_in_the_data_and_an_offset_puts_them_right(l
     assert not any("the tip moves" in q for q in made.questions)
 
 
-def test_files_with_dates_belong_together_that_have_time_in_common(tmp_path: Path) -> None:
+def test_files_with_dates_belong_together_that_have_time_in_common_and_others_are_named(tmp_path: Path) -> None:
     first, second = ROWS[ROWS[:, 0] < 45], ROWS[ROWS[:, 0] >= 45]
     head = ("Date", *TIP[1:])
     files = [table(tmp_path / f"take{k}.csv", TIPS, head, part, day) for k, part in ((1, first), (2, second))]
-    files.append(table(tmp_path / "day.csv", (1, 2, 3), ("Clock", *PRESSURES[1:]), ROWS, day))
+    for name, by in (("day", 0), ("next", 86400)):
+        files.append(table(tmp_path / f"{name}.csv", (1, 2, 3), ("Clock", *PRESSURES[1:]), moved(ROWS, by), day))
     columns = MAP["columns"] | {"t": {"column": "Date"}}
     made = by_map(files, **MAP | {"columns": columns})
     assert [s.path.name for s, _, _ in made.files] == ["take1.csv", "take2.csv"] and len(made.table) == PLATEAUS + 1
     assert made.table["p3"].max() == pytest.approx(HELD[:, 3].max() * 1e3, abs=300)
+    assert [n for n in made.notes if "next.csv is not read: it has no time in common with 'take1.csv', 'take2.csv'" in n]
 
 
 @pytest.mark.parametrize(
     ("time", "head", "by", "says"),
     [
-        (
-            day,
-            "Date",
-            7200.0,
-            r"have no time in common: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time",
-        ),
+        (day, "Date", 7200.0, r"have no time in common: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
         (day, "Date", 86400.0 * 30, r"have no time in common: .* if both started together .*offset: -2592000"),
-        (
-            lambda t: f"{t:.3f}",
-            "Time [s]",
-            500.0,
-            r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) have no",
-        ),
+        (lambda t: f"{t:.3f}", "Time [s]", 500.0, r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) have no"),
     ],
 )
 def test_files_without_a_time_in_common_are_refused_with_the_remedy(

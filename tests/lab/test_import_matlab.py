@@ -67,11 +67,15 @@ def test_objects_are_named_where_they_cannot_be_read(tmp_path: Path, monkeypatch
 def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
     hidden = np.array([[None if k == 4 else x for k, x in enumerate(TIP[:, 0])]], dtype=object)
     hidden[0, 4] = np.zeros((0, 0))
+    phase = np.empty(STATES, object)
+    for k, word in enumerate(BRANCHES):  # in a cell within a cell
+        phase[k] = np.empty((1, 1), object)
+        phase[k][0, 0] = np.array([[word]], object)
     savemat(
         tmp_path / "run.mat",
         {
             "t": TIME[None, :], "pressure_kPa": PRESSURES.T, "tip": {"x_mm": hidden, "y_mm": TIP[:, 1], "z_mm": TIP[:, 2]},
-            "phase": BRANCHES, "gains": np.eye(3), "name": "finger", "rate": 100.0, "z": 1j * TIME,
+            "phase": phase, "gains": np.eye(3), "name": "finger", "rate": 100.0, "z": 1j * TIME,
         },
     )  # fmt: skip
     series = read(tmp_path / "run.mat", Source())

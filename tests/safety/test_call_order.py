@@ -197,10 +197,7 @@ MACHINES = {
     "ft300s": on_a_line("force", ft300s, "FT300S", Ft300sFake, sink=True, timeout=1.0, max_age=1.0),
     "ur5": machine("arm", lambda f: ur5.UR5("it", ur5.Config(host=f.host), RigClock(SPEED)), arm, arm_marks),
     "ur5 state": machine(
-        "stream",
-        lambda f: UR5State(UrController("it", f.host, 1.0), RigClock(SPEED), nobody, max_age=1.0),
-        arm,
-        arm_marks,
+        "stream", lambda f: UR5State(UrController("it", f.host, 1.0), RigClock(SPEED), nobody, max_age=1.0), arm, arm_marks
     ),
     "natnet": machine(
         "stream",

@@ -102,8 +102,7 @@ def test_the_rig_is_made_safe_once_the_line_is_back(of: dict[str, House], kind: 
 
 @pytest.mark.real
 @pytest.mark.parametrize(
-    ("kind", "name"),
-    [pytest.param(*line, marks=[pytest.mark.long] if line != (FIRST, "pressure") else []) for line in LINES],
+    ("kind", "name"), [pytest.param(*line, marks=[pytest.mark.long] if line != (FIRST, "pressure") else []) for line in LINES]
 )
 def test_an_inflated_rig_whose_guard_was_killed_is_landed_once_a_line_is_back(
     house: House, real_second: House, kind: str, name: str

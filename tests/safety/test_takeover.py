@@ -413,6 +413,18 @@ def test_a_live_run_is_landed(own_folder: House, day: str) -> None:
         assert code == (1 if day in (READ_ONLY, MOVED) else 0)  # a latch stays behind
 
 
+def test_what_no_driver_reaches_is_not_confirmed_by_the_guard_of_another_rig_on_the_same_lines(
+    own_folder: House, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = own_folder.rig.read_text()
+    assert "driver: alicat" in text
+    other = own_folder.rig.with_name("other.yaml")
+    other.write_text(text.replace("driver: alicat", "driver: nobodys"))
+    with own_folder.opened():
+        assert main(["safe", "--rig", str(other), "--json"]) == 1
+    assert any("nobodys" in step["text"] for step in json.loads(capsys.readouterr().out)["steps"])
+
+
 CRASHING = """
 import os, signal, sys
 from pathlib import Path

@@ -5,21 +5,13 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 
 import timing
 from tests.simulated import clock as simulated
-from tests.simulated.clock import Deadlock, SimulatedClock
+from tests.simulated.clock import Deadlock
 from timing import RigClock
-
-
-@pytest.fixture(autouse=True)
-def clock() -> Iterator[SimulatedClock]:
-    with SimulatedClock() as clock:
-        yield clock
-    clock.close()
 
 
 def test_hours_take_no_time_and_threads_wake_in_the_order_of_their_deadlines() -> None:
@@ -110,7 +102,7 @@ def test_an_interrupt_reaches_who_waits_and_the_clock_goes_on() -> None:
     assert timing.now() - before == pytest.approx(2.0)
 
 
-def test_it_stands_still_while_nobody_lives_in_it_and_others_keep_their_own(clock: SimulatedClock) -> None:
+def test_it_stands_still_while_nobody_lives_in_it_and_others_keep_their_own() -> None:
     rig = RigClock(20.0)
     rig.sleep(60.0)
     assert rig.now() == pytest.approx(60.0)

@@ -45,22 +45,22 @@ def _time_offset(q: Quantities, v: Values) -> None:
 
 
 def _pressure_lag(q: Quantities, v: Values) -> None:
-    """What a first-order low-pass still lacks of its set-point at the reading, what was lacking before it included."""
+    """Subtract what a first-order low-pass still lacks of its set-points at the reading, of this ramp and of earlier ones."""
     tau, p = v["constant"][..., None], q.pressure
-    known = tau > 0
-    tau = np.where(known, tau, 1.0)
-    first = np.ones(len(q.design), bool)
-    first[1:] = np.diff(q.design.trial) != 0
-    step = p - np.where(first[:, None], 0.0, np.roll(p, 1, axis=-2))
+    lagging = tau > 0
+    tau = np.where(lagging, tau, 1.0)
+    begins_trial = np.ones(len(q.design), bool)
+    begins_trial[1:] = np.diff(q.design.trial) != 0
+    step = p - np.where(begins_trial[:, None], 0.0, np.roll(p, 1, axis=-2))
     ramp = np.abs(step).max(axis=-1, keepdims=True) / np.maximum(q.design.rate, 1.0)[:, None]
-    held = np.exp(-q.design.hold[:, None] / tau)
+    after_hold = np.exp(-q.design.hold[:, None] / tau)
     slope = step / np.where(ramp > 0, ramp, 1.0)
-    own = slope * tau * -np.expm1(-ramp / tau) * held
-    kept = np.where(first[:, None], 0.0, held * np.exp(-ramp / tau))
-    lag = own
-    for _ in range(3):  # states before a reading whose lag it may still show
-        lag = own + kept * np.roll(lag, 1, axis=-2)
-    q.pressure = np.where(known & ~q.design.stiffness[:, None], p - lag, p)
+    of_ramp = slope * tau * -np.expm1(-ramp / tau) * after_hold
+    remaining = np.where(begins_trial[:, None], 0.0, after_hold * np.exp(-ramp / tau))
+    lag = of_ramp
+    for _ in range(3):  # a reading may still show the lag of three states before it
+        lag = of_ramp + remaining * np.roll(lag, 1, axis=-2)
+    q.pressure = np.where(lagging & ~q.design.stiffness[:, None], p - lag, p)
 
 
 def _pressure_offset(q: Quantities, v: Values) -> None:
@@ -100,8 +100,8 @@ def orders(azimuths_deg: Sequence[float]) -> NDArray[np.int64]:
     n = len(ring)
     step, place = max(1, round(n / 3)), np.arange(n)
     out = np.empty((len(ORDERS), n), np.int64)
-    for own, (sense, shift) in zip(out, ORDERS, strict=True):
-        own[ring] = ring[(sense * place + shift * step) % n]
+    for order, (sense, shift) in zip(out, ORDERS, strict=True):
+        order[ring] = ring[(sense * place + shift * step) % n]
     return out
 
 

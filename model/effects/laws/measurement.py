@@ -15,7 +15,7 @@ from model.rotation import rolled, to_base
 TURN = math.radians(1.5) / math.sqrt(3)
 
 
-def _frame_misalignment(r: Readings, v: Values) -> None:
+def frame_misalignment(r: Readings, v: Values) -> None:
     r.turn(vector(v["x"], v["y"], v["z"]))
 
 
@@ -58,7 +58,7 @@ SPECS = (
         stage="measurement",
         equation="p_read = exp(theta^) p, orientation likewise",
         parameters=tuple(Parameter(axis, "rad", TURN, -0.3, 0.3) for axis in "xyz"),
-        law=Law(after=_frame_misalignment),
+        law=Law(after=frame_misalignment),
         citation="geometry",
         exact=True,
         seen_best_in="grows with displacement, equally in all states",

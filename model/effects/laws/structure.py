@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from model.effects.history import History
+from model.effects.history import DRIVES, History
 from model.effects.quantities import Quantities
 from model.effects.shows import returns, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Values
@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
+HALF_SPENT = 0.048
+"""rad over the robot's length: change of bend at which friction is half spent."""
 GRIP = 2.0
 """Outer radii from the spine's end over which friction builds up (shear lag)."""
 RELAXATION_TIMES = {"fast": 0.3, "slow": 1.5, "long": 7.5}
@@ -21,20 +23,20 @@ RELAXATION_TIMES = {"fast": 0.3, "slow": 1.5, "long": 7.5}
 
 
 def _spine_slip(h: History, v: Values) -> None:
-    """Friction moment m s(k) and axial friction m / r, s the mean state of sliding elements driven by curvature."""
+    """Add the rest curvature and strain of the spine's friction: moment m s, axially m / r s, s (0..1 long) the mean state of
+    sliding elements that curvature or strain drives; to the part with spine alone."""
     robot = h.quantities.robot
     if robot.spine is None:
         return
-    # change of bend, rad, over the robot's length at which friction is half spent
-    yields = 0.048 / robot.length * np.exp(v["stroke"][:, :1]) * YIELDS
-    long, grip = h.quantities.spine_length, GRIP * robot.outer_radius
-    built_up = np.where(long > grip, 1 - grip / (2 * np.maximum(long, grip)), long / (2 * grip))
-    bend = h.sliding(h.drive[..., 0:2], yields)
-    pull = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
+    yields = HALF_SPENT / robot.length * np.exp(v["stroke"][:, :1]) * YIELDS
+    length, grip = h.quantities.spine_length, GRIP * robot.outer_radius
+    built_up = np.where(length > grip, 1 - grip / (2 * np.maximum(length, grip)), length / (2 * grip))
+    bend_state = h.sliding(h.drive[..., 0:2], yields)
+    pull_state = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
     moment = v["moment"] * built_up
-    curvature = -(moment / h.bend_stiffness[..., 0])[..., None] * bend
-    strain = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull[..., 0]
-    out = np.zeros(np.broadcast_shapes(curvature.shape[:2], strain.shape) + (8,))
+    curvature = -(moment / h.bend_stiffness[..., 0])[..., None] * bend_state
+    strain = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull_state[..., 0]
+    out = np.zeros(np.broadcast_shapes(curvature.shape[:2], strain.shape) + (DRIVES,))
     out[..., 0:2], out[..., 3] = curvature, strain
     h.add(out)
 

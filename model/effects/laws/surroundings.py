@@ -59,7 +59,7 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_lever = q.plane_lever + v["lever"]
 
 
-def _base_tilt(q: Quantities, v: Values) -> None:
+def base_tilt(q: Quantities, v: Values) -> None:
     q.base_turn = q.base_turn + vector(v["x"], v["y"])
 
 
@@ -166,7 +166,7 @@ SPECS = (
             Parameter("x", "rad", math.radians(1.5) / math.sqrt(2), -0.2, 0.2),
             Parameter("y", "rad", math.radians(1.5) / math.sqrt(2), -0.2, 0.2),
         ),
-        law=Law(before=_base_tilt),
+        law=Law(before=base_tilt),
         citation="geometry",
         exact=True,
         seen_best_in="zero-pressure pose; does not turn with the robot",

@@ -20,35 +20,35 @@ PLACES = 6
 
 
 def _tendon_friction(h: History, v: Values) -> None:
-    """Euler and Eytelwein with sticking: each tension stays what it is as long as friction can hold it there.
+    """Belt friction of Euler and Eytelwein with sticking: a tension stays what it is as long as friction can hold it there.
 
-    Without weight and stretch a body that tendons bend has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
-    its angle without friction: the lower limit here, T0 / (1 - mu a0) the upper one. Beyond the spine weights change the
-    curvature from that of the tendons' moment alone, at the tip. Along each part the tension that bends it is the line nearest to
-    those at PLACES, so that the tip's place and turn are as theirs.
+    A weightless body that tendons bend without stretch has a' = k T / T0 and T = T0 exp(-mu a), so that T = T0 / (1 + mu a0), a0
+    the bend up to there without friction: the lower limit, T0 / (1 - mu a0) the upper one. Tendons alone bend the part beyond the
+    spine evenly; weights add to that (`_by_weight`). What bends a part is the straight line nearest to the tensions at PLACES
+    along it, so that the tip's place and turn are as with these.
     """
     q = h.quantities
     if q.robot.tendons is None:
         return
     spine = np.clip(q.spine_length, 0.0, q.length)
-    parts = np.stack(np.broadcast_arrays(spine, q.length - spine), axis=-1)[..., None]
+    lengths = np.stack(np.broadcast_arrays(spine, q.length - spine), axis=-1)[..., None]
     pulls = np.maximum(q.pressure * q.area_factor, 0.0)
-    at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]
-    inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))
+    at_tip = np.stack(_moment(q, pulls), axis=-1) / h.bend_stiffness[..., OUTER, None]  # 1/m, of tendons alone
+    inner, outer = (h.drive[..., None, k : k + 2] for k in (0, OF_PART))  # 1/m, mean curvature of the parts
     along = (np.arange(PLACES) + 0.5) / PLACES
-    outer = at_tip[..., None, :] + _by_weight(h, at_tip, outer[..., 0, :], parts[..., OUTER, 0], along)
-    each = np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * parts / PLACES
-    angle = np.cumsum(each, axis=-1) - each / 2
-    angle[..., OUTER, :] += each[..., INNER, :].sum(axis=-1, keepdims=True)
-    kept, rise = h.path.held(pulls, v["coefficient"][..., None, None] * angle)
-    lost = kept - pulls[..., None, :]
+    outer = at_tip[..., None, :] + _by_weight(h, at_tip, outer[..., 0, :], lengths[..., OUTER, 0], along)
+    bends = np.stack(np.broadcast_arrays(*(np.linalg.norm(k, axis=-1) for k in (inner, outer))), axis=-2) * lengths / PLACES
+    angle = np.cumsum(bends, axis=-1) - bends / 2  # rad, up to the middle of each piece
+    angle[..., OUTER, :] += bends[..., INNER, :].sum(axis=-1, keepdims=True)
+    mean_tension, rise = h.path.held(pulls, v["coefficient"][..., None, None] * angle)
+    change = mean_tension - pulls[..., None, :]
     changes: list[Array] = []
     rises: list[Array] = []
     for part in (INNER, OUTER):
-        own = lost[..., part, :]
+        of_part = change[..., part, :]
         bend, axial = h.bend_stiffness[..., part], h.axial_stiffness[..., part]
-        changes += [m / bend for m in _moment(q, own)]
-        changes += [np.zeros((1, 1)), own @ q.body.mean_chamber_area / axial]
+        changes += [m / bend for m in _moment(q, of_part)]
+        changes += [np.zeros((1, 1)), of_part @ q.body.mean_chamber_area / axial]
         rises += [m / bend for m in _moment(q, rise[..., part, :])]
     h.add(np.stack(np.broadcast_arrays(*changes), axis=-1))
     along_parts = np.stack(np.broadcast_arrays(*rises), axis=-1)
@@ -59,14 +59,14 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
     """(v, n, places, 2) 1/m by which weights bend the part beyond the spine at shares `along` of its `length`: its `mean` is
     (v, n, 2) there and `at_tip` what tendons make.
 
-    With mass m of the part and M at the tip, x from 0 to 1, weight across the axis bends it in proportion to
-    m (1 - x)^2 / 2 + M (1 - x), weight along the axis, as far as the part is bent evenly, to
-    m (1 - x)^2 (1 + 2 x) / 6 + M (1 - x^2) / 2. The first is what straight bodies show; the rest is shared as gravity's
-    components are.
+    With mass m of the part and M at the tip, x from 0 to 1, weight across the axis bends it in proportion to m (1 - x)^2 / 2 + M
+    (1 - x), weight along the axis, as far as the part is bent evenly, to m (1 - x)^2 (1 + 2 x) / 6 + M (1 - x^2) / 2. The first
+    is what straight bodies show; the rest is shared as gravity's components are.
     """
     q = h.quantities
     body, tip = q.density * q.body.mean_weight_area * length, q.design.tip_mass + q.payload + 1e-9
     x, y, z = q.robot.gravity
+    # share of gravity along the axis; shapes below are divided by their means over the part
     hanging = abs(z) / (abs(z) + np.hypot(x, y) + 1e-12)
     per_moment = (length / h.bend_stiffness[..., OUTER])[..., None] * np.array([-y, x])
     across = body[..., None] * (1 - along) ** 2 / 2 + tip[..., None] * (1 - along)

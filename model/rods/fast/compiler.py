@@ -119,7 +119,7 @@ def compiled_here() -> int:
 
 
 def drop_stale_kernels(folder: Path = Path(__file__).parent.parent) -> None:
-    """Delete the cached machine code of this package when any of its sources is not the one it was made from."""
+    """Delete the cached machine code of this package when its sources are not those that it was made from (by their digest)."""
     digest = hashlib.sha256()
     for source in sorted(folder.rglob("*.py")):
         digest.update(source.name.encode() + source.read_bytes())

@@ -88,9 +88,9 @@ def weighed_rows(rows: list[Six], change: Six) -> Vector:
 
 @routine
 def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
-    """What was read at the base, with the last correction (already made) carried over to first order."""
-    change, moved = rod.change, weighed_rows(rod.seen_by, rod.change)
-    put_three(out, row, AT_TIP, add(rod.found.seen, moved))
+    """Write a solved rod into a row of `out`: read at the base, then moved by the last correction, which no pass has followed."""
+    change, shift = rod.change, weighed_rows(rod.seen_by, rod.change)
+    put_three(out, row, AT_TIP, add(rod.found.seen, shift))
     w, x, y, z = rod.tip.turn
     sign = math.copysign(1.0, w)
     out[row, AT_ORIENTATION] = sign * w
@@ -98,12 +98,12 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     put_three(out, row, AT_FORCE, rod.here.force)
     put_three(out, row, AT_MOMENT, turned(orientation(rod.here), rod.here.m))
     a, b, c, d = rod.here.q
-    # Steps far too long can close a rod that is none; the norm of q, which nothing holds at 1, gives them away.
+    # With steps far too long the residual can vanish without an equilibrium; the norm of q, which nothing holds at 1, shows it.
     closed = abs(a * a + b * b + c * c + d * d - 1.0) < MOST_DRIFT
     # No tip moves by much more than the rod's length times the turn of tip or base: a d seen / d change that says so comes from
     # such steps too.
     turn = max(size_of(change), size_of(rod.found.residual))
-    closed = closed and dot(moved, moved) <= (MOST_MOVED * rod.length * turn) ** 2
+    closed = closed and dot(shift, shift) <= (MOST_MOVED * rod.length * turn) ** 2
     out[row, AT_RESIDUAL] = expected_residual(rod) if closed else math.inf
     out[row, AT_MARGIN] = buckling_margin(rod, springs)
     out[row, AT_LARGEST] = rod.largest_moment
@@ -123,9 +123,9 @@ def solve_direct(
     divisions, close, warm = settings
     room = new_group(rods, springs, ROD)
     for first in range(0, n, LANES):
-        own = min(LANES, n - first)
-        # Side by side many are quicker than one by one: lanes without a rod then hold the last one.
-        group = RodGroup(room.work, room.elements, room.parts, springs, room.linear, own if own <= FEW else LANES)
+        count = min(LANES, n - first)
+        # A few rods are quicker one by one, more of them in all lanes: those without a rod then hold the last one.
+        group = RodGroup(room.work, room.elements, room.parts, springs, room.linear, count if count <= FEW else LANES)
         gather(rods, group, first)
         if warm:
             for l in range(group.active):
@@ -146,7 +146,7 @@ def solve_direct(
             difference_jacobian(group)
             improve(group, close, ROUNDS)
         correct(group)
-        for l in range(own):
+        for l in range(count):
             write_result(Rod(group.work, l), springs, out, first + l)
             if memory.shape[0] > 0:
                 exchange(Rod(group.work, l), springs, memory, first + l, True)

@@ -192,22 +192,23 @@ class Balance(NamedTuple):
 
 @inline
 def balance(law: SectionLaw, y: Soft) -> Balance:
-    """Both equations at D and e."""
+    """F1, F2 and their derivatives at y = (D, e); see the top of the file for g, h and k."""
     be, ce = law.b * y.e, law.c * y.e
     inverse = 1.0 / y.d
-    w = inverse * inverse
-    x, coupled = law.bending * w, law.b * law.coupled * w
+    inverse_squared = inverse * inverse
+    x, coupled = law.bending * inverse_squared, law.b * law.coupled * inverse_squared
+    # 1 / (1 - 2 x), 1 / (1 - b e) and 1 / (1 - c e) where the section softens, else 1
     level = 1.0 / (1.0 - 2.0 * min(x, 0.0))
     loss, relief = 1.0 / (1.0 - min(be, 0.0)), 1.0 / (1.0 - min(ce, 0.0))
     rise, steep = loss * loss, level * level
     curl = 2.0 * rise * (loss if be < 0.0 else 0.0)
-    further = max(ce, 0.0)
+    stiffening = max(ce, 0.0)
     return Balance(
         y.d - 1.0 - x * level - be * loss,
-        y.e * (relief + further) + rise * coupled - law.strain,
+        y.e * (relief + stiffening) + rise * coupled - law.strain,
         1.0 + 2.0 * x * level * level * inverse,
         -law.b * rise,
         -2.0 * rise * coupled * inverse,
-        relief * relief + 2.0 * further + law.b * curl * coupled,
+        relief * relief + 2.0 * stiffening + law.b * curl * coupled,
         x, steep, coupled, be * loss, rise, curl, relief,
     )  # fmt: skip

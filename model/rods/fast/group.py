@@ -181,22 +181,23 @@ def three(rods: Array, row: int, column: int) -> Vector:
 
 @routine
 def gather_rod(rods: Array, row: int, group: RodGroup, l: int) -> None:
-    """Copy rod `row` into lane l: its ends, and its elements tip first."""
+    """Copy rod `row` into lane l, ends and elements (tip first), and estimate what `cut` sizes steps by: thrust and moment."""
     rod = Rod(group.work, l)
     gather_ends(rods, row, rod)
     for j in range(group.springs):
         for k in range(SPRING):
             rod.springs[j][k] = rods[row, columns.HEAD + SPRING * j + k]
-    whole, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
-    for o in range(columns.HEAD + SPRING * group.springs, rods.shape[1], BLOCK):
-        length, load = rods[row, o + columns.LENGTH], three(rods, row, o + columns.LOAD)
-        whole += length
+    # about the largest force in the rod (N): both forces at the tip and half of the distributed loads
+    total_length, thrust = 0.0, math.sqrt(dot(rod.tip_force, rod.tip_force)) + math.sqrt(dot(rod.dead_force, rod.dead_force))
+    for column in range(columns.HEAD + SPRING * group.springs, rods.shape[1], BLOCK):
+        length, load = rods[row, column + columns.LENGTH], three(rods, row, column + columns.LOAD)
+        total_length += length
         thrust += 0.5 * length * math.sqrt(load[0] * load[0] + load[1] * load[1] + load[2] * load[2])
-    rod.length, rod.thrust = whole, thrust
-    # A rough idea of the largest moment sizes the coarse steps: the thrust at the tip has an arm once the rod bends.
-    arm = 0.125 * whole
-    moment = math.sqrt(dot(rod.tip_moment, rod.tip_moment))
-    rod.largest_moment = max(moment, arm * math.sqrt(dot(rod.tip_force, rod.tip_force)))
+    rod.length, rod.thrust = total_length, thrust
+    # N m, for the coarse steps alone: follower loads at the tip, whose force has an arm once the rod bends; others are left out.
+    arm = 0.125 * total_length
+    follower_moment = math.sqrt(dot(rod.tip_moment, rod.tip_moment))
+    rod.largest_moment = max(follower_moment, arm * math.sqrt(dot(rod.tip_force, rod.tip_force)))
     for e in range(group.parts.size):
         gather_section(rods, row, rods.shape[1] - (e + 1) * BLOCK, section_of(group, e, l))
 
@@ -269,12 +270,11 @@ FINEST = 5.0
 
 @routine
 def cut(group: RodGroup, divisions: float) -> None:
-    """Into how many steps each element (tip first) of the group is cut.
+    """Set into how many steps each element (tip first) of the group is cut.
 
-    No step is longer than the rod's length over `divisions`. Where the largest moment bends an element by b radian over
-    the rod's length, and the thrust t = |N| L^2 / EI is more than 8, steps shrink as found by experiment to keep the
-    error of the tip level. The lanes share the cuts: elements that are empty in one rod are walked with steps of no
-    length.
+    No step is longer than the rod's length over `divisions`. Where the largest moment would bend a whole rod of the element's
+    section by more than b = 1.4 rad, or by less with a thrust t = |N| L^2 / EI above 8, steps are finer: chosen by experiment so
+    that the tip's error stays level. Lanes share the cuts: an element that is empty in one rod has steps of no length there.
     """
     for e in range(group.parts.size):
         for l in range(group.active):
@@ -286,7 +286,7 @@ def cut(group: RodGroup, divisions: float) -> None:
             # A pass that went astray may have met any moment, or none that is a number.
             finer = max(1.0, finer) if finer < FINEST else FINEST
             section.parts = section.length / rod.length * divisions * finer
-        most = 0.0
+        most_steps = 0.0
         for l in range(group.active):
-            most = max(most, section_of(group, e, l).parts)
-        group.parts[e] = int(math.ceil(most - 1e-9))
+            most_steps = max(most_steps, section_of(group, e, l).parts)
+        group.parts[e] = int(math.ceil(most_steps - 1e-9))

@@ -1,10 +1,9 @@
 """Find the tip pose whose base satisfies the boundary condition, by Newton's method with Broyden's updates.
 
-The tip is turned in the mount frame, where the residual, by how much the base misses its pose, is measured too.
-Without dead loads the whole rod then turns as one, the Jacobian is the identity and the first step exact; dead loads bend
-it away from there.
-That makes three equations in three unknowns. Springs at the tip depend on where it is: its position joins as three
-more. A group of rods is solved together:
+The tip is turned in the mount frame, where the residual, by how much the base misses its pose, is measured too. Without dead
+loads the whole rod then turns as one, the Jacobian is the identity and the first step exact; dead loads bend it away from there.
+That makes three equations in three unknowns. Springs at the tip depend on where it is: its position joins as three more. A group
+of rods is solved together:
     1. one coarse pass without dead loads gives the first guess,
     2. a coarse finite-difference Jacobian and Broyden's updates bring the residual below NEAR,
     3. fine passes with the same Jacobian, still updated, bring it below `close`,
@@ -57,7 +56,7 @@ def guess_tip(rod: Rod) -> None:
 
 @routine
 def difference_jacobian(group: RodGroup) -> None:
-    """d residual / d change and d seen / d change by finite differences; leaves the pass at the unchanged tip behind."""
+    """Fill d residual / d change and d seen / d change by finite differences; `tip` and `found` are then those before it."""
     all_rods = Rod(group.work, 0)
     evaluate(group, group.springs, WHOLE)
     copy_lanes(all_rods.tip, all_rods.tip_before, POSE)
@@ -157,29 +156,29 @@ def step_by_six(rod: Rod) -> None:
 @routine
 def eliminate(rod: Rod) -> float:
     """Bring the Jacobian to triangular form in `pivots`, with the residual as their last row; returns the determinant."""
-    a, total = rod.pivots, 1.0
+    a, determinant = rod.pivots, 1.0
     b = a[SIX]
     copy(rod.found.residual, b, SIX)
     for r in range(3):
         copy(rod.jacobian.turn[r], a[r], SIX)
         copy(rod.jacobian.shift[r], a[3 + r], SIX)
     for k in range(SIX):
-        top = k
+        pivot = k  # row of the largest entry in column k
         for r in range(k + 1, SIX):
-            if abs(a[r][k]) > abs(a[top][k]):
-                top = r
-        if top != k:
-            total = -total
-            b[k], b[top] = b[top], b[k]
+            if abs(a[r][k]) > abs(a[pivot][k]):
+                pivot = r
+        if pivot != k:
+            determinant = -determinant
+            b[k], b[pivot] = b[pivot], b[k]
             for c in range(k, SIX):
-                a[k][c], a[top][c] = a[top][c], a[k][c]
-        total *= a[k][k]
+                a[k][c], a[pivot][c] = a[pivot][c], a[k][c]
+        determinant *= a[k][k]
         for r in range(k + 1, SIX):
             factor = a[r][k] / a[k][k]
             b[r] -= factor * b[k]
             for c in range(k, SIX):
                 a[r][c] -= factor * a[k][c]
-    return total
+    return determinant
 
 
 @each_rod
@@ -291,13 +290,12 @@ def improve(group: RodGroup, close: float, most_rounds: int) -> int:
 
 @routine
 def buckling_margin(rod: Rod, springs: int) -> float:
-    """How far a solution is on the near side of buckling: 1 without dead loads, 0 or less beyond.
+    """Margin of a solution to buckling: 1 without dead loads, 0 where it buckles, negative beyond.
 
-    All eigenvalues of the Jacobian are 1 without dead loads; on the way to a fold or a branching point one of them goes
-    through zero. Routh's conditions say whether all real parts of the 3 by 3 Jacobian are positive; its determinant
-    alone would miss a straight rod, which buckles in two planes at once. Returned is the smallest of the three
-    conditions, scaled. With springs it is the determinant of the 6 by 6 Jacobian: a part of that alone may be singular
-    where the rod is not.
+    All eigenvalues of the Jacobian are 1 without dead loads; on the way to a fold or a branching point one of them goes through
+    zero. Routh's conditions say whether all real parts of the 3 by 3 Jacobian are positive; its determinant alone would miss a
+    straight rod, which buckles in two planes at once. Returned is the smallest of the three conditions, scaled; with springs the
+    determinant of the 6 by 6 Jacobian, of which a part alone may be singular where the rod is not.
     """
     if springs > 0:
         return eliminate(rod)

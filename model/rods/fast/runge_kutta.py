@@ -36,7 +36,8 @@ def step(
     h: float,
     here: Here,
 ) -> Y:
-    """y' of `slope`(y_i, i, C_i, B_i, here, near), which also says what it found for the next stage, `near`; `along` adds."""
+    """y', h behind y. `slope`(y_i, i, C_i, B_i, here, near) returns k_i and what the next stage takes as `near`; `along`(y, h, k)
+    is y + h k; `here` is handed on to `slope`."""
     k1, near = slope(y, 0, 0.0, B1, here, None)
     k2, near = slope(along(y, A21 * h, k1), 1, C2, 0.0, here, near)
     k3, near = slope(along(y, A32 * h, k2), 2, C3, B3, here, near)
@@ -123,7 +124,7 @@ def keep_softening(to: Softening, m: Vector, n: Vector, s: Strains, section: Rod
     to.k = (ix * m[0] / d, iy * m[1] / d, 1.0 / d)
     to.d_by_f1, to.d_by_f2 = scale * f.f2_by_e, -scale * f.f1_by_e
     to.e_by_f1, to.e_by_f2 = -scale * f.f2_by_d, scale * f.f1_by_d
-    root, w = (ix * iy) ** 0.5, 1.0 / (d * d)
+    root, w = (ix * iy) ** 0.5, 1.0 / (d * d)  # 1 / B, and Q / (Q for D = 1)
     half = 0.5 * w * law.b * f.rise
     to.f1_by_total = -f.steep * w * section.terms.law[0] * root
     to.f2_by_total = half * section.inv_stretch[2]

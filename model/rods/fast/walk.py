@@ -42,7 +42,7 @@ def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, ste
 
 @routine
 def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: Array, s: int) -> None:
-    """The state beside a rod as its station s."""
+    """Write the state at `rod.beside` as station s of a row."""
     there = rod.beside
     q = orientation(there)
     tip = (solved[row, AT_TIP], solved[row, AT_TIP + 1], solved[row, AT_TIP + 2])
@@ -96,15 +96,15 @@ def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float,
 def visit_station(
     group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int, solved: Array, out: Array
 ) -> None:
-    """Write down station s of the rods where the next step passes it."""
-    (e, j, pieces), last = step, arcs.shape[0] - 1
+    """Write down station s of rods (from row `first` on) that pass it in a step: element e, tip first, piece j of `pieces`."""
+    (e, j, pieces), last_row = step, arcs.shape[0] - 1
     z, dz = 1.0 - j / pieces, -1.0 / pieces
     if not passes(group, step, arcs, first, s):
         return
     for l in range(LANES):
         rod = Rod(group.work, l)
         advance(rod, section_of(group, e, l), group.linear, z, dz * rod.share, WHOLE, None, rod.beside)
-    for l in range(min(LANES, last + 1 - first)):
+    for l in range(min(LANES, last_row + 1 - first)):
         rod = Rod(group.work, l)
         if rod.share >= 0.0:
             write_station(rod, section_of(group, e, l), solved, first + l, out, s)
@@ -113,12 +113,12 @@ def visit_station(
 @routine
 def passes(group: RodGroup, step: tuple[int, int, int], arcs: Array, first: int, s: int) -> bool:
     """Whether any rod passes station s in a step, and at which share of it each does; the others' has no meaning."""
-    some = False
+    any_passes = False
     for l in range(LANES):
         rod = Rod(group.work, l)
         rod.share = share_at(group, step, arcs[min(first + l, arcs.shape[0] - 1), s], l)
-        some = some or rod.share >= 0.0
-    return some
+        any_passes = any_passes or rod.share >= 0.0
+    return any_passes
 
 
 @routine
@@ -129,12 +129,12 @@ def share_at(group: RodGroup, step: tuple[int, int, int], arc: float, l: int) ->
     for i in range(e + 1, group.parts.size):
         below += section_of(group, i, l).length
     length = section_of(group, e, l).length
-    above = arc - below
+    above = arc - below  # m from the base end of the element, as start and end of the step are
     # Exactly nothing at the end: compilers may divide by multiplying.
     start, end = (1.0 - j / pieces) * length, (1.0 - (j + 1) / pieces) * length if j + 1 < pieces else 0.0
     outermost, innermost = e == 0 and j == 0, j + 1 == pieces and below == 0.0
     inside = (end < above or (innermost and end <= above)) and (above <= start or outermost)
-    # Of the elements that touch the station, one without a length sees only half of what is to come.
+    # An element without length leaves the station to its neighbour towards the base.
     if not inside or (length == 0.0 and not innermost):
         return -1.0
     return min(1.0, max(0.0, (start - above) / (start - end))) if start > end else 0.0

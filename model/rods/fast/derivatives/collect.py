@@ -107,23 +107,24 @@ def collect_rises(walk: ColumnWalk, z: float, dz: float) -> None:
 
 @inline
 def more_terms(sums: tuple[Vector, Vector], walk: ColumnWalk, i: int, weight: float, share: float) -> tuple[Vector, Vector]:
-    """T by both bending stiffnesses and the axial one, without the factors of `collect_terms`, and by a, b, c of the softening.
-
-    F1, F2 and what they balance, D and e, are those of `equations.balance`; `Softening` holds how one answers the other.
-    """
+    """Add the work T (see `tangent`) of stage i by the bending (2) and axial stiffness, without the factors of `collect_terms`,
+    and by the softening's a, b, c. D and e solve F1 = F2 = 0 of `equations.balance`; `Softening` holds how they answer to F1 and
+    F2, and these to the section."""
     answer, stage = walk.answers[i], walk.stages[i]
     s, dm, m, inverse = stage.softening, answer.dm, stage.m, walk.section.inv_bend
     dn = fused(weight, walk.added, answer.dn[2])
-    # What F1 and F2 do to the work, by what they do to D and e.
-    x = (dm[0] * s.k[0] + dm[1] * s.k[1]) * s.k[2]
-    f1, f2 = dn * s.e_by_f1 - x * s.d_by_f1, dn * s.e_by_f2 - x * s.d_by_f2
-    mixed, rooted = s.f1_by_total * f1 + s.f2_by_total * f2, s.f1_by_root * f1
-    stiff = (
-        dm[0] * m[0] * s.k[2] + m[0] * m[0] * mixed + rooted / inverse[0],
-        dm[1] * m[1] * s.k[2] + m[1] * m[1] * mixed + rooted / inverse[1],
-        s.f2_by_axial * f2,
+    k1, k2, inverse_d = s.k
+    bending = (dm[0] * k1 + dm[1] * k2) * inverse_d
+    # work by F1 and by F2, through D and e
+    by_f1, by_f2 = dn * s.e_by_f1 - bending * s.d_by_f1, dn * s.e_by_f2 - bending * s.d_by_f2
+    by_total, by_root = s.f1_by_total * by_f1 + s.f2_by_total * by_f2, s.f1_by_root * by_f1
+    by_stiffness = (
+        dm[0] * m[0] * inverse_d + m[0] * m[0] * by_total + by_root / inverse[0],
+        dm[1] * m[1] * inverse_d + m[1] * m[1] * by_total + by_root / inverse[1],
+        s.f2_by_axial * by_f2,
     )
-    return add(sums[0], stiff), add(sums[1], (s.f1_by_a * f1, s.f2_by_b * f2 + s.f1_by_b * f1, s.f2_by_c * f2))
+    by_series = (s.f1_by_a * by_f1, s.f2_by_b * by_f2 + s.f1_by_b * by_f1, s.f2_by_c * by_f2)
+    return add(sums[0], by_stiffness), add(sums[1], by_series)
 
 
 @inline

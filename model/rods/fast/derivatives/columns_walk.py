@@ -120,7 +120,7 @@ def walk_columns(group: RodGroup, columns: GroupColumns, arcs: Array, first: int
     start_at_tip(group, group.springs, WHOLE)
     start_columns(group, columns)
     for e in range(len(x)):
-        # An element that no rod of the group has still tells what its length would do.
+        # One piece at least: the derivative by the length of an empty element is wanted, too.
         pieces = max(group.parts[e], 1)
         for l in range(LANES):
             walk = ColumnWalk(group.work, l)
@@ -187,7 +187,7 @@ def step_all(group: RodGroup, start: Array, into: Array, e: int, j: int, pieces:
 
 @routine
 def see_station(group: RodGroup, columns: GroupColumns, s: int, e: int, z: float, pieces: int) -> None:
-    """Keep what the lanes that pass station s in element e see there."""
+    """Keep slopes, section and columns at station s for lanes that pass it in the step of 1 / `pieces` from z in element e."""
     x, beside, walked, passed = columns.x, columns.beside, columns.walked[s], columns.passed[s]
     for l in range(group.active):
         walk = ColumnWalk(group.work, l)
@@ -198,9 +198,9 @@ def see_station(group: RodGroup, columns: GroupColumns, s: int, e: int, z: float
         see_section(rod.beside, beside, columns.stations[s], l)
         for i in range(len(x)):
             walked[i, l] = 1.0 if i < e else 1.0 - z + share if i == e else 0.0
-            seen = beside if i == e else x[i]
-            for k in range(l, seen.size, LANES):
-                passed[i, k] = seen[k] if i <= e else 0.0
+            column = beside if i == e else x[i]
+            for k in range(l, column.size, LANES):
+                passed[i, k] = column[k] if i <= e else 0.0
 
 
 @inline
@@ -272,28 +272,30 @@ def work_of(x: Array, j: int, c: int, l: int) -> float:
 
 @routine
 def collect_work(x: Array, walked: Array, group: RodGroup, to: Direction) -> None:
-    """What a direction does within the rod; `x` are the columns and `walked` (elements, LANES) the share of each element that
-    lies behind."""
+    """Fill `to.done` and `to.forced`: work T and change of force by what a direction changes within the rod, from tip to a point.
+
+    There the columns are `x`, and `walked` (elements, LANES) the share of each element between the tip and the point.
+    """
     to.done[:], to.forced[:] = 0.0, 0.0
     for e in range(len(x)):
         o = to.some.size - (e + 1) * BLOCK
         for c in range(BLOCK):
             if not to.some[o + c]:
                 continue
-            by, own = to.d[o + c], x[e]
+            change, of_element = to.d[o + c], x[e]
             for l in range(LANES):
-                (turn, moved, pulled), work = nine_works(own, c, l), Done(to.done, l).work
-                work.turn = along(work.turn, by[l], turn)
-                work.moment = along(work.moment, by[l], moved)
-                work.force = along(work.force, by[l], pulled)
+                (turn, moment, force), work = nine_works(of_element, c, l), Done(to.done, l).work
+                work.turn = along(work.turn, change[l], turn)
+                work.moment = along(work.moment, change[l], moment)
+                work.force = along(work.force, change[l], force)
             for j in range(len(to.forced)):
                 for l in range(LANES):
-                    to.forced[j, l] += work_of(own, TIP_COLUMNS + j, c, l) * by[l]
-            if c == LENGTH or LOAD <= c < LOAD + 3:
+                    to.forced[j, l] += work_of(of_element, TIP_COLUMNS + j, c, l) * change[l]
+            if c == LENGTH or LOAD <= c < LOAD + 3:  # these change the weight that has been passed, and so N
                 for l in range(LANES):
                     section, done = section_of(group, e, l), Done(to.done, l)
-                    more = section.load if c == LENGTH else scaled(section.length, unit(c - LOAD))
-                    done.force = along(done.force, walked[e, l] * by[l], more)
+                    force_change = section.load if c == LENGTH else scaled(section.length, unit(c - LOAD))
+                    done.force = along(done.force, walked[e, l] * change[l], force_change)
     for l in range(LANES):
         work = Done(to.done, l).work
         work.turn = add(work.turn, cross(ColumnWalk(group.work, l).tip_moment, work.moment))

@@ -153,19 +153,17 @@ def springs_by_parameters(rod: Rod, springs: int, change: list[Spring]) -> tuple
 
         dF = -dP e - P de,   dM = -(R da) x F - (R a) x dF,
         dP = dP/dk dk + dP/dsoftness dsoftness + dP/dstretch (de . (p - R a) - e . (R da) - dorigin).
-
-    In the code, `longer` is R da, `held` -P, `grown` dP and `pulled` dF.
     """
     force, moment = NOTHING, NOTHING
     for j in range(springs):
         spring, d, e = rod.springs[j], change[j], rod.springs[j].direction
         pull = pull_of(rod, spring)
-        longer, held = turned(rod.tip.turn, d.arm), -spring.stiffness * pull.by_stiffness
-        grown = d.stiffness * pull.by_stiffness + d.softness * pull.by_softness
-        grown += pull.by_stretch * (dot(d.direction, minus(rod.tip.place, pull.arm)) - dot(e, longer) - d.origin)
-        pulled = along(scaled(-grown, e), held, d.direction)
-        force = add(force, pulled)
-        moment = minus(moment, add(cross(longer, scaled(held, e)), cross(pull.arm, pulled)))
+        arm_change, minus_pull = turned(rod.tip.turn, d.arm), -spring.stiffness * pull.by_stiffness
+        pull_change = d.stiffness * pull.by_stiffness + d.softness * pull.by_softness
+        pull_change += pull.by_stretch * (dot(d.direction, minus(rod.tip.place, pull.arm)) - dot(e, arm_change) - d.origin)
+        force_change = along(scaled(-pull_change, e), minus_pull, d.direction)
+        force = add(force, force_change)
+        moment = minus(moment, add(cross(arm_change, scaled(minus_pull, e)), cross(pull.arm, force_change)))
     return force, moment
 
 

@@ -106,12 +106,14 @@ class Room(NamedTuple):
 
 @kernel
 def differentiate(rods: Array, springs: int, grid: tuple[float, Counts], asked: Asked, solved: Array, out: Array) -> None:
-    """d outputs / d parameter (n, k, outputs) for the directions of `asked`, at the solutions `solved`; `grid` are divisions
-    and fixed steps (n or 0 rows)."""
+    """Fill `out` (n, k, outputs), columns `BY_*`, with derivatives along the k directions of `asked` at the solutions `solved`.
+
+    `grid`: divisions and fixed steps (n or 0 rows), with which the rods were solved.
+    """
     directions, arcs, _, strained = asked
     n, width = rods.shape
     stations, size = arcs.shape[1], elements_of(rods, springs)
-    whole = new_group(rods, springs, WALK)
+    group = new_group(rods, springs, WALK)
     columns = new_columns(size, size if strained else 0, stations)
     room = Room(
         np.zeros(ENDS * LANES),
@@ -128,26 +130,26 @@ def differentiate(rods: Array, springs: int, grid: tuple[float, Counts], asked: 
         np.zeros((size if strained else 0, LANES)),
     )
     for first in range(0, n, LANES):
-        stand_at_tip(rods, whole, solved, grid, first)
-        walk_columns(whole, columns, arcs, first)
+        stand_at_tip(rods, group, solved, grid, first)
+        walk_columns(group, columns, arcs, first)
         for l in range(LANES):
             tilt = three(rods, min(first + l, n - 1), BASE_TURN)
-            linearise_ends(Rod(whole.work, l), Ends(room.ends, l), tilt)
-        differentiate_unknowns(whole, room)
+            linearise_ends(Rod(group.work, l), Ends(room.ends, l), tilt)
+        differentiate_unknowns(group, room)
         if first == 0 or len(directions) > 1:
             scan_directions(directions, n, first, direction.most)
-        own = out[first : min(first + LANES, n)]
+        rows = out[first : min(first + LANES, n)]
         for k in range(directions.shape[1]):
             load_direction(directions, n, first, k, direction)
             if not direction.some.any():
-                own[:, k] = 0.0
+                rows[:, k] = 0.0
                 continue
-            collect_work(columns.x, columns.walked[stations], whole, direction)
-            differentiate_direction(whole, room, direction)
-            write_ends(room.change, own, k)
+            collect_work(columns.x, columns.walked[stations], group, direction)
+            differentiate_direction(group, room, direction)
+            write_ends(room.change, rows, k)
             if strained:
-                write_strains(columns.x, direction, room.change, own, k)
-            write_stations(whole, columns, direction, room.change, asked, own, k)
+                write_strains(columns.x, direction, room.change, rows, k)
+            write_stations(group, columns, direction, room.change, asked, rows, k)
 
 
 @allocating
@@ -168,9 +170,9 @@ def new_columns(size: int, forced: int, stations: int) -> GroupColumns:
 
 @routine
 def differentiate_unknowns(group: RodGroup, room: Room) -> None:
-    """What a unit of each unknown does to tip and base, with the loads that turn with the tip; its residuals are the Jacobian.
+    """Fill `room.unknowns` with what a unit of each unknown does to tip and base; the residuals are columns of the Jacobian.
 
-    With springs, also the Newton step of a unit of each residual, by which all directions share the inverse.
+    With springs fill `room.steps`, too: the Newton step of a unit of each residual, so that all directions share the inverse.
     """
     for c in range(6 if group.springs > 0 else 3):
         turn, shift = unit(c), unit(c - 3)
@@ -194,7 +196,8 @@ def differentiate_unknowns(group: RodGroup, room: Room) -> None:
 
 @routine
 def differentiate_direction(group: RodGroup, room: Room, direction: Direction) -> None:
-    """What a direction does: with the tip's pose held first; then the unknowns take back by how much the base would move."""
+    """Fill `room.change` with what a direction does: first with the tip's pose held, then with the change of the pose by which
+    the base meets its condition again (a Newton step)."""
     for l in range(LANES):
         rod, change, d = Rod(group.work, l), DirectionChange(room.change, l), EndParameters(direction.d, l)
         force, moment = tip_wrench_change(rod, group.springs, d)
@@ -276,19 +279,19 @@ def write_strains(x: Array, direction: Direction, changes: Array, out: Array, k:
 def write_stations(
     group: RodGroup, columns: GroupColumns, direction: Direction, changes: Array, asked: Asked, out: Array, k: int
 ) -> None:
-    """What comes out at the stations."""
+    """Write the changes of position and rotation at the stations, direction k, into `out` (rods, k, outputs)."""
     _, arcs, attached, strained = asked
     size, d = len(columns.x), direction.d
-    at = OUTPUTS + (size if strained else 0)
+    first_output = OUTPUTS + (size if strained else 0)
     for s in range(arcs.shape[1]):
         collect_work(columns.passed[s], columns.walked[s], group, direction)
         for l in range(len(out)):
-            change, own, station = DirectionChange(changes, l), out[l], Station(columns.stations[s], l)
+            change, row, station = DirectionChange(changes, l), out[l], Station(columns.stations[s], l)
             see_change(station, change, Done(direction.done, l), change.station)
-            # What was followed is a share of an element; the station stays at its arc length.
+            # The columns followed a fixed share of the element; the station is at a fixed arc length, this far (m) from there.
             slid = 0.0
             for e in range(size if s >= attached else 0):
                 slid += (1.0 - columns.walked[s, e, l]) * d[len(d) - (e + 1) * BLOCK + LENGTH, l]
             shift = minus(change.station.shift, change.base.shift)
-            put_three(own, k, at + OF_STATION * s, along(shift, -slid, station.place_slope))
-            put_three(own, k, at + OF_STATION * s + 3, along(change.station.turn, -slid, station.turn_slope))
+            put_three(row, k, first_output + OF_STATION * s, along(shift, -slid, station.place_slope))
+            put_three(row, k, first_output + OF_STATION * s + 3, along(change.station.turn, -slid, station.turn_slope))

@@ -1,8 +1,7 @@
 """Sensitivities of a solution to any parameter of the rods, by implicit differentiation.
 
-A parameter is a direction: how every number of a rod's row changes with it. `Rods.form.view` names the columns, so
-that d(row)/d(parameter) of a law outside the solver (a pressure law, a composite section, a spine length) is written
-field by field:
+A parameter is a direction: how every number of a rod's row changes with it. `Rods.form.view` names the columns, so that
+d(row)/d(parameter) of a law outside the solver (a pressure law, a composite section, a spine length) is written field by field:
 
     d = np.zeros((1, 1, batch.form.width))
     batch.form.view(d, "bend_stiffness")[0, 0, INNER] = stiffness_by_modulus
@@ -103,24 +102,24 @@ def sensitivities(
     end of a spine does). Raises `BadCondition` for directions, arc lengths or a solution that do not fit the rods.
     """
     n, form = len(rods), rods.form
-    given = np.ascontiguousarray(directions, dtype=np.float64)
-    if given.ndim != 3 or given.shape[0] not in (1, n) or given.shape[2] != form.width:
-        raise BadCondition(f"directions: shape {given.shape}, must be (1 or {n}, parameters, {form.width})")
-    if not np.isfinite(given).all():
+    changes = np.ascontiguousarray(directions, dtype=np.float64)
+    if changes.ndim != 3 or changes.shape[0] not in (1, n) or changes.shape[2] != form.width:
+        raise BadCondition(f"directions: shape {changes.shape}, must be (1 or {n}, parameters, {form.width})")
+    if not np.isfinite(changes).all():
         raise BadCondition("directions: must be finite")
     if len(solution.status) != n:
         raise BadCondition(f"solution: of {len(solution.status)} rods, must be of {n}")
     arcs = rods.arcs(arc_lengths)
-    wide = implicit.OUTPUTS + (form.elements if strain else 0) + implicit.OF_STATION * arcs.shape[1]
-    fixed = steps_of(rods, method.steps)
-    out = np.empty((n, given.shape[1], wide))
+    outputs = implicit.OUTPUTS + (form.elements if strain else 0) + implicit.OF_STATION * arcs.shape[1]
+    fixed_steps = steps_of(rods, method.steps)
+    out = np.empty((n, changes.shape[1], outputs))
 
     def part(rows: slice) -> None:
         implicit.differentiate(
             rods.values[rows],
             form.springs,
-            (float(method.divisions), fixed[rows] if len(fixed) else fixed),
-            (given[rows if len(given) > 1 else slice(0, 1)], arcs[rows], attached, strain),
+            (float(method.divisions), fixed_steps[rows] if len(fixed_steps) else fixed_steps),
+            (changes[rows if len(changes) > 1 else slice(0, 1)], arcs[rows], attached, strain),
             solution.values[rows],
             out[rows],
         )

@@ -178,10 +178,11 @@ def load_column(work: Array, x: Array, c: int, carried: int, e: int) -> None:
     for k in range(carried, COLUMN):
         for l in range(LANES):
             ColumnWalk(work, l).column[k] = 0.0
-    own = 1.0 if c - TIP_COLUMNS == e else 0.0
+    force = 1.0 if c - TIP_COLUMNS == e else 0.0  # N times the element's length
     for l in range(LANES):
         walk = ColumnWalk(work, l)
-        walk.added = own / max(walk.section.length, LEAST_LENGTH)
+        walk.added = force / max(walk.section.length, LEAST_LENGTH)
+    # Rows are constants for the compiler. Turns, moments (from column 0) and forced columns have no pull: the first clears it.
     if c == FORCES:
         pull_all(work, 0)
     elif c == FORCES + 1:
