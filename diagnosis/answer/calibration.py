@@ -143,21 +143,22 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
 
 
 def simulator(f: Attribution) -> Simulator | None:
-    """How the simulator in the rod's place differs from the rod under the leading hypothesis; None without one."""
+    """How far the tips of a simulator that takes the rod's place lie from the rod's under the leading hypothesis, rms in mm, in
+    all and beyond what calibration makes up; None without one. Its share s: y = rod + (1 - s) (simulator - rod)."""
     p, fitted = f.prepared, f.best.fit
     if p.baseline is None:
         return None
     parameters = p.problem.parameters
     share_index = parameters.names.index(SHARE)
-    of_rod, of_simulator = fitted.theta.copy(), fitted.theta.copy()
-    of_rod[share_index], of_simulator[share_index] = 1.0, 0.0  # share of the difference that is taken off
+    theta_rod, theta_simulator = fitted.theta.copy(), fitted.theta.copy()
+    theta_rod[share_index], theta_simulator[share_index] = 1.0, 0.0
     tips = p.labels.kind == 0
-    difference = (p.problem.forward.predict(of_simulator) - p.problem.forward.predict(of_rod))[tips]
+    difference = (p.problem.forward.predict(theta_simulator) - p.problem.forward.predict(theta_rod))[tips]  # m
     count = len(np.unique(p.labels.state[tips]))
     free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index]
     slope = p.problem.linearise(fitted.theta, free)[1][tips]
     beyond_area = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[share_index])
-    differs, beyond = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))
-    of_robot = float(np.mean(p.robot.area_factor_at(p.states.spine_length[~p.states.pushed])))
-    return Simulator(p.baseline.name, p.baseline.area_factor, differs, beyond, share, share * beyond, of_robot)
+    in_all_mm, beyond_mm = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))
+    stated_factor = float(np.mean(p.robot.area_factor_at(p.states.spine_length[~p.states.pushed])))
+    return Simulator(p.baseline.name, p.baseline.area_factor, in_all_mm, beyond_mm, share, share * beyond_mm, stated_factor)

@@ -127,17 +127,17 @@ class Sample:
 
     def near(self, fit: Fit) -> bool:
         """Whether a fit comes near."""
-        between, within = self.between_and_within(fit.missed)
+        between, within = map(float, self.between_and_within(fit.missed))
         return between < judgement.EDIT_LOSS_SCALE * self.robot.length and within < judgement.EDIT_REPEATED * self.robot.length
 
     def reached(self, fit: Fit) -> bool:
         """Whether a fit leaves no more than models and repeats are off by."""
-        between, within = self.between_and_within(fit.missed)
+        between, within = map(float, self.between_and_within(fit.missed))
         return between < max(judgement.EDIT_MODEL_ERROR * self.robot.length, within) and self.near(fit)
 
     def aligned(self, fit: Fit) -> bool:
         """Whether attitudes are where a fit has them."""
-        return self.turn(fit.missed) < judgement.EDIT_LOSS_TURN
+        return float(self.turn(fit.missed)) < judgement.EDIT_LOSS_TURN
 
     @cached_property
     def described(self) -> Variants:

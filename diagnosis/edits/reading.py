@@ -56,11 +56,11 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     sample = sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
     if sample is None:
         return
-    moved, findings = sample.rms(sample.table.tip - sample.table.tip.mean(axis=0)), list[Finding]()
+    moved, findings = float(sample.rms(sample.table.tip - sample.table.tip.mean(axis=0))), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
     gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
     fits = as_described(sample)
-    left = [sample.rms(f.missed[sample.places]) for f in fits]
+    left = [float(sample.rms(f.missed[sample.places])) for f in fits]
     # of those that are near, the one that changes least
     best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))
     rms, fit = left[best], fits[best]

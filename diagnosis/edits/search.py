@@ -249,7 +249,7 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     if place is not None:
         changes.insert(0, reordered(robot, place))
         corrected = with_order(corrected, place)
-    before, after = (found.sample.rms(f.missed[found.sample.places]) for f in (found.fits[0], fit))
+    before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 

@@ -58,16 +58,17 @@ def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped
 
 
 def fewest_changes(parts: Sequence[Sequence[Hashable]], rng: random.Random) -> list[list[Hashable]]:
-    """Set-ups of each part in random order, most parts beginning as the one before ended: best orders by their last set-up."""
-    best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}  # last set-up -> (set-ups kept, orders)
+    """The set-ups of each part in random order, with as many parts as possible that begin as the one before ended."""
+    # dynamic programming over the parts: last set-up -> (changes saved, the best orders that end with it)
+    best: Mapping[Hashable, tuple[int, list[list[Hashable]]]] = {None: (0, [])}
     for part in parts:
         shuffled = rng.sample(list(part), len(part))
         by_last: dict[Hashable, tuple[int, list[list[Hashable]]]] = {}
         for first in shuffled:
             for last in shuffled if len(shuffled) == 1 else [s for s in shuffled if s != first]:
                 order = [first, *(s for s in shuffled if s not in (first, last)), *([last] if last != first else [])]
-                for last_before, (kept, orders) in best.items():
-                    score = kept + (last_before == first and bool(orders))
+                for last_before, (saved, orders) in best.items():
+                    score = saved + (last_before == first and bool(orders))  # no orders: the first part
                     if last not in by_last or score > by_last[last][0]:
                         by_last[last] = (score, [*orders, order])
         best = by_last

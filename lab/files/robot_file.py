@@ -117,7 +117,8 @@ class _Edited:
         return "".join([*parts, self._given[start:end]])
 
     def _value(self, node: yaml.Node, data: Any, before: Any, after: Any, loc: Loc) -> Iterator[_Edit]:
-        """Edits from a value to another: `node`, `data` as in the text, `before`, `after` as in models. Raises _Anew."""
+        """Edits of the text that change a value: `node` and `data` are as in it, `before` and `after` as in models. Raises _Anew,
+        on which the caller writes the entry anew."""
         if isinstance(node, yaml.MappingNode) and isinstance(before, dict) and isinstance(after, dict):
             yield from self._table(node, data, before, after, loc)
             return
@@ -129,8 +130,9 @@ class _Edited:
         start, end = node.start_mark.index, node.end_mark.index
         raw = self._given[start:end]
         if isinstance(node, yaml.CollectionNode) and (not node.flow_style or "#" in raw):
-            raise _Anew
+            raise _Anew  # no text of one line can take the place of several lines or of a comment
         anchor = ANCHOR.match(raw)
+        # kept: an anchor or tag before, white space after; nothing at all needs a blank after its colon
         head, tail = anchor[0] if anchor and raw else " ", raw[len(raw.rstrip()) :]
         new = self._written(after, node, loc)
         if isinstance(node, yaml.ScalarNode) and node.style in ("'", '"') and isinstance(after, (int, float)):

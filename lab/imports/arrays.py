@@ -33,7 +33,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
         return Series(path, dict(_by_axes(path, given, source.axes)), form)
     if source.variable is not None:
         given = {source.variable: _held(path, given, source.variable, "source.variable")}
-    alone = sum(hasattr(value, "columns") for value in given.values()) == 1
+    alone = sum(hasattr(value, "columns") for value in given.values()) == 1  # the only table: labels leave out its name
     parts = [(label, part) for name, value in given.items() for label, part in parts_of(name, value, alone)]
     arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
     judged = {label: part for label, part in parts if isinstance(part, Judged)}
@@ -52,8 +52,9 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
     rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])
     # a list of words that is as long as a matrix is wide names the columns of the matrix
-    names = {len(p.values): p.values.tolist() for p in judged.values() if p.values.dtype.kind == "U" and len(p.values) != rows}
-    used_as_names = [n for a in arrays.values() if a.ndim == 2 for n in names if n in a.shape]
+    lists_of_words = [p.values.tolist() for p in judged.values() if p.values.dtype.kind == "U" and len(p.values) != rows]
+    words_by_length = {len(words): words for words in lists_of_words}
+    used_as_names = [n for a in arrays.values() if a.ndim == 2 for n in words_by_length if n in a.shape]
     columns: dict[str, Judged] = {}
     all_notes = list(notes)
     for label, part in [(label, part) for label, part in parts if label in arrays or label in judged]:
@@ -72,8 +73,10 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             continue
         demand_columns(path, len(columns) + part[0].size)
         for k, column in enumerate(np.atleast_2d(part.T), 1):
-            heading = k if part.ndim == 1 or part.shape[1] not in names else names[part.shape[1]][k - 1] or k
-            columns[str(heading) if source.variable else label if part.ndim == 1 else f"{label}.{heading}"] = Judged(column)
+            words = words_by_length.get(part.shape[1]) if part.ndim == 2 else None
+            heading = str(words[k - 1] if words and words[k - 1] else k)
+            of_variable = label if part.ndim == 1 else f"{label}.{heading}"
+            columns[heading if source.variable else of_variable] = Judged(column)
     if unread:
         all_notes.append(f"not read: {', '.join(unread)}")
     series = of_judged(path, columns, form)

@@ -153,10 +153,10 @@ class Jump:
 
 
 def jumps(states: Table, length: float) -> Iterator[Jump]:
-    """Places that move, from one state to the next, farther than the body of this length (m) can.
+    """Points (the tip, markers) that move farther from one state to the next than those of a robot of this length (m) can.
 
     Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
-    masses, vacuum, forces, mounting). A body can move by `STILL`, and by `TIMES` the usual movement per change of pressure."""
+    masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
     places = np.concatenate([states.tip[:, None], states.markers], axis=1)
     pressures, forces = states.pressures, states.tip_force
     loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
@@ -166,24 +166,26 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     earlier, later = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
     same_force = np.abs(forces[later] - forces[earlier]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
     earlier, later = earlier[same_force], later[same_force]
-    moved = np.linalg.norm(places[later] - places[earlier], axis=2)
-    changed = np.abs(pressures[later] - pressures[earlier]).max(axis=1)
-    telling = changed > CHANGED * max(float(np.ptp(pressures)), 1e-9)
+    distance = np.linalg.norm(places[later] - places[earlier], axis=2)
+    pressure_change = np.abs(pressures[later] - pressures[earlier]).max(axis=1)
+    spread = np.nanmax(pressures, initial=-np.inf) - np.nanmin(pressures, initial=np.inf)
+    large_change = pressure_change > CHANGED * max(float(spread), 1e-9)
     found: list[Jump] = []
-    if not telling.any():  # no change of pressure shows how far pressures move the body
+    if not large_change.any():  # no change of pressure shows how far pressures move the body
         return
-    for body in range(places.shape[1]):
-        seen = telling & np.isfinite(moved[:, body])
-        usual = float(np.percentile(moved[seen, body] / changed[seen], USUAL)) if seen.any() else 0.0
-        limit = STILL * length + TIMES * usual * changed
-        for i in np.flatnonzero(moved[:, body] > limit).tolist():
+    for point in range(places.shape[1]):
+        usable = large_change & np.isfinite(distance[:, point])
+        usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
+        limit = STILL * length + TIMES * usual * pressure_change
+        for i in np.flatnonzero(distance[:, point] > limit).tolist():
             before, after = places[earlier[i]], places[later[i]]
-            partners = [
+            swapped_with = [
                 k
                 for k in range(places.shape[1])
-                if k != body and _near(after[body], before[k], limit[i]) and _near(after[k], before[body], limit[i])
+                if k != point and _near(after[point], before[k], limit[i]) and _near(after[k], before[point], limit[i])
             ]
-            found.append(Jump(int(later[i]), body, float(moved[i, body]), float(changed[i]), partners[0] if partners else None))
+            other = swapped_with[0] if swapped_with else None
+            found.append(Jump(int(later[i]), point, float(distance[i, point]), float(pressure_change[i]), other))
     # each once: a state may be held against the one before it and against the last one at rest
     yield from {(j.state, j.body): j for j in sorted(found, key=lambda j: (j.state, j.body))}.values()
 

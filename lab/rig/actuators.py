@@ -61,10 +61,12 @@ class Actuators:
         on_event: Callable[[Event], None] = lambda event: None,
         despite_latch: bool = False,
     ) -> None:
-        """Raises RigLocked when a person has to see to the rig first, or another program owns it; ConfigError when rig.yaml was
+        """Start the guard as a process of its own, have it take the rig over, and listen to it.
+
+        Raises RigLocked when a person has to see to the rig first, or another program owns it; ConfigError when rig.yaml was
         changed since `rig` was read."""
         self._on_sample, self._on_event = on_sample, on_event
-        self._silent = BEATS_MISSED * rig.safe.heartbeat
+        self._longest_silence = BEATS_MISSED * rig.safe.heartbeat
         self._lock = timing.RLock()
         self._numbers = itertools.count(1)
         pressure = rig.instruments.pressure
@@ -73,24 +75,24 @@ class Actuators:
         self.gauge, self.arm = RemoteGauge(self, "gauge"), RemoteArm(self, "arm")
         self.last_command: dict[str, float] = {}
         """Host time at which the last command to each instrument ended: no reading comes while it works."""
-        self._commands, theirs = Pipe()
-        self._samples, their_samples = Pipe(duplex=False)
-        their_pulse, pulse = os.pipe()
-        passed = (theirs.fileno(), their_pulse, their_samples.fileno())
-        with _held_back():
-            self._process = start_child("lab.guard.process", passed)
-        theirs.close()
-        their_samples.close()
-        os.close(their_pulse)
+        self._commands, guard_commands = Pipe()
+        self._samples, guard_samples = Pipe(duplex=False)
+        guard_pulse, pulse = os.pipe()
+        guard_files = (guard_commands.fileno(), guard_pulse, guard_samples.fileno())
+        with _signals_blocked():  # Ctrl-C is not for the guard
+            self._process = start_child("lab.guard.process", guard_files)
+        guard_commands.close()
+        guard_samples.close()
+        os.close(guard_pulse)
         self.pulse = Pulse(pulse)
-        self._heard = self.pulse.awake.now
+        self._last_sign = self.pulse.awake.now
         """When the guard last gave a sign of life, on the clock of this process's being awake."""
         self.lost = ""
         """Why the guard is lost; empty while it lives."""
         try:
             self._commands.send(Start(str(rig.path), rig.sha256, rig.body.max_pressure, clock.start, despite_latch, _about()))
             self._answer(0, "start", START_WITHIN)
-            self._heard = self.pulse.awake.now
+            self._last_sign = self.pulse.awake.now
         except BaseException:
             self._end()
             self._samples.close()
@@ -156,7 +158,7 @@ class Actuators:
         with self._samples, contextlib.suppress(EOFError, OSError):
             while True:
                 message = timing.receive(self._samples)
-                self._heard = self.pulse.awake.now
+                self._last_sign = self.pulse.awake.now
                 if isinstance(message, Event):
                     if message.kind != "beat":
                         self._on_event(message)
@@ -172,8 +174,8 @@ class Actuators:
 
     def _listen(self) -> None:
         """Give up a guard that was silent for too long while this process was awake to hear it."""
-        silent = self.pulse.awake.now - self._heard
-        if not self.lost and silent > self._silent:
+        silent = self.pulse.awake.now - self._last_sign
+        if not self.lost and silent > self._longest_silence:
             self._give_up(f"no heartbeat for {silent:.1f} s; {self._pace()}")
 
     def _pace(self) -> str:
@@ -240,7 +242,7 @@ def _about() -> str:
 
 
 @contextlib.contextmanager
-def _held_back() -> Any:
+def _signals_blocked() -> Any:
     """Block the signals HELD_BACK while this is entered: a process that is started meanwhile inherits that."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_BACK)
     try:

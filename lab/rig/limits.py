@@ -220,14 +220,14 @@ def expected_force(robot: Robot, push: Push) -> float | None:
 
     if push.specimen == "spine" and robot.spine is None:
         return None
-    spine_bend = 0.0  # E I, N m^2
+    spine_stiffness = 0.0  # E I, N m^2
     if robot.spine is not None and push.spine > 0:
-        spine_bend = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
+        spine_stiffness = float(robot.spine.modulus_at(push.spine)) * annulus_second_moment(robot.spine.radius)
     if push.specimen == "spine":
-        bend_inside, bend_beyond, reach = spine_bend, spine_bend, push.length
+        stiffness_inside, stiffness_beyond, reach = spine_stiffness, spine_stiffness, push.length
     else:
-        bend_beyond = robot.youngs_modulus * body_second_moment(robot)
-        bend_inside, reach = bend_beyond + spine_bend, min(push.spine, push.length)
-    if push.length <= 0 or bend_inside <= 0:
+        stiffness_beyond = robot.youngs_modulus * body_second_moment(robot)
+        stiffness_inside, reach = stiffness_beyond + spine_stiffness, min(push.spine, push.length)
+    if push.length <= 0 or stiffness_inside <= 0:
         return math.inf  # nothing that could give way
-    return push.deflection / float(bending_compliance((0.0, reach, push.length), (bend_inside, bend_beyond)))
+    return push.deflection / float(bending_compliance((0.0, reach, push.length), (stiffness_inside, stiffness_beyond)))

@@ -82,7 +82,7 @@ def rehearse(experiment: Experiment, parameters: Parameters, plan: Plan, rig: Ri
             file = experiment.source or of_run  # whose line the error names
             hint = AT_DESK if isinstance(error, NotReached) else ""
             raise BadProtocol(told_at(error, file, hint)) from error
-    return trials.rows, desk.highest
+    return trials.rows, desk.highest_setpoint
 
 
 class AsPlanned(Trials):
@@ -160,13 +160,13 @@ class Desk:
         self.chambers: ChamberMap = wiring(rig, rig.body)
         self.readings = DeskStreams(streams(self.chambers.count, markers, sensors), self.clock)
         # Pa below ambient, where neither plan nor set-up names a vacuum
-        self.supply = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
-        self.highest = 0.0
+        self.vacuum = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
+        self.highest_setpoint = 0.0
         self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
         self.places = bodies(rig, rig.body)
         channels = (0.0,) * len(self.chambers.channels)
         arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
-        hanging = tuple((0.0, 0.0, arc) for arc in arcs)
+        marker_positions = tuple((0.0, 0.0, arc) for arc in arcs)
         self.pressure = DeskInstrument(
             self, "pressure", PressureSample(0.0, channels, channels), set=self._inflate, vent=lambda: self._inflate(channels)
         )
@@ -180,7 +180,7 @@ class Desk:
         self.arm_state = DeskInstrument(self, "arm_state", ArmSample(0.0, 0.0, ZERO, ZERO, ZERO, 0, True))
         self.arm = DeskInstrument(self, "arm", None, move_to=self._reach, moving=lambda: False, stop=lambda: None)
         tip: Vector3 = (0.0, 0.0, rig.body.length)
-        sample = BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, hanging)
+        sample = BodySample(0.0, 0.0, 0, tip, (1.0, 0.0, 0.0, 0.0), 0.0, True, marker_positions)
         self.mocap = DeskInstrument(self, "mocap", sample)
 
     def bench(self, recorder: Recorder, needs: Sequence[str]) -> Bench:
@@ -204,7 +204,7 @@ class Desk:
 
     def prepare(self, setup: Setup) -> None:
         """See Operator."""
-        self.supply = setup.vacuum
+        self.vacuum = setup.vacuum
 
     def confirm(self, trouble: str) -> None:
         """See Operator."""
@@ -214,7 +214,7 @@ class Desk:
         """Each channel has its pressure (Pa) at once."""
         confirmed = tuple(map(float, pressures))
         self.pressure.show(setpoint=confirmed, measured=confirmed)
-        self.highest = max(self.highest, *confirmed)
+        self.highest_setpoint = max(self.highest_setpoint, *confirmed)
         return confirmed
 
     def _grow(self, length: float, speed: float) -> float:
@@ -227,7 +227,7 @@ class Desk:
     def _switch(self, on: bool) -> bool:
         """The gauge follows the valve at once."""
         self.valve.show(on=on)
-        self.gauge.show(absolute=AMBIENT - self.supply * on)
+        self.gauge.show(absolute=AMBIENT - self.vacuum * on)
         return on
 
     def _zero(self, samples: int) -> Vector6:

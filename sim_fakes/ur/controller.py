@@ -152,12 +152,13 @@ class FakeController:
         return self.slider * self.scaling
 
     # -- one cycle
-    def advance(self, lasted: float = math.inf) -> None:
-        """One cycle that took `lasted` s of host time."""
+    def advance(self, host_seconds: float = math.inf) -> None:
+        """One cycle: clock, robot mode, program, watchdog, readings. The watchdog counts the `host_seconds` that it took, one
+        period at most, so that a late host does not trip it."""
         if self.halted:
             return
-        dt = self.period * self.speed
-        self.t += dt * self.skew
+        dt = self.period * self.speed  # rig seconds
+        self.t += dt * self.skew  # its own clock may run fast
         while self._steps and self._steps[0][0] <= self.t:
             self.robot_mode = self._steps.pop(0)[1]
         try:
@@ -167,14 +168,14 @@ class FakeController:
             self.end_program(str(error))
         except JointOverspeed as error:
             self.protective_stop(str(error))
-        self._watch(min(lasted, self.period))
+        self._watch(min(host_seconds, self.period))
         self._measure()
 
-    def _watch(self, lasted: float) -> None:
-        """The watchdog counts the controller's own cycles: a late host does not trip it, nor cycles made up too quickly."""
+    def _watch(self, seconds: float) -> None:
+        """Count them since the client last wrote, and end the program after too many."""
         if self._watchdog is None or self.runtime == Runtime.PAUSED:
             return
-        self._starving += lasted
+        self._starving += seconds
         if self._starving > 1.0 / self._watchdog:
             self.end_program(f"watchdog: input registers not written at {self._watchdog:g} Hz")
 

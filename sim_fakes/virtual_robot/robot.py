@@ -208,21 +208,23 @@ class VirtualRobot:
         return np.concatenate([self.pneumatics.forces(), rest])
 
     def _solve(self, dt: float) -> None:
-        """Go to the equilibrium under the present inputs after dt seconds. Raises `NoEquilibrium`."""
-        hands, body = self.hands, self.specimen
-        body.fit(self.spine)
-        chain = body.rod.chain
+        """Bring the specimen (body or bare spine) to its equilibrium under pressures, tip mass and probe, dt seconds after the
+        last one; `hands`: what a person or the arm sets. Raises `NoEquilibrium`."""
+        hands, specimen = self.hands, self.specimen
+        specimen.fit(self.spine)
+        chain = specimen.rod.chain
         self._contacts = NO_CONTACT
-        if hands.probe and hands.mount != "robot" and not (isinstance(body, BareSpine) and not body.present):
+        to_push = specimen.present if isinstance(specimen, BareSpine) else True
+        if hands.probe and to_push and hands.mount != "robot":  # the probe is that of the stand
             self._contacts = self.stand.contacts(chain, *hands.probe)
-        if isinstance(body, VirtualBody):
+        if isinstance(specimen, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
-            loads = body.loads(force, moment, hands.tip_mass, self._contacts)
+            loads = specimen.loads(force, moment, hands.tip_mass, self._contacts)
         else:
-            loads = body.loads(self._contacts)
+            loads = specimen.loads(self._contacts)
         self.solves += 1
         self._speed = math.inf  # until it is known; a step that fails is tried again
-        self._speed = body.rod.relax(body.sections(self.spine, dt), loads, dt) / dt
+        self._speed = specimen.rod.relax(specimen.sections(self.spine, dt), loads, dt) / dt
         self._force = self.stand.force(chain, self._contacts)
 
     # -- what can be seen
