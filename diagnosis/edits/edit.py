@@ -174,8 +174,3 @@ def with_length(robot: Robot, length: float) -> Robot:
     ends: dict[str, Any] = {name: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
     sections = tuple(part.model_copy(update={"length": ratio * part.length}) for part in robot.sections)
     return robot.model_copy(update={"length": length, "sections": sections, **ends})
-
-
-def with_pressures(table: Table, pressures: Array) -> Table:
-    """The table with other pressures (n, chambers) Pa."""
-    return table.replaced(dict(zip(pressure_columns(pressures.shape[1]), pressures.T, strict=True)))

@@ -24,22 +24,22 @@ from recordings.trials import TIP, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.units import PRESSURE_UNITS
+from ..data.units import LENGTH_UNITS, PRESSURE_UNITS
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Variants
 from .misfit import Fit, Sample
 
 QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
 """Azimuths by which chambers may be counted from another one, rad."""
-UNITS = {6.895: "psi", 1 / 6.895: "psi", 1e3: "kPa", 6895.0: "psi", 1e5: "bar", 100.0: "mbar"}
-"""Times that a column's pressures must be larger -> the unit that it looks like, or that of all others."""
-PRESSURES = {round(1 / unit.per_si, 6): unit.name for unit in PRESSURE_UNITS}
+PRESSURES, LENGTHS = ({round(1 / unit.per_si, 6): unit.name for unit in units} for units in (PRESSURE_UNITS, LENGTH_UNITS))
+LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items()}
+"""Times that positions must be larger -> what they are in."""
 PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
-"""The same of all columns."""
+"""The same of all columns of pressure."""
+UNITS = PRESSURES | dict.fromkeys((6.895, 1 / 6.895), "psi")
+"""The same of one column: the unit that it looks like, or that of all others."""
 SMALL, LARGE = 20e3, 500e3
 """Pa: soft robots hold more than the first in a larger unit than Pa, and less than the second."""
-LENGTHS = {1e-3: "mm", 1e-2: "cm", 0.0254: "in", 1e3: "m taken for mm", 100.0: "m taken for cm"}
-"""Times that positions must be larger -> what they are in."""
 EFFECT = 6.0
 """Prior standard deviations of a parameter within which an effect competes."""
 AXES = np.eye(3)

@@ -24,7 +24,7 @@ import numpy as np
 
 from model.condition import States
 from model.robot import Robot
-from model.rods import Fast, solve
+from model.rods import Fast, Rods, Solution, solve
 from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.section import rods_of
 from recordings.trials import Table
@@ -41,7 +41,11 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""A rod so soft that it has to be loaded in steps, at a thousand times the cost, counts as one that does not stand."""
+"""What it leaves open is loaded in `LOADS`, all of it at once; a rod that needs finer steps, or is close to buckling, counts as
+one that does not stand."""
+LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Shares of all loads, from each to the next."""
+OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
 BATCH = 20_000
@@ -55,7 +59,7 @@ MOST = 60
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 ONE_AREA = 0.8
-"""Share of what one area factor leaves below which those by spine length are kept where neither is near."""
+"""Share of the rms of one sort of area factor, for all or by spine length, below which the other takes its place."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The n states that are compared, and the robot as described, with one area factor unless its table is near."""
+    """The n states that are compared, and the robot as described, with one area factor where that is nearer."""
 
     robot: Robot
     table: Table
@@ -192,7 +196,7 @@ class Sample:
         shares = rods.field("length") / rods.whole_length[:, None]
         steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
         arcs = np.minimum(robot.markers, rods.whole_length[:, None]) if v.markers.size else None
-        solution = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+        solution = standing(rods, steps, arcs)
         solved = np.where(solution.converged, 1.0, np.nan)[:, None]
         shape = (len(v.area), len(states), -1)
         markers = (solution.shape * solved[:, :, None]).reshape(*shape[:2], v.markers.shape[2], 3)
@@ -286,19 +290,41 @@ class Sample:
             yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
 
 
+def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
+    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
+    steps (n, elements) half as long."""
+    found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
+    here: Solution | None = None
+    left = np.flatnonzero(~found.converged)
+    for share in LOADS if left.size else ():
+        carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
+        method, along = replace(DIRECT, steps=2 * steps[left], remember=True), None if arcs is None else arcs[left]
+        here = solve(rods[left].changed(**carried), method, arc_lengths=along, start=here)
+        left, here = left[here.converged], here.take(here.converged)
+    if here is not None:
+        found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
+    return found
+
+
+@lru_cache(maxsize=judgement.EDIT_SAMPLES)
+def as_described(sample: Sample) -> list[Fit]:
+    """Fits without an edit from each of `AREAS`, almost to the end, for a first comparison."""
+    return sample.fitted([((), np.eye(len(CALIBRATION))[AREA] * area) for area in AREAS], 3, alone=True)
+
+
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def _with_areas(sample: Sample, area: float) -> Sample:
-    """The sample with the area factors of its spine lengths where its table is near with these, else with this one for all."""
+    """The sample with the area factors of its spine lengths, or with this one for all where that is nearer."""
     robot = sample.robot
     other = replace(sample, robot=robot.with_area_factor(area))
     softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
     axes = np.eye(len(CALIBRATION))
     starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
     for some in (starts[:1], starts):
-        left = min(sample.rms(f.missed) for f in sample.fitted(some, 3, alone=True))
-        if left < judgement.EDIT_LOSS_SCALE * robot.length:
-            return sample
-    return sample if left < ONE_AREA * min(other.rms(f.missed) for f in other.fitted(starts, 3, alone=True)) else other
+        left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3, alone=True)) for s in (sample, other))
+        if min(left, of_one) < judgement.EDIT_LOSS_SCALE * robot.length:
+            return other if of_one < ONE_AREA * left else sample
+    return sample if left < ONE_AREA * of_one else other
 
 
 @dataclass

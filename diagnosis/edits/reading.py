@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -22,8 +21,8 @@ from ..data.plausible import implausible_values
 from ..findings import Finding, finding
 from .beam import wrong_units
 from .edit import AREA, MODULUS
-from .misfit import AREAS, Fit, Sample
-from .search import judge
+from .misfit import as_described
+from .search import judged, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
@@ -54,12 +53,13 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     """Findings about states with a tip, and whether they refuse the table; of a robot with effects, which are not in the rod,
     only those that do."""
     plain = robot.model_copy(update={"effects": {}, "tolerances": {}})
-    states = campaign_of(tips, np.arange(len(tips)), np.arange(0))
-    sample = Sample.of(plain, states)
+    sample = sample_of(plain, campaign_of(tips, np.arange(len(tips)), np.arange(0)))
+    if sample is None:
+        return
     moved, findings = float(sample.rms(sample.table.tip - sample.table.tip.mean(axis=0))), list[Finding]()
     least, most = judgement.EDIT_LEAST * robot.length, judgement.EDIT_GROSS * robot.length
     gross = float(np.clip(judgement.EDIT_OF_MOVED * moved, least, most))
-    fits = _as_described(sample)
+    fits = as_described(sample)
     left = [float(sample.rms(f.missed[sample.places])) for f in fits]
     # of those that are near, the one that changes least
     best = min(range(len(fits)), key=lambda k: (left[k] > gross, left[k] if left[k] > gross else abs(fits[k].theta[AREA])))
@@ -68,8 +68,8 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
-        judged = judge(plain, states, sample)
-        findings += judged.findings if judged is not None else ()
+        by_edits = judged(sample)
+        findings += by_edits.findings if by_edits is not None else ()
     if not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
@@ -79,9 +79,3 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse
-
-
-@lru_cache(maxsize=judgement.EDIT_SAMPLES)
-def _as_described(sample: Sample) -> list[Fit]:
-    """Fits without an edit, once for each sample."""
-    return sample.fitted([((), np.eye(8)[AREA] * area) for area in AREAS], 3, alone=True)

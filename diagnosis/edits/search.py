@@ -25,9 +25,17 @@ from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AZIMUTH, Edit, Variants
 from .listed import every_edit, of_attitudes
-from .misfit import AREAS, Fit, Sample
+from .misfit import Fit, Sample, as_described
 from .of_table import of_table
 from .order import can_name_order, place_of, reordered, with_order
+
+
+def _unloaded(v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=0.0 * v.pressure, gravity=0.0 * v.gravity, mass=0.0 * v.mass, force=0.0 * v.force)
+
+
+STILL = Edit("still", 0.1, apply=_unloaded, left=True)
+"""A rod that nothing moves: an edit that does no better, as it stiffens all motion away, is no mistake that can be named."""
 
 
 @dataclass(frozen=True)
@@ -98,29 +106,35 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, another order that it knows is taken for that, as an effect of the robot.
     """
-    judged = None if robot.effects or robot.tolerances else judge(robot, states)
-    if judged is None or judged.chosen is None:
+    found = None if robot.effects or robot.tolerances else judge(robot, states)
+    if found is None or found.chosen is None:
         return Edited(robot, states)
-    return _made(robot, states, judged, judged.chosen, effects)
+    return _made(robot, states, found, found.chosen, effects)
 
 
-def judge(robot: Robot, states: Campaign, sample: Sample | None = None) -> Judged | None:
-    """The edits of robot and states (`sample`: theirs) that were tried; None where the robot is near them, or they are few."""
+def sample_of(robot: Robot, states: Campaign) -> Sample | None:
+    """Of the states that can be compared; None where there are too few."""
     tips = states.take(~states.pushed & finite(states.trials))
-    if len(tips) < judgement.EDIT_FEWEST:
-        return None
-    return _judged(sample if sample is not None and len(tips) == len(states) else Sample.of(robot, tips))
+    return Sample.of(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else None
+
+
+def judge(robot: Robot, states: Campaign) -> Judged | None:
+    """The edits of robot and states that were tried; None where the robot is near its data, or there are too few."""
+    sample = sample_of(robot, states)
+    return None if sample is None else judged(sample)
 
 
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
-def _judged(sample: Sample) -> Judged | None:
+def judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
-    near = _best(sample.fitted([((), np.eye(8)[0] * area) for area in AREAS], 10))
+    near = _best(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
         return None
-    fits = [near, *_weighed(sample, [*every_edit(sample, near), *of_table(sample, near)], near, pairs=not sample.near(near))]
+    still = sample.fitted([((STILL,), near.x)], 3, alone=True)
+    edits = [*every_edit(sample, near), *of_table(sample, near)]
+    fits = [near, *still, *_weighed(sample, edits, near, pairs=not sample.near(near))]
     return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
 
 
@@ -219,7 +233,7 @@ def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
     return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own, 0.0, "")]
 
 
-def _made(robot: Robot, states: Campaign, judged: Judged, fit: Fit, effects: Collection[str]) -> Edited:
+def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:
     """Robot and states with the edits of a fit."""
     theta = _beyond_usual(fit)
     place = _place(robot, fit, theta) if can_name_order(robot, states, effects) else None
@@ -230,12 +244,12 @@ def _made(robot: Robot, states: Campaign, judged: Judged, fit: Fit, effects: Col
     for edit, own in mistakes(robot, fit):
         if place is None or edit.kind != "order":
             made = edit.apply(made, own[None])
-            changes += judged.said(edit, own, fit)
+            changes += found.said(edit, own, fit)
     corrected, table = made.written()
     if place is not None:
         changes.insert(0, reordered(robot, place))
         corrected = with_order(corrected, place)
-    before, after = (float(judged.sample.rms(f.missed[judged.sample.places])) for f in (judged.fits[0], fit))
+    before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
 
 

@@ -191,7 +191,7 @@ class _Descent:
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
         """A point that costs no more, its cost, and the level of damping that led there, from `level` up; None where none does.
 
-        Where the strongest leads to no equilibrium, all are tried again with predictions that do not give up.
+        Where the strongest leads to no equilibrium, all are tried again with predictions that give up at a state without any.
         """
         for trial in (True, False):
             cost = 0.0
@@ -215,7 +215,7 @@ class _Descent:
         promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        predicted = self._forward.predict(goal, trial)
+        predicted = self._forward.predict(goal, trial, whole=not trial)
         goal_cost = self.cost(goal, predicted)
         if local.cost - goal_cost >= TRUST_RATIO * promised or not np.isfinite(goal_cost):
             return goal, goal_cost
@@ -223,7 +223,7 @@ class _Descent:
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, goal_cost
-        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial))
+        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial, whole=not trial))
         return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:

@@ -11,7 +11,6 @@ from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits import listed, search
-from diagnosis.edits.edit import with_pressures
 from diagnosis.edits.misfit import Sample, _Problem
 from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
@@ -23,7 +22,7 @@ from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.rotation import multiply
 from model.section import rods_of
-from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns
+from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
@@ -209,7 +208,7 @@ def test_a_payload_on_an_arm_across_gravity_is_no_modulus(monkeypatch: pytest.Mo
     own = states(Measured(arm, Table.of(seen)))[0]
     assert edit_first(arm, own).robot is arm
     monkeypatch.setattr(listed, "_left_to_the_diagnosis", lambda *_: iter(()))
-    monkeypatch.setattr(search, "_judged", search._judged.__wrapped__)
+    monkeypatch.setattr(search, "judged", search.judged.__wrapped__)
     assert edit_first(arm, own).changes
 
 
@@ -288,6 +287,10 @@ def acted(factors: dict[int, float], order: tuple[int, ...] = ()) -> Any:
     return change
 
 
+def with_pressures(table: Table, pressures: Any) -> Table:
+    return table.replaced(columns(pressure_columns(pressures.shape[1]), pressures))
+
+
 def moved_at(table: Table, trial: int) -> Table:
     late = table.trial >= trial
     return table.replaced({axis: table[axis] + d * late for axis, d in zip("xyz", (3e-3, 2e-3, -1.7e-3), strict=True)})
@@ -346,6 +349,32 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert all(word in text for word in words) and "(p = " in text, text
     assert len(first.changes) == 1 + (" and " in mistake)
     assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+
+
+HANGING = robot_from_dict({
+    "name": "soft and heavy", "length": 0.5, "outer_radius": 0.047, "inner_radius": 0.0, "density": 1080.0, "tip_mass": 0.93,
+    "youngs_modulus": 315e3, "shear_modulus": 105e3, "gravity": [0.0, 0.0, 9.81], "area_factor": 1.7,
+    "chambers": {"radius": 0.01, "path_radius": 0.029, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
+})  # fmt: skip
+
+
+def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_from_a_strong_bend() -> None:
+    """Many rods have to be loaded in steps; of those that hang, none is lost, and one that nothing moves explains nothing."""
+    told = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
+    judged = judge(told, campaign(read(HANGING)))
+    assert judged is not None and judged.chosen is not None
+    (change,) = judged.findings
+    assert "gravity [0, 0, 9.81]" in change.text and judged.probability("gravity") > 0.99
+    assert np.abs(judged.chosen.missed).max() < 0.05 * HANGING.length
+
+
+def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
+    """A rod that cannot stand is off by more than one that does not move at all; neither moves as these tips do."""
+    told, table = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), read(HANGING)
+    aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 3, 3))
+    odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (3, 1)))
+    judged = judge(told, campaign(attitudes(odd, lambda q: np.nan * q)))
+    assert judged is not None and judged.chosen is None, judged.findings
 
 
 def test_an_effect_of_the_catalogue_is_no_mistake() -> None:

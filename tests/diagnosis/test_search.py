@@ -104,6 +104,19 @@ def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
     assert fitted.theta[IDS.index("bent")] <= 0.5
 
 
+def test_a_step_that_no_trial_finds_is_given_up_at_the_first_state_without_equilibrium() -> None:
+    asked = set()
+
+    class Lost(ToyForward):
+        def predict(self, theta: np.ndarray, trial: bool = False, whole: bool = False) -> np.ndarray:
+            asked.add((trial, whole))
+            return np.full_like(self.base, np.nan)
+
+    problem = replace(toy_problem(4, {"bent": 1.0}), forward=Lost(Grid()))
+    fit(problem, problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0), 0.0, problem.parameters.mean, 6)
+    assert asked == {(True, False), (False, True)}
+
+
 def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() -> None:
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
     prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)

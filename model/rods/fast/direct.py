@@ -100,8 +100,10 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
     a, b, c, d = rod.here.q
     # With steps far too long the residual can vanish without an equilibrium; the norm of q, which nothing holds at 1, shows it.
     closed = abs(a * a + b * b + c * c + d * d - 1.0) < MOST_DRIFT
-    # No tip moves by much more than the rod's length times the turn: a d seen / d change that does comes from such steps, too.
-    closed = closed and dot(shift, shift) <= (MOST_MOVED * rod.length * size_of(change)) ** 2
+    # No tip moves by much more than the rod's length times the turn of tip or base: a d seen / d change that says so comes from
+    # such steps too.
+    turn = max(size_of(change), size_of(rod.found.residual))
+    closed = closed and dot(shift, shift) <= (MOST_MOVED * rod.length * turn) ** 2
     out[row, AT_RESIDUAL] = expected_residual(rod) if closed else math.inf
     out[row, AT_MARGIN] = buckling_margin(rod, springs)
     out[row, AT_LARGEST] = rod.largest_moment

@@ -21,10 +21,12 @@ from model.rods.fast.newton import buckling_margin, correct, difference_jacobian
 from model.rods.fast.passes import WHOLE, evaluate
 from model.rods.fast.walk import AT_PLACE, states_at
 from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status, no_shape
+from model.rotation import from_vector, to_base
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.int8]
 Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 FIRST_STEP, LEAST_STEP = 0.1, 1e-4
 """Share of the load."""
@@ -34,6 +36,8 @@ ROUNDS, QUICK_ROUNDS = 6, 3
 FARTHEST = 0.35
 """rad: a tip that turns by more within one step may have changed branch."""
 FOLLOWED, LOST = 1, 0
+STRAIGHT = 1e-6
+"""rad: a rod that bends by less is straight."""
 
 
 @kernel
@@ -145,12 +149,14 @@ class Fast:
         fixed = steps_of(rods, self.steps)
         values = self._direct(rods, fixed, memory, start is not None)
         converged = (values[:, AT_RESIDUAL] < self.close) & (values[:, AT_MARGIN] > self.least_margin)
+        if start is None:
+            converged &= ~_may_snap(rods, values)
         if start is not None and not converged.all():
             # Far from its start the Jacobian from there may mislead; what a solve from nothing finds and trusts is as good.
             again = np.flatnonzero(~converged)
             memory_anew = memory[again]
             anew = self._direct(rods[again], fixed[again] if len(fixed) else fixed, memory_anew, False)
-            trusted = (anew[:, AT_RESIDUAL] < self.close) & (anew[:, AT_MARGIN] > LEAST_MARGIN)
+            trusted = (anew[:, AT_RESIDUAL] < self.close) & (anew[:, AT_MARGIN] > LEAST_MARGIN) & ~_may_snap(rods[again], anew)
             values[again[trusted]], memory[again[trusted]] = anew[trusted], memory_anew[trusted]
             converged[again[trusted]] = True
         status = np.zeros(n, np.int8)
@@ -198,6 +204,20 @@ class Fast:
         lost = np.where(found, Status.OTHER_BRANCH, Status.FAILED)
         status[doubtful] = np.where(followed, Status.SOLVED_IN_STEPS, lost)
         values[doubtful[~followed], :AT_RESIDUAL] = np.nan
+
+
+def _may_snap(rods: Rods, values: Array) -> Mask:
+    """(n,) whether dead loads that could buckle the rod, P L^2 / EI > pi^2 / 4, may press on a part of it, by the angle between
+    base and load and the largest moment (`values`): then several equilibria may be stable, and growing loads lead to one. They
+    lead to the straight one where nothing bends the rod."""
+    length, tangent = rods.field("length"), to_base(from_vector(rods.field("base_turn")), np.array([0.0, 0.0, 1.0]))
+    weight = np.concatenate([rods.field("dead_force")[:, None], rods.field("load") * length[..., None]], axis=1)
+    half = np.array([1.0] + [0.5] * length.shape[1])
+    thrust, pull = np.linalg.norm(weight, axis=2) @ half, weight.sum(axis=1)
+    soft = np.where(length > 0, rods.whole_length[:, None] / rods.field("bend_stiffness")[..., :2].min(axis=2), 0.0).max(axis=1)
+    aside = np.arccos(np.clip((tangent * pull).sum(axis=1) / np.maximum(np.linalg.norm(pull, axis=1), 1e-300), -1.0, 1.0))
+    bend = values[:, AT_LARGEST] * soft
+    return (thrust * rods.whole_length * soft > np.pi**2 / 4) & (aside + bend > np.pi / 2) & (bend > STRAIGHT)
 
 
 FAST = Fast()

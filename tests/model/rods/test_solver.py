@@ -84,6 +84,18 @@ def test_a_pushed_column_is_flagged_beyond_its_buckling_load_and_only_there() ->
         solution.trusted()
 
 
+def test_a_bent_rod_that_hangs_stands_where_growing_loads_lead_and_not_where_it_is_curled_up() -> None:
+    """Weights that could buckle it hold a soft rod in either of two shapes; pulled straight, it is solved at once."""
+    heavy = {"length": 0.504, "bend_stiffness": [1.247, 1.247, 2.494], "stretch_stiffness": [762.0, 762.0, 2286.0],
+             "dead_force": [0.0, 0.0, 9.152], "load": [0.0, 0.0, 72.64]}  # fmt: skip
+    level = np.linspace(0.0, 1.0, 120)[:, None]
+    found = rods(Form(elements=1), 120, tip_moment=level * [0.0, 16.0, 0.0], tip_force=level * [0.0, 0.0, 300.0], **heavy)
+    direct, followed = solve(found, FINE), solve(found, Fast(divisions=20.0, close=1e-11, least_margin=1e3))
+    assert np.array_equal(direct.converged, followed.converged) and 90 < direct.converged.sum() < 120
+    assert np.nanmax(np.linalg.norm(direct.tip - followed.tip, axis=1)) < 1e-8
+    assert direct.status[0] == Status.SOLVED
+
+
 def test_the_ends_of_a_rod_are_its_base_and_its_tip() -> None:
     found = robots(3, np.array([50e3, 150e3, 250e3]), 0.1)
     solution = solve(found, FINE)
