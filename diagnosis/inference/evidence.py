@@ -14,13 +14,7 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from ..arrays import Array
-from ..judgement import (
-    DISCREPANCY_SIZES,
-    DISCREPANCY_WEIGHTS,
-    LARGEST_TOLERATED_SIZE,
-    LAW_ERRORS,
-    TOLERATED_SIZES,
-)
+from ..judgement import DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LARGEST_TOLERATED_SIZE, LAW_ERRORS, TOLERATED_SIZES
 from .linear import Linear, SizePrior
 from .problem import FitParameters
 

@@ -33,13 +33,7 @@ from ..judgement import (
     TEMPERATURE,
     UNCONVERGED,
 )
-from .candidate import (
-    Bases,
-    Candidate,
-    complete,
-    light,
-    without_derivatives,
-)
+from .candidate import Bases, Candidate, complete, light, without_derivatives
 from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit

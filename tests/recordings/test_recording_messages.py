@@ -13,17 +13,7 @@ from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from recordings.errors import BadMessage
-from recordings.messages import (
-    FORCE,
-    STREAMS,
-    Field,
-    MessageType,
-    is_stream,
-    message_name,
-    sensor,
-    stream_message,
-    streams,
-)  # fmt: skip
+from recordings.messages import FORCE, STREAMS, Field, MessageType, is_stream, message_name, sensor, stream_message, streams
 
 MESSAGES = streams(chambers=6, markers=2)
 DOUBLES = st.floats(allow_nan=True, width=64)

@@ -9,18 +9,7 @@ from numpy.typing import NDArray
 
 from model.rods.fast.algebra import Vector, add, dot, scaled, turned
 from model.rods.fast.compiler import inline, kernel, routine
-from model.rods.fast.group import (
-    ROD,
-    Counts,
-    Rod,
-    RodGroup,
-    Six,
-    cut,
-    each_rod,
-    fixed_cut,
-    gather,
-    new_group,
-)  # fmt: skip
+from model.rods.fast.group import ROD, Counts, Rod, RodGroup, Six, cut, each_rod, fixed_cut, gather, new_group
 from model.rods.fast.lanes import LANES, LaneRecord
 from model.rods.fast.newton import (
     NEAR,
@@ -34,16 +23,7 @@ from model.rods.fast.newton import (
     worst_residual,
 )  # fmt: skip
 from model.rods.fast.passes import WHOLE, evaluate, orientation
-from model.rods.solution import (
-    AT_FORCE,
-    AT_LARGEST,
-    AT_LOAD,
-    AT_MARGIN,
-    AT_MOMENT,
-    AT_ORIENTATION,
-    AT_RESIDUAL,
-    AT_TIP,
-)  # fmt: skip
+from model.rods.solution import AT_FORCE, AT_LARGEST, AT_LOAD, AT_MARGIN, AT_MOMENT, AT_ORIENTATION, AT_RESIDUAL, AT_TIP
 
 Array = NDArray[np.float64]
 

@@ -10,17 +10,7 @@ from model.rods.fast.algebra import add, scaled, turned, turned_back
 from model.rods.fast.compiler import kernel, routine
 from model.rods.fast.direct import put_three
 from model.rods.fast.equations import RodSection, strains
-from model.rods.fast.group import (
-    ROD,
-    Counts,
-    Rod,
-    RodGroup,
-    cut,
-    fixed_cut,
-    gather,
-    new_group,
-    section_of,
-)  # fmt: skip
+from model.rods.fast.group import ROD, Counts, Rod, RodGroup, cut, fixed_cut, gather, new_group, section_of
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
