@@ -37,12 +37,7 @@ from .inference.prepare import Prepared, prepare, table_columns
 from .inference.problem import FitParameters, Problem
 from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 
-ANOTHER_DAY = {
-    "tilt": "base_tilt",
-    "frame_turn": "frame_misalignment",
-    "frame_shift": "",
-    "youngs_modulus": "body_modulus",
-}
+ANOTHER_DAY = {"tilt": "base_tilt", "frame_turn": "frame_misalignment", "frame_shift": "", "youngs_modulus": "body_modulus"}
 """Tolerances that each campaign has for itself, beside trials, repeats and drift, and the effect that does the same: the robot
 was mounted and the cameras were calibrated anew, and silicone is as soft as the room is warm and as it has been worked. Such
 an effect has changed when it is named, and not a little besides."""
@@ -52,10 +47,7 @@ CHANGE = " (change)"
 
 @one_thread
 def compare_campaigns(
-    later: CaseLike,
-    reference: CaseLike,
-    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
-    executor: Executor = SINGLE_THREAD,
+    later: CaseLike, reference: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE, executor: Executor = SINGLE_THREAD
 ) -> Change:
     """What changed from `reference` to `later`; raises `TooLittle` when they share no setting, or the robots differ."""
     if later.robot != reference.robot:

@@ -101,11 +101,7 @@ def read(path: Place, truncated: bool = False) -> Recording:
 
 
 def predict(
-    robot: Robot,
-    pressures: ArrayLike,
-    spine_length: ArrayLike = 0.0,
-    tip_mass: float | None = None,
-    roll: float = 0.0,
+    robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, tip_mass: float | None = None, roll: float = 0.0
 ) -> NDArray[np.float64]:
     """Tip positions (n, 3) m in the base frame, by the Cosserat rod model; NaN where there is no equilibrium.
 
@@ -139,10 +135,7 @@ def predictor(robot: Robot) -> Predictor:
 
 
 def inverse(
-    robot: Robot,
-    targets: ArrayLike,
-    spine_length: float | None = None,
-    groups: Sequence[Sequence[int]] | None = None,
+    robot: Robot, targets: ArrayLike, spine_length: float | None = None, groups: Sequence[Sequence[int]] | None = None
 ) -> Reached:
     """Pressures (and spine lengths, unless one is given in m) of least total pressure that bring the tip to `targets` (m, 3)
     m, NaN where a coordinate is free; and where the tip will be. Raises BadCondition.

@@ -153,11 +153,7 @@ def fit_body_modulus(robot: Robot, deflection: ArrayLike, force: ArrayLike, tria
 
 
 def fit_spine_modulus(
-    radius: float,
-    spine_length: ArrayLike,
-    deflection: ArrayLike,
-    force: ArrayLike,
-    trial: ArrayLike | None = None,
+    radius: float, spine_length: ArrayLike, deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None
 ) -> dict[float, Estimate]:
     """Apparent E (Pa) of the bare spine of `radius` (m) for each spine length (m), eq. 9: Table II."""
     n = np.size(deflection)

@@ -142,10 +142,7 @@ def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters
     # a normal whose share outside is smaller lies wholly among the small sizes
     outside = np.log(np.maximum(1 - np.exp(all_small), 1e-12))
     named = (prior.wide @ parameters.members) > 0
-    below, above = (
-        np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf),
-        np.where(high > 0, LARGEST_TOLERATED_SIZE, np.inf),
-    )
+    below, above = (np.where(low < 0, -LARGEST_TOLERATED_SIZE, -np.inf), np.where(high > 0, LARGEST_TOLERATED_SIZE, np.inf))
     tolerated = np.where(parameters.sizes, log_mass(mean, sd, below, above), within)
     total += np.where(~prior.wide & (prior.variance > 0), tolerated, 0.0).sum(axis=1)
     return np.asarray(total + np.where(named, outside, 0.0).sum(axis=1))

@@ -81,8 +81,7 @@ def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:
     share = shares(candidates, effects)
     order = np.argsort(-share, kind="stable")
     return EffectPosterior(
-        ranking=tuple((candidates[i].named, float(share[i])) for i in order),
-        candidates={c.named: c for c in candidates},
+        ranking=tuple((candidates[i].named, float(share[i])) for i in order), candidates={c.named: c for c in candidates}
     )
 
 
@@ -92,6 +91,5 @@ def with_unknown(known: EffectPosterior, unknown: Candidate, odds: float) -> Eff
     ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
     ranking.append((UNKNOWN, probability))
     return EffectPosterior(
-        ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])),
-        candidates={**known.candidates, UNKNOWN: unknown},
+        ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])), candidates={**known.candidates, UNKNOWN: unknown}
     )

@@ -192,15 +192,8 @@ class ControlThread:
             try:
                 return rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
             except RuntimeError as error:
-                if not (_in_use(str(error)) or _ended(str(error))) or timing.now() > give_up:
+                reason = str(error).lower()
+                # in use: another client leaves; stop: a program that ran had ended by itself before it could be stopped
+                if not ("in use" in reason or "failed to execute: stop" in reason) or timing.now() > give_up:
                     raise
             timing.sleep(0.1)
-
-
-def _ended(reason: str) -> bool:
-    """The library found a program running, which had ended by itself before it could be stopped."""
-    return "failed to execute: stop" in reason.lower()
-
-
-def _in_use(reason: str) -> bool:
-    return "in use" in reason.lower()

@@ -72,9 +72,7 @@ class Reached:
 
 
 def limits_of(
-    robot: Robot,
-    groups: Sequence[Sequence[int]] | None = None,
-    spine: tuple[float, float] | None = None,
+    robot: Robot, groups: Sequence[Sequence[int]] | None = None, spine: tuple[float, float] | None = None
 ) -> ReachLimits:
     """The robot's limits; raises `BadCondition` for groups that its chambers do not make up.
 

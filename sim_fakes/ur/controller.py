@@ -153,8 +153,7 @@ class FakeController:
 
     # -- one cycle
     def advance(self, host_seconds: float = math.inf) -> None:
-        """One cycle: clock, robot mode, program, watchdog, readings. The watchdog counts the `host_seconds` that it took, one
-        period at most, so that a late host does not trip it."""
+        """One cycle. The watchdog counts the `host_seconds` that it took, a period at most: a late host does not trip it."""
         if self.halted:
             return
         dt = self.period * self.speed  # rig seconds

@@ -208,14 +208,13 @@ class VirtualRobot:
         return np.concatenate([self.pneumatics.forces(), rest])
 
     def _solve(self, dt: float) -> None:
-        """Bring the specimen (body or bare spine) to its equilibrium under pressures, tip mass and probe, dt seconds after the
-        last one; `hands`: what a person or the arm sets. Raises `NoEquilibrium`."""
+        """Bring the specimen to its equilibrium under the present inputs, dt seconds after the last. Raises `NoEquilibrium`."""
         hands, specimen = self.hands, self.specimen
         specimen.fit(self.spine)
         chain = specimen.rod.chain
         self._contacts = NO_CONTACT
-        to_push = specimen.present if isinstance(specimen, BareSpine) else True
-        if hands.probe and to_push and hands.mount != "robot":  # the probe is that of the stand
+        on_stand = hands.mount != "robot"  # where the probe is
+        if hands.probe and on_stand and (specimen.present if isinstance(specimen, BareSpine) else True):
             self._contacts = self.stand.contacts(chain, *hands.probe)
         if isinstance(specimen, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)

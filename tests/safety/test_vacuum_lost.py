@@ -106,8 +106,7 @@ def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
     house.change(without=("arm", "force"))
     plant = house.fakes.plant
     during(
-        lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3,
-        lambda: house.fakes.switch.begin("gauge", "stuck"),
+        lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, lambda: house.fakes.switch.begin("gauge", "stuck")
     )
     settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
     assert house.lab(tmp_path, "bending", *settings) == 1
