@@ -94,7 +94,7 @@ class ControlThread:
     def _explained(self, reason: str) -> InstrumentError:
         if "remote control" in reason:
             return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
-        if _in_use(reason):
+        if "in use" in reason.lower():
             return NotReady(
                 self.name, "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off"
             )
