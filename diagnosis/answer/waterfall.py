@@ -193,7 +193,8 @@ class _Steps:
 
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
-    """Start the refits for `Absorbed`; the result waits for them. None with one length or fewer than three pressures."""
+    """Start what shows how much of the tip's gap an area factor for each spine length would hide, each pressure left out in
+    turn: call the result for it. It is None for pushes, a simulator, one length, or fewer than three pressures."""
     p = f.prepared
     length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
     if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:

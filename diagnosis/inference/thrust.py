@@ -59,7 +59,8 @@ def settled_and_edited(
 
 
 def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> SettledThrust | None:
-    """Thrust on the side walls where robot.yaml says nothing of it and the data ask for it; `effects` are to be weighed."""
+    """The robot with the chambers' thrust on its side walls, where that leaves far less of the tips than thrust on the cap does;
+    None where it does not, robot.yaml says which, or the diagnosis does not weigh it (`effects`)."""
     with_tip = states.take(~states.pushed)
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None

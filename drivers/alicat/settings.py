@@ -74,8 +74,8 @@ class Measure:
             )
 
     def try_out(self, pressure: float = 0.0) -> None:
-        """Of a unit that does not tell: send `pressure` (Pa, or a small pressure) as a share of the full scale, which is the same
-        whatever it shows, and see what it makes of that."""
+        """Where the firmware does not report its unit of measure: send `pressure` (Pa; 0: a small one) as counts of the full
+        scale, the same in any, and compare what the device shows. Sets `_unit.pa`, or `wrong`."""
         counts = round(pressure / self._full_scale * COUNTS) or TRIAL_COUNTS
         wanted = counts / COUNTS * self._full_scale
         shown = self._unit.set_share(counts).setpoint / self._unit.pa

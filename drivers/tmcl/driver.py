@@ -283,7 +283,7 @@ class TmclSpine(DrumLengthUnit):
         damage = [text for bit, text in DRIVER_ERRORS.items() if status >> bit & 1]
         needed = max_deviation = self._microsteps(self._config.max_deviation)
         restarted = self._axis.restarted()
-        if confirm or self._axis.caught_up:  # catching up sets the tick timer anew, which hides a restart before it
+        if confirm or self._axis.caught_up:  # which set the tick timer: `restarted` sees none before it
             max_deviation = self._axis.get(AxisParameter.MAX_DEVIATION)
             restarted = restarted or self._forgotten(max_deviation)
             self._axis.caught_up = False

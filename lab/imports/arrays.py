@@ -34,6 +34,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     if source.variable is not None:
         given = {source.variable: _held(path, given, source.variable, "source.variable")}
     alone = sum(hasattr(value, "columns") for value in given.values()) == 1  # the only table: labels leave out its name
+    # a part is an array, a column already read (Judged), or a text that says why it is neither
     parts = [(label, part) for name, value in given.items() for label, part in parts_of(name, value, alone)]
     arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
     judged = {label: part for label, part in parts if isinstance(part, Judged)}

@@ -400,7 +400,7 @@ def _panel(state: State, name: str, path: Path, words: Words) -> Path:
     """Draw one state: its backbones in two planes, and the tip close up below; `name` of the model with the cause."""
     names = dict(zip(MODELS, (CALIBRATED, name), strict=True))
     tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
-    middle = tips.mean(axis=0)
+    middle = np.nanmean(tips, axis=0)
     half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))  # mm, of the close-up's width: 4 mm at least
     with plt.rc_context(STYLE | {"font.size": 8}):
         figure, axes = plt.subplots(2, 2, figsize=(4.0, 5.4), layout="constrained", height_ratios=(3, 2))

@@ -135,7 +135,8 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
             axis.set_xlabel(f"highest {words.axis}")
             axis.set_ylabel(f"tip {'xyz'[k]}, mm")
         axes[0].set_title("bars: 95 % interval of a reading", loc="left")
-        axes[0].legend(title="spine", fontsize=8, ncols=2)
+        if len(lengths) <= 12:
+            axes[0].legend(title="spine", fontsize=8, ncols=2)
         return save(figure, path)
 
 

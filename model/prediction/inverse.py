@@ -116,8 +116,8 @@ def inverse(
     if free.all(axis=1).any():
         raise BadCondition(f"targets: row {int(np.argmax(free.all(axis=1)))} wants no coordinate at all")
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
-    if (weight < 0).any() or (weight.max(axis=1) <= 0).any():
-        raise BadCondition("weights: must not be negative, and one of each row above 0")
+    if not (weight >= 0).all() or (weight.max(axis=1) <= 0).any():
+        raise BadCondition("weights: must be numbers, not negative, and one of each row above 0")
     search = _InverseSearch(at, limits, np.where(free, 0.0, wanted), weight)
     u = search.run(progress)
     pressures, lengths = search.inputs(u)

@@ -124,7 +124,7 @@ def _balance(
 def _external(
     chain: Chain, loads: ChainLoads, diag: Array, up: Array, low: Array, g: Array, frame: Array, f: Array, m: Array
 ) -> None:
-    """Add the loads of the nodes and their derivatives; `frame`, `f`, `m` are scratch space."""
+    """Add the nodes' loads F to the residual, as -F, and their derivatives; `frame`, `f`, `m` are scratch space."""
     n = chain.h.shape[0]
     for k in range(1, n + 1):
         for i in range(3):

@@ -145,6 +145,8 @@ def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot
     other = np.clip(found.pressures[0] + rng.normal(0, 20e3, (200, 9)), 0, robot.max_pressure)
     away = np.linalg.norm(Predictor(robot)(other, 0.1).tip - [1.0, 0.0, 0.2], axis=1)
     assert away.min() > found.miss[0] - 1e-4
+    with pytest.raises(BadCondition, match="weights: must be numbers"):
+        inverse(Predictor(robot), [[1.0, 0.0, 0.2]], limits_of(robot), weights=[[nan, 1.0, 1.0]])
 
 
 @pytest.mark.parametrize(

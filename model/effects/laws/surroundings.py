@@ -32,8 +32,8 @@ def _tip_payload(q: Quantities, v: Values) -> None:
 
 
 def _chamber_thrust(q: Quantities, v: Values) -> None:
-    """How thrust gets from the cap into the walls differs from body to body; both shapes are 0 for thrust that is in the walls
-    from the cap on.
+    """The `share` of the chambers' thrust P A that the side walls take. How it gets into them differs from body to body:
+    `borne` b and `growth` g are 0 for thrust that is in the walls from the cap on.
 
     - Stretch: walls stretch by all of P A where they are free to. Traction of a liner that sticks all along leaves half of it,
       fibres or a bonded spine none, and a lever shorter than drawn, which a larger area makes up for, more than P A: b = 0,
