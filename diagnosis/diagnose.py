@@ -124,8 +124,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     as_good = [sentences.with_id(e, names) for e in alone]
     reasons: tuple[Finding, ...] = ()
     if named:
-        reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good))
-        reasons += () if follows_law else (finding("law_of_another_form", effect=" and ".join(named.values())),)
+        reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good, follows_law))
         causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
     doubtful = bool(far or edited.numbers or tense)
     section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)

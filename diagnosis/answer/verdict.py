@@ -106,19 +106,22 @@ def doubts(
     fitted: FittedRobot | None,
     floor_mm: float,
     alone: Sequence[str] = (),
+    follows_law: bool = True,
 ) -> Iterator[Finding]:
     """Why effects (id -> name) are no certain cause: their sizes, what they carry, what they leave on unseen states, and what the
-    robot with them alone does. `alone`: names of effects that do as well without any calibration. (That another is the cause if
-    laws are more or less wrong needs no doubt: probabilities are means over how wrong they are.)"""
+    robot with them alone does. `alone`: names of effects that do as well without any calibration; `follows_law`: whether the
+    readings follow the catalogue's. (That another is the cause if laws are more or less wrong needs no doubt: probabilities are
+    means over how wrong they are.)"""
     low = {c.effect: c.low95_mm for c in budget}
     for effect, name in effects.items():
         if any(s.impossible for s in sizes if s.effect == effect):
             yield finding("cause_impossible", effect=name)
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
             yield finding("cause_undetermined", effect=name)
-        elif any(abs(s.mean) < s.least for s in sizes if s.effect == effect):
-            yield finding("law_of_another_form", effect=name)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
+    partial = {s.effect for s in sizes if abs(s.mean) < s.least}
+    if other_forms := [name for effect, name in effects.items() if effect in partial or not follows_law]:
+        yield finding("law_of_another_form", effect=" and ".join(other_forms))
     if unseen is None:
         return
     if unseen.after_mm > max(judgement.LEFT_FLOORS * unseen.floor_mm, judgement.LEFT_SHARE * unseen.before_mm):

@@ -94,7 +94,7 @@ class ControlThread:
     def _explained(self, reason: str) -> InstrumentError:
         if "remote control" in reason:
             return NotReady(self.name, "the pendant is in local mode; switch it to remote control")
-        if "in use" in reason.lower():
+        if _in_use(reason):
             return NotReady(
                 self.name, "another program controls the arm (its RTDE inputs are taken); end it, or turn the fieldbus off"
             )
@@ -192,8 +192,12 @@ class ControlThread:
             try:
                 return rtde_control.RTDEControlInterface(self.host, -1.0, FLAGS)
             except RuntimeError as error:
-                reason = str(error).lower()
-                # in use: another client leaves; stop: a program that ran had ended by itself before it could be stopped
-                if not ("in use" in reason or "failed to execute: stop" in reason) or timing.now() > give_up:
+                # a program that was found running had ended by itself before it could be stopped
+                ended = "failed to execute: stop" in str(error).lower()
+                if not (_in_use(str(error)) or ended) or timing.now() > give_up:
                     raise
             timing.sleep(0.1)
+
+
+def _in_use(reason: str) -> bool:
+    return "in use" in reason.lower()

@@ -411,7 +411,7 @@ def resume_command(folder: Path, rig_path: Path) -> str:
 
 
 def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool) -> Result:
-    """Do what is left of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
+    """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
     try:
         ended = Session(c, folder, journal, watched=watched).go()
     except Exception:

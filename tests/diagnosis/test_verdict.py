@@ -286,15 +286,18 @@ def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_
     little, robot = Shrink("", 3.0, 0.6, 0.3, 0.99, None, ()), FittedRobot(("base_tilt",), {}, 0.4, 3.0)
     cause = {"base_tilt": "tilt"}
 
-    def why(sizes: list[Size], left: Shrink, low: float = 2.0, alone: bool = False, mm: float = 0.4) -> list[str]:
+    def why(
+        sizes: list[Size], left: Shrink, low: float = 2.0, alone: bool = False, mm: float = 0.4, law: bool = True
+    ) -> list[str]:
         carried, other = [Carries("base_tilt", "named", 2.5, low, 3.0)], ["contact"]
         fitted = replace(robot, left_mm=mm)
-        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other)]
+        return [f.code for f in doubts(cause, sizes, carried, left, fitted, 0.3, alone * other, law)]
 
     assert why([sure, shape], little) == []
     assert why([sure], little, low=0.2) == ["cause_undetermined"]
     assert why([replace(sure, mean=-0.3)], little) == ["cause_impossible"]
     assert why([replace(sure, least=0.03)], little) == ["law_of_another_form"]
+    assert why([replace(sure, least=0.03)], little, law=False) == why([sure], little, law=False) == ["law_of_another_form"]
     assert why([sure], replace(little, after_mm=1.8)) == ["gap_remains"]
     assert why([sure], replace(little, after_mm=1.8, before_mm=20.0)) == []
     assert why([sure], little, mm=2.9) == ["fit_not_reached"]
