@@ -119,7 +119,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{promised_mm:.2g} mm"
         ),
         "cause_or_calibration": "the cause is not certain: {effect} alone would do the same without calibration",
-        "law_of_another_form": "the cause is not certain: the readings follow no known law of {effect} exactly",
+        "law_of_another_form": "the cause is not certain: known laws of {effect} do not act exactly like this, another cause may",
         "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
         "earlier_version": "{text}",
     },

@@ -45,7 +45,7 @@ class Size:
     """Whether the data say more of it than was assumed before."""
     role: str = "size"
     """size or shape."""
-    least: float = 0.0
+    least: float = -np.inf
     """Smallest that is a cause (`spec.Parameter`)."""
 
     @property

@@ -119,7 +119,7 @@ def doubts(
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
             yield finding("cause_undetermined", effect=name)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
-    partial = {s.effect for s in sizes if abs(s.mean) < s.least}
+    partial = {s.effect for s in sizes if s.mean < s.least}
     if other_forms := [name for effect, name in effects.items() if effect in partial or not follows_law]:
         yield finding("law_of_another_form", effect=" and ".join(other_forms))
     if unseen is None:

@@ -49,10 +49,6 @@ def _body_ages(q: Quantities, v: Values) -> None:
     q.body_modulus = q.body_modulus * (1 + v["slope"] * u + v["bend"] * 4 * u * (1 - u))
 
 
-def _body_pressed(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1 + v["gain"] * _highest(q))
-
-
 def _spine_ages(q: Quantities, v: Values) -> None:
     q.spine_stiffness = q.spine_stiffness * (1 + v["slope"] * q.design.progress)
 
@@ -122,10 +118,6 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         _relative(
             "body_ages", "material", "a body that softens or warms during the campaign", AGAIN,
             Law(before=_body_ages), Parameter("slope", "1", 0.1, -0.5, 0.5), Parameter("bend", "1", 0.1, -0.5, 0.5)),
-        _relative(
-            "body_pressed", "material", "walls that stiffen or soften under pressure",
-            "measure the stiffness of the body with {inflated} {actuators}",
-            Law(before=_body_pressed), Parameter("gain", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_ages", "structure", "a spine that packs or wears during the campaign", AGAIN,
             Law(before=_spine_ages), Parameter("slope", "1", 0.2, -0.5, 1.0)),

@@ -147,7 +147,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
             return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
-        better = [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
+        # the nearer of both may lie in another valley than the solution, so that edits of one kind descend from both
+        better = begun if steps > 1 and pairs else [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
         begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
         fits = [_best(list(own)) for _, own in groupby(begun, key=lambda f: id(f.edits))]
         best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]

@@ -47,7 +47,7 @@ class ParameterInfo:
     tolerated: bool = True
     exact: bool = False
     """See `spec.EffectSpec`, as `tolerated`."""
-    least: float = 0.0
+    least: float = -np.inf
     """See `spec.Parameter`."""
 
     @property

@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 
 from model import rods as rod
 from model.effects import layout as at
-from model.rods import columns as col
+from model.rods.solution import AT_LARGEST
 from model.rotation import from_vector, multiply
 
 Array = NDArray[np.float64]
 Steps = NDArray[np.int64]
 
 DIVISIONS = 5.0
-"""Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of two radians."""
+"""Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of `BEND`; in proportion beyond."""
+BEND, MOST_BEND = 2.0, 20.0
+"""rad; a rod that would bend further is asked for no more steps."""
 METHOD = rod.Fast(divisions=DIVISIONS, close=1e-9, remember=True)
 STRAIN_POINTS = 3
 """An element; strains change little along it."""
@@ -68,9 +70,13 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
-    length = rows[:, [element + col.LENGTH for element in layout.elements]]
+    rods = plain_rods(layout, rows)
+    length = rods.field("length")
     share = length / length.sum(axis=1, keepdims=True)
-    return np.maximum(1, np.ceil(DIVISIONS * share - 1e-6)).astype(np.int64)
+    moment = rod.solve(rods, rod.Fast(follow=False)).values[:, AT_LARGEST]
+    curvature = moment[:, None, None] / rods.field("bend_stiffness")[..., :2] + np.abs(rods.field("rest_curvature")[..., :2])
+    bend = np.nan_to_num(curvature.max(axis=2) * length).sum(axis=1, keepdims=True)
+    return np.maximum(1, np.ceil(DIVISIONS * share * np.clip(bend / BEND, 1.0, MOST_BEND / BEND) - 1e-6)).astype(np.int64)
 
 
 def solve(

@@ -57,8 +57,8 @@ class Parameter:
     role: Literal["size", "shape"] = "size"
     starts: tuple[float, ...] = (0.0,)
     """Where a fit begins; several where the misfit has several valleys."""
-    least: float = 0.0
-    """Smallest size, in `unit`, that is a cause; less of it is another law's shape."""
+    least: float = -np.inf
+    """Smallest size, in `unit`, that the law is meant for; one below it is named with a doubt, as another law acts like that."""
 
     def __post_init__(self) -> None:
         if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):

@@ -223,7 +223,7 @@ SPECS = (
         equation="A_eff = A (1 + b (f(P) / f(P_max))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
         "P0 / 2, P_max the largest pressure",
         parameters=(
-            Parameter("growth", "1", 0.15, -0.5, 1.0),
+            Parameter("growth", "1", 0.15, -0.5, 1.0, least=0.0),
             Parameter("power", "1", 0.25, -0.5, 1.0, role="shape"),
             Parameter("onset", "Pa", 50e3, 0.0, 150e3, role="shape", starts=(0.0, 80e3)),
         ),
