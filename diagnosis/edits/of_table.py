@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
 from model.rotation import CONJUGATE, multiply
+from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.units import PRESSURE_UNITS, Unit
@@ -37,13 +38,12 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     for unit in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / unit.per_si)) < AMBIENT[1]:
             yield Edit("zero", 0.01, partial(_absolute_says, unit, ambient), partial(_absolute, unit, ambient))
-    highest = np.abs(table.pressures).max(axis=1)
-    rest = np.asarray(highest <= highest.min() + AT_REST * np.ptp(highest))
+    rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
     for k in range(markers):
-        for own in (rest, rest & False):
-            yield Edit("points", 0.02 / markers, partial(_exchanged_say, k), partial(_exchanged, k, own))
+        for about_rest in (True, False):
+            yield Edit("points", 0.02 / markers, partial(_exchanged_say, k), partial(_exchanged, k, about_rest))
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
@@ -53,7 +53,13 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             whole = len(handed) == 1
             kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
             turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
-            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, rest, turn))
+            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, turn))
+
+
+def _at_rest(table: Table) -> Mask:
+    """(n,) states whose actuators are the least loaded."""
+    highest = np.abs(table.pressures).max(axis=1)
+    return np.asarray(highest <= highest.min() + AT_REST * np.ptp(highest))
 
 
 def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
@@ -99,11 +105,11 @@ def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames:
     return frames[int(np.argmax(like + plainest))]
 
 
-def _about_rest(axes: Array, bodies: Sequence[int], rest: Mask, turn: Array | None, v: Variants, own: Array) -> Variants:
+def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
     tip, markers, orientation = v.tip, v.markers.copy(), v.orientation
     for body in bodies:
-        moved = _from_rest(_place(v, body), rest)
+        moved = _from_rest(_place(v, body), _at_rest(v.table))
         placed = _place(v, body) - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
         if body < 0:
             tip = placed
@@ -153,10 +159,10 @@ def _absolute_says(unit: Unit, ambient: float, robot: Robot, theta: Array, own: 
     ]
 
 
-def _exchanged(k: int, rest: Mask, v: Variants, own: Array) -> Variants:
-    """Tip and marker k in each other's place; with states at `rest` (n,), each moved to where the other rests."""
+def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
+    """Tip and marker k in each other's place; `about_rest`: each moved to where the other rests."""
     tip, marker, markers = v.tip, v.markers[:, :, k], v.markers.copy()
-    apart = _mean((tip - marker)[:, rest])
+    apart = _mean((tip - marker)[:, _at_rest(v.table) & about_rest])
     markers[:, :, k] = tip - apart
     return replace(v, tip=marker + apart, markers=markers)
 

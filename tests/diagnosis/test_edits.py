@@ -11,7 +11,10 @@ from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import campaign_of
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits import listed, search
-from diagnosis.edits.misfit import Sample, _Problem
+from diagnosis.edits.edit import Variants
+from diagnosis.edits.listed import every_edit
+from diagnosis.edits.misfit import Sample, _Problem, as_described
+from diagnosis.edits.of_table import of_table
 from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
 from model.condition import conditions
@@ -345,6 +348,19 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     assert all(word in text for word in words) and "(p = " in text, text
     assert len(first.changes) == 1 + (" and " in mistake)
     assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
+
+
+def test_an_edit_acts_on_all_states_not_only_on_those_that_were_compared() -> None:
+    robot = FINGER.model_copy(update={"markers": (0.09,)})
+    once = read(robot)
+    twice = once.take(np.tile(np.arange(len(once)), 2))
+    sample = search.sample_of(robot, campaign(twice))
+    assert sample is not None and len(sample.table) < len(twice)
+    near = as_described(sample)[0]
+    for edit in (*every_edit(sample, near), *of_table(sample, near)):
+        if not edit.left:
+            made = edit.apply(Variants.of(robot, twice), np.zeros((1, len(edit.bounds))))
+            assert made.tip.shape == (1, len(twice), 3) and made.markers.shape == (1, len(twice), 1, 3)
 
 
 HANGING = robot_from_dict({

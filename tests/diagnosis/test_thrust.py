@@ -31,6 +31,12 @@ def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured)
     assert "state `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
 
 
+def test_a_little_thrust_on_the_cap_is_no_cause_beyond_thrust_on_the_walls() -> None:
+    little = measured(3, 2, FEW, chamber_thrust__share=0.93, chamber_thrust__borne=0.6)
+    found = diagnose(little, quick(RIVALS | {"marker_offset": CATALOGUE["marker_offset"]}))
+    assert found.attribute.effects == ("chamber_thrust",) and "thrust_settled" in [f.code for f in found.findings]
+
+
 def test_thrust_is_settled_behind_a_mistake_that_hides_it(turned: Measured) -> None:
     rows = [replace(r, tip=tuple(np.add(r.tip, (0.06, 0.0, -0.05)))) for r in turned.table.rows]
     own, _ = states(replace(turned, table=Table.of(rows)))
