@@ -35,6 +35,7 @@ from model.condition import conditions
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.section import rods_of
+from recordings.errors import BadTable
 
 Array = NDArray[np.float64]
 PSI, ATMOSPHERE = 6894.76, 101_325.0
@@ -270,7 +271,7 @@ def answer(told: Told) -> tuple[str, str, set[str]]:
         told.frame.to_csv(folder / "trials.csv", index=False)
         try:
             found = diagnose(read_case([folder]), Options(experiments=False, quantify=False))
-        except (BadCase, ConfigError) as error:
+        except (BadCase, BadTable, ConfigError) as error:
             return "refused", str(error), set()
     said = " ".join([found.headline, found.statement,
                      *(f.text for f in found.findings if f.severity != "note")])  # fmt: skip

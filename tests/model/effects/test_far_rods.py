@@ -40,6 +40,18 @@ def test_a_column_near_buckling_is_reached_by_way_of_others(monkeypatch: pytest.
     assert found.converged.all()
 
 
+def test_a_rod_bent_by_a_full_turn_gets_steps_short_enough_to_be_found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    bent = np.repeat(rows(0.0), 3, axis=0)
+    for row, angle in zip(bent, (1.0, 4.0, 7.0), strict=True):
+        row[at.UNIFORM.elements[-1] + col.REST_CURVATURE] = angle / LENGTH
+    steps = integration_steps(at.UNIFORM, bent)
+    assert (np.diff(steps[:, -1]) > 0).all()
+    monkeypatch.setattr(Fast, "_follow", None)
+    found = solve(at.UNIFORM, bent, NOWHERE, steps)
+    exact = solve(at.UNIFORM, bent, NOWHERE, 4 * steps)
+    np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=2e-5)
+
+
 def test_a_trial_gives_up_what_would_have_to_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0), rows(0.5, 1.05)
     steps = integration_steps(at.UNIFORM, free)
