@@ -41,6 +41,8 @@ class Answer:
     """mm (low, high) that an effect is said to carry, by effect."""
     stage: str = ""
     """The stage of the chain that asks most for an error of its own; empty where none does."""
+    settled_first: Effects = frozenset()
+    """Conventions on which textbooks differ that were settled before a cause was looked for, and said in a note."""
 
     @property
     def settled(self) -> bool:
@@ -112,6 +114,8 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
         budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
                 for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
         stage=next((str(x["stage"]) for x in attribute.get("stage_errors") or () if isinstance(x, Mapping)), ""),
+        settled_first=frozenset({"chamber_thrust"} if any(
+            isinstance(f, Mapping) and f.get("code") == "thrust_settled" for f in d.get("findings") or ()) else ()),
     )  # fmt: skip
 
 

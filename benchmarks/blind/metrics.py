@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -163,9 +163,11 @@ class JudgedAnswer:
 
 
 def judged(truth: Mapping[str, Any], answer: Answer) -> JudgedAnswer:
-    """A sealed truth beside its answer."""
-    carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items()}
-    causes = frozenset(truth["effects"])
+    """A sealed truth beside its answer; a convention that was settled first, and rightly, is left out of both."""
+    settled = answer.settled_first & frozenset(truth["effects"])
+    carries = {str(e): float(mm) for e, mm in truth["calibrated_mm"].items() if e not in settled}
+    causes, effects = frozenset(truth["effects"]) - settled, answer.effects - settled
+    answer = replace(answer, effects=effects, verdict="none" if answer.effects and not effects else answer.verdict)
     return JudgedAnswer(truth["stratum"], causes, answer, carries, float(truth["floor_mm"]), truth["nearest"], truth["stage"])
 
 
