@@ -10,10 +10,11 @@ in which any choice of the priors m, v (which effects are present, how narrow th
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Mask
 from .columns import Columns
@@ -122,13 +123,10 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
 
 
 def _factor(matrix: Array) -> Array:
-    """Lower Cholesky factor; the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
+    """Lower Cholesky factors (..., n, n); the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
     for share in ROUNDING:
-        try:
-            raised = matrix + np.diag(share * np.diag(matrix)) if share else matrix
-            return np.asarray(cholesky(raised, lower=True, check_finite=False))
-        except np.linalg.LinAlgError:
-            continue
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))
     raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
 
 
@@ -154,7 +152,7 @@ class Reduced:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
         inner = np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :]
-        factor = np.linalg.cholesky(inner)
+        factor = _factor(inner)
         left = self.score_at(prior.mean)
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
         half = np.linalg.inv(factor) * root[..., None, :]

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 
 NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
+STEEP = 1e3
+"""Robot lengths (rad) by which a plausible size may move a reading; a rod that snaps there would move by more."""
 HARD_KEPT = 8
 """Points of which equilibria are kept that were hard to find."""
 
@@ -325,7 +327,7 @@ class ForwardModel:
         """Prediction (observations,) and its derivative (observations, p) by the parameters, in their units.
 
         With `columns`, indices of parameters, the derivative has these columns alone, and costs as much less. At an
-        upper bound the derivative is the one towards the inside.
+        upper bound the derivative is the one towards the inside; beyond `STEEP` it is given as 0.
         """
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
@@ -338,7 +340,9 @@ class ForwardModel:
         jacobian = np.zeros((len(self), len(wanted) + 1))
         slopes = self._slopes(here, slots, self.observations.every)
         jacobian[np.arange(len(self)), column_of[of_row]] = self.observations.pick(slopes)
-        return self.observations.of(here.readings)[0], jacobian[:, :-1]
+        slope = jacobian[:, :-1]
+        slope[np.abs(slope) * self._sd[wanted] > STEEP * self.robot.length] = 0.0
+        return self.observations.of(here.readings)[0], slope
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
