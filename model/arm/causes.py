@@ -3,16 +3,16 @@
     model = ArmModel(arm)
     model.predict({"zero_2": 0.001}, inputs)         # inputs: columns q1, q2 .. in rad -> (n, 3) x, y, z in m
 
-Joint angle k with its errors, tau_k the share of `gravity_torques`, q the commanded angle:
+Joint angle k with its errors, tau_k the share of `gravity_torques`, q the commanded angle and q' the one before the move:
 
-    theta_k = q + offset_k + zero_k + sag_k tau_k + sum_{h=1,2} (gear<h>_sin_k sin h q + gear<h>_cos_k cos h q)
+    theta_k = q + offset_k + zero_k + sag_k tau_k + lost_k sign(q - q') + sum_h (gear<h>_sin_k sin h q + gear<h>_cos_k cos h q)
 
-The world's point, with R_x the turn about x and so on, B and b the base's nominal rotation and position, p_0 the point in frame 0:
+The point in the world, with R_x a turn about x, B and b the base's nominal rotation and position, p_0 the point in frame 0:
 
     p = (1 + tracker_scale) [b + base + R_z(base_rz) R_y(base_ry + tilt_y) R_x(base_rx + tilt_x) B p_0]
-    tilt = mount_compliance_(x, y) M + mount_play M / |M|                 M: the moment's share along x and y of the world
+    tilt = mount_compliance_(x, y) M + mount_play M / |M|          M: share of the moment about x and y of the world
 
-Geometry after Hayati and Mirmirani (1985); sag and gear errors as in Whitney, Lozinski and Rourke (1986).
+Geometry after Hayati and Mirmirani (1985); sag, lost motion and gear errors as in Whitney, Lozinski and Rourke (1986).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from model.arm.description import Arm
-from model.arm.kinematics import Values, base_rotation, gravity_torques, to_frame_0, turn
+from model.arm.kinematics import Point, Values, base_rotation, gravity_torques, to_frame_0, turn
 from model.errors import BadCondition, BadEffect, nearest
 from model.robot import Array
 
@@ -37,6 +37,11 @@ MAIN_SAG = 0.1
 """Joints whose gravity torque (rms over poses) is at least this share of the greatest one's sag first."""
 LARGEST_ANGLE = 100.0
 """rad; beyond it columns are in degrees."""
+HARMONICS = 32
+"""Most periods a turn of an error of a joint's gear or encoder."""
+GEAR = 2e-4
+"""rad: plausible size of such an error with one period a turn; with h periods 1 / h of it. Arc minutes are what makers of strain
+wave gears state; the decrease was chosen on one measured arm."""
 POSES = 256
 """Poses over which gravity's torques are compared."""
 
@@ -55,7 +60,7 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     """The causes of an arm; parameters of joint k end in _k, counted from 1.
 
     Plausible sizes: 10 mm and 10 mrad of the base's place, 2 mm of the tool; 1 mm and 1 mrad of machined and assembled parts;
-    1 mrad of sag; 0.1 mrad of a strain wave gear (its makers state 1 arc minute at most); 20 ppm of a tracker.
+    1 mrad of sag at the outstretched arm, 0.1 mrad of lost motion; gears see `GEAR`; 20 ppm of a tracker.
     """
     count = range(1, len(arm.links) + 1)
     joints = [str(k) for k in count]
@@ -69,26 +74,31 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     def each(*kinds: tuple[str, Sequence[str], float, str]) -> dict[str, tuple[float, float, str]]:
         return {f"{kind}_{k}": (0.0, spread, unit) for kind, suffixes, spread, unit in kinds for k in suffixes}
 
+    def gears(first: int, last: int) -> dict[str, tuple[float, float, str]]:
+        """Sines and cosines of every joint."""
+        orders = range(first, last + 1)
+        return each(*((f"gear{h}_{wave}", joints, GEAR / h, "rad") for h in orders for wave in ("sin", "cos")))
+
     axes, turns = ("x", "y", "z"), ("rx", "ry", "rz")
+    frame = each(("base", axes, 0.01, "m"), ("base", turns, 0.01, "rad"))
+    lengths = each(("a", inner, 0.001, "m"), ("d", [k for k in inner if k not in parallel], 0.001, "m"))
+    twists = each(("alpha", inner, 0.001, "rad"), ("beta", parallel, 0.001, "rad"))
+    mount = each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 1e-4, "rad"))
     causes = (
-        ArmCause("base_frame", each(("base", axes, 0.01, "m"), ("base", turns, 0.01, "rad")), "boundary",
-                 "the base stands elsewhere than stated"),
+        ArmCause("base_frame", frame, "boundary", "the base stands elsewhere than stated"),
         ArmCause("tool", each(("tool", axes, 0.002, "m")), "measurement", "the measured point sits elsewhere on the flange"),
         ArmCause("joint_zeros", each(("zero", joints, 0.001, "rad")), "structure", "joints read zero at another angle"),
-        ArmCause("link_lengths", each(("a", inner, 0.001, "m"), ("d", [k for k in inner if k not in parallel], 0.001, "m")),
-                 "structure", "links have other lengths"),
-        ArmCause("axis_twists", each(("alpha", inner, 0.001, "rad"), ("beta", parallel, 0.001, "rad")), "structure",
-                 "axes of joints are not parallel or perpendicular as drawn"),
+        ArmCause("link_lengths", lengths, "structure", "links have other lengths"),
+        ArmCause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn"),
         ArmCause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
         ArmCause("minor_sag", each(("sag", minor, 0.001, "rad")), "load", "joints that carry little yield under their weight"),
-        ArmCause("gear_once", each(("gear1_sin", joints, 1e-4, "rad"), ("gear1_cos", joints, 1e-4, "rad")), "actuation",
-                 "gears run out once a turn"),
-        ArmCause("gear_twice", each(("gear2_sin", joints, 1e-4, "rad"), ("gear2_cos", joints, 1e-4, "rad")), "actuation",
-                 "gears run out twice a turn"),
-        ArmCause("tracker_scale", each(("tracker", ("scale",), 2e-5, "1")), "measurement", "the tracker's lengths are off by a factor"),
-        ArmCause("loose_mount", each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 1e-4, "rad")),
-                 "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
-    )  # fmt: skip
+        ArmCause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
+        ArmCause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
+        ArmCause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
+        ArmCause("lost_motion", each(("lost", joints, 1e-4, "rad")), "actuation", "joints stop on either side by their approach"),
+        ArmCause("tracker_scale", each(("tracker", ("scale",), 2e-5, "1")), "measurement", "lengths of the tracker are off"),
+        ArmCause("loose_mount", mount, "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
+    )
     return tuple(cause for cause in causes if cause.parameters)
 
 
@@ -109,66 +119,102 @@ class ArmModel:
         return {name: values for cause in self.causes for name, values in cause.parameters.items()}
 
     def predict(self, theta: Mapping[str, ArrayLike], inputs: pd.DataFrame) -> Array:
-        """Positions of the point on the tool in the world, m: (n, 3); (variants, n, 3) where a value of theta is an array (variants,).
+        """Return the tool point in the world, m: (n, 3), or (variants, n, 3) if a value of theta is an array (variants,).
 
-        theta: parameter -> value in its unit, 0 where it is missing. inputs: columns q1, q2 .. in rad, n rows; others are ignored.
+        theta: parameter -> value in its unit, 0 where it is missing. inputs: n rows, columns q1, q2 .. in rad. Optional columns
+        q1_before, q2_before .. are the angles before the move to the pose: without them lost motion does nothing.
         Raises `BadEffect` for an unknown parameter, `BadCondition` for missing or non-finite angles.
         """
-        return self._positions(theta, inputs, np.float64)
+        values = self._values(theta, np.float64)
+        out: Array = self._positions(values, self._poses(inputs))
+        return out if any(np.ndim(value) for value in theta.values()) else out[0]
 
     def derivatives(self, theta: Mapping[str, float], inputs: pd.DataFrame, names: Sequence[str]) -> Array:
-        """d position / d parameter at theta, (n, 3, names), m per unit; exact to rounding (complex step, Squire and Trapp 1998)."""
-        steps = 1j * STEP * np.eye(len(names))
-        varied = {name: theta.get(name, 0.0) + steps[i] for i, name in enumerate(names)}
-        complex_positions = self._positions({**theta, **varied}, inputs, np.complex128)
-        return np.moveaxis(np.imag(complex_positions), 0, -1) / STEP
+        """d position / d parameter at theta, (n, 3, names), m per unit; exact to rounding.
 
-    def _positions(self, theta: Mapping[str, Any], inputs: pd.DataFrame, kind: type) -> Any:
-        q = self._angles(inputs)
+        By a complex step (Squire and Trapp 1998); errors of a joint's angle by the chain rule from the joint's zero.
+        """
+        poses = self._poses(inputs)
+        if not names:
+            return np.empty((len(inputs), 3, 0))
+        values = self._values(theta, np.complex128)
+        self._values(dict.fromkeys(names, 0.0), np.complex128)
+        sources = {name: f"zero_{poses.errors[name][0] + 1}" if name in poses.errors else name for name in names}
+        varied = sorted(set(sources.values()))
+        for i, name in enumerate(varied):
+            values[name] = values.get(name, np.zeros((1, 1))) + 1j * STEP * np.eye(len(varied))[i][:, None]
+        slopes = dict(zip(varied, np.imag(self._positions(values, poses)) / STEP, strict=True))
+        columns = [slopes[sources[n]] * (poses.errors[n][1][:, None] if n in poses.errors else 1.0) for n in names]
+        return np.stack(columns, axis=-1)
+
+    def _values(self, theta: Mapping[str, Any], kind: type) -> dict[str, Values]:
+        """Parameter -> value (variants, 1) or (1, 1)."""
         if unknown := [name for name in theta if name not in self.parameters]:
             raise BadEffect(f"theta: {unknown[0]!r} is no parameter of {self.arm.name}: {nearest(unknown[0], self.parameters)}")
-        values = {name: np.asarray(value, kind) for name, value in theta.items()}
-        zero = np.zeros((1, 1), kind)
+        return {name: np.asarray(value, kind).reshape(-1, 1) for name, value in theta.items()}
+
+    def _positions(self, values: Mapping[str, Values], poses: _Poses) -> Values:
+        """(variants, n, 3) in the world, m."""
+        zero = np.zeros((1, 1))
 
         def value(name: str) -> Values:
-            """(variants, 1) or (1, 1)."""
-            return values[name].reshape(-1, 1) if name in values else zero
+            return values.get(name, zero)
 
-        torques, moment = gravity_torques(self.arm, q)
-        size = np.maximum(np.hypot(moment[:, 0], moment[:, 1]), 1e-12)
         numbers = list(enumerate(self.arm.links, 1))
-        angles = [
-            q[None, :, k - 1] + np.radians(link.offset_deg) + value(f"zero_{k}") + value(f"sag_{k}") * torques[:, k - 1]
-            + sum(value(f"gear{h}_sin_{k}") * np.sin(h * q[:, k - 1]) + value(f"gear{h}_cos_{k}") * np.cos(h * q[:, k - 1])
-                  for h in (1, 2) if f"gear{h}_sin_{k}" in values or f"gear{h}_cos_{k}" in values)
-            for k, link in numbers
-        ]  # fmt: skip
-        point = to_frame_0(
+        angles: list[Values] = [poses.q[None, :, k - 1] + np.radians(link.offset_deg) for k, link in numbers]
+        for name, own in values.items():
+            if name in poses.errors:
+                joint, shape = poses.errors[name]
+                angles[joint] = angles[joint] + own * shape
+        point: Point = to_frame_0(
             angles,
             [link.a + value(f"a_{k}") for k, link in numbers],
             [link.d + value(f"d_{k}") for k, link in numbers],
             [np.radians(link.alpha_deg) + value(f"alpha_{k}") for k, link in numbers],
             [value(f"beta_{k}") for k, _ in numbers],
-            tuple(self.arm.tool[i] + value(f"tool_{axis}") for i, axis in enumerate("xyz")),  # type: ignore[arg-type]
+            (self.arm.tool[0] + value("tool_x"), self.arm.tool[1] + value("tool_y"), self.arm.tool[2] + value("tool_z")),
         )
-        rows = base_rotation(self.arm)
-        point = tuple(sum(rows[i, j] * point[j] for j in range(3)) for i in range(3))
-        play = value("mount_play") / size
-        for i, axis in enumerate("xyz"):
-            tilt = (value(f"mount_compliance_{axis}") + play) * moment[:, i] if axis != "z" else zero
-            point = turn(i, value(f"base_r{axis}") + tilt, point)
-        at = self.arm.base_to_world.position
-        out = np.stack([(1 + value("tracker_scale")) * (at[i] + value(f"base_{axis}") + point[i]) for i, axis in enumerate("xyz")], axis=-1)
-        return out if any(v.ndim for v in values.values()) else out[0]
+        base, at, moment = base_rotation(self.arm), self.arm.base_to_world.position, poses.moment
+        x, y, z = (base[i, 0] * point[0] + base[i, 1] * point[1] + base[i, 2] * point[2] for i in range(3))
+        play = value("mount_play") / np.maximum(np.hypot(moment[:, 0], moment[:, 1]), 1e-12)
+        point = turn(0, value("base_rx") + (value("mount_compliance_x") + play) * moment[:, 0], (x, y, z))
+        point = turn(1, value("base_ry") + (value("mount_compliance_y") + play) * moment[:, 1], point)
+        point = turn(2, value("base_rz"), point)
+        shifted = [at[i] + value(f"base_{axis}") + point[i] for i, axis in enumerate("xyz")]
+        return np.stack(np.broadcast_arrays(*((1 + value("tracker_scale")) * part for part in shifted)), axis=-1)
 
-    def _angles(self, inputs: pd.DataFrame) -> Array:
-        """(n, joints) angles in rad."""
-        if missing := [name for name in self.arm.joints if name not in inputs]:
-            raise BadCondition(f"inputs: no column {missing[0]}; there must be {', '.join(self.arm.joints)} in rad")
-        q = inputs[list(self.arm.joints)].to_numpy(float)
-        row, joint = np.nonzero(~np.isfinite(q))[0], np.nonzero(~np.isfinite(q))[1]
-        if len(row):
-            raise BadCondition(f"inputs: row {row[0]}, {self.arm.joints[joint[0]]} = {q[row[0], joint[0]]} rad: must be finite; leave the row out")
-        if q.size and np.abs(q).max() > LARGEST_ANGLE:
-            raise BadCondition(f"inputs: an angle of {np.abs(q).max():g} rad exceeds {LARGEST_ANGLE:g} rad: columns q1 .. must be in rad, not deg")
-        return q
+    def _poses(self, inputs: pd.DataFrame) -> _Poses:
+        """What the causes need to know of the poses."""
+        names = self.arm.joints
+        if missing := [name for name in names if name not in inputs]:
+            raise BadCondition(f"inputs: no column {missing[0]}; there must be {', '.join(names)} in rad")
+        q = inputs[list(names)].to_numpy(float)
+        bad = np.argwhere(~(np.abs(q) <= LARGEST_ANGLE))
+        if len(bad):
+            row, joint = bad[0]
+            raise BadCondition(
+                f"inputs: row {row}, {names[joint]} = {q[row, joint]:g} rad: must be finite and at most {LARGEST_ANGLE:g} rad; "
+                "leave the row out, or give rad in place of deg"
+            )
+        torques, moment = gravity_torques(self.arm, q)
+        errors: dict[str, tuple[int, Array]] = {}
+        for i, (name, angle) in enumerate(zip(names, q.T, strict=True)):
+            k = i + 1
+            before = inputs[f"{name}_before"].to_numpy(float) if f"{name}_before" in inputs else angle
+            errors |= {f"zero_{k}": (i, np.ones(len(q))), f"sag_{k}": (i, torques[:, i])}
+            errors[f"lost_{k}"] = i, np.nan_to_num(np.sign(angle - before))
+            for h in range(1, HARMONICS + 1):
+                errors |= {f"gear{h}_sin_{k}": (i, np.sin(h * angle)), f"gear{h}_cos_{k}": (i, np.cos(h * angle))}
+        return _Poses(q, moment, errors)
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """Poses as the causes see them."""
+
+    q: Array
+    """(n, joints), rad."""
+    moment: Array
+    """(n, 3), see `gravity_torques`."""
+    errors: Mapping[str, tuple[int, Array]]
+    """Parameter of a joint's angle -> index of the joint, and the error of the angle per unit of it, (n,)."""

@@ -105,7 +105,9 @@ class Arm(BaseModel):
         """
         half = np.array([_half_way(link) for link in self.links])
         length = np.array([math.hypot(link.a, link.d) for link in self.links])
-        masses = [share if link.mass is None else link.mass for link, share in zip(self.links, length / length.sum(), strict=True)]
+        masses = [
+            share if link.mass is None else link.mass for link, share in zip(self.links, length / length.sum(), strict=True)
+        ]
         centres = [middle if link.centre is None else link.centre for link, middle in zip(self.links, half, strict=True)]
         return np.array(masses, float), np.array(centres, float)
 

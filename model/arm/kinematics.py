@@ -30,7 +30,9 @@ def turn(axis: int, angle: Values, point: Point) -> Point:
     return out[0], out[1], out[2]
 
 
-def to_frame_0(theta: list[Values], a: list[Values], d: list[Values], alpha: list[Values], beta: list[Values], tool: Point) -> Point:
+def to_frame_0(
+    theta: list[Values], a: list[Values], d: list[Values], alpha: list[Values], beta: list[Values], tool: Point
+) -> Point:
     """The point on the tool in frame 0, m, of one value a joint (rad, m) and the point in the frame of the flange."""
     point = tool
     for k in reversed(range(len(theta))):
@@ -45,7 +47,10 @@ def base_rotation(arm: Arm) -> Array:
 
 
 def link_frames(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Rotations (joints + 1, n, 3, 3) and origins (joints + 1, n, 3), m, in the world of frames 0, 1 .. at angles q (n, joints), rad."""
+    """Return rotations (joints + 1, n, 3, 3) and origins (joints + 1, n, 3), m, of the nominal frames 0, 1 .. in the world.
+
+    q (n, joints): angles, rad.
+    """
     rotation = np.broadcast_to(base_rotation(arm), (len(q), 3, 3))
     origin = np.broadcast_to(np.array(arm.base_to_world.position), (len(q), 3))
     rotations, origins = [rotation], [origin]
@@ -61,7 +66,9 @@ def link_frames(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def gravity_torques(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Torques (n, joints) of gravity about the joints' axes, and its moment (n, 3) on the base in the world, of the nominal arm.
+    """Return torques (n, joints) of gravity about the joints' axes, and its moment (n, 3) on the base in the world.
+
+    Of the nominal arm at angles q (n, joints), rad.
 
     tau_j = z_j . sum_{k >= j} m_k (c_k - o_j) x g, with z_j and o_j axis and origin of joint j, c_k the links' centres of mass.
     Both as shares of what the whole weight would do at the end of the outstretched arm, sum m_k g times sum (|a_k| + |d_k|).
