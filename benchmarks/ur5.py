@@ -51,16 +51,15 @@ def fit(
 
 def choose(jac: Array, start: int, count: int, noise: float) -> list[int]:
     """Poses that one after the other most reduce the mean predicted variance over all of jac (poses, 3, parameters)."""
-    cov, picked = np.eye(jac.shape[-1]), [start]
-    mean_square = np.einsum("nip,niq->pq", jac, jac, optimize=True) / len(jac)
+    flat, cov, picked = jac.reshape(-1, jac.shape[-1]), np.eye(jac.shape[-1]), [start]
     while True:
         own = jac[picked[-1]] @ cov
         cov = cov - own.T @ np.linalg.solve(own @ jac[picked[-1]].T + noise**2 * np.eye(3), own)
         if len(picked) == count:
             return picked
-        spread = jac @ cov
-        variance = spread @ jac.transpose(0, 2, 1) + noise**2 * np.eye(3)
-        gain = np.trace(np.linalg.solve(variance, spread @ mean_square @ spread.transpose(0, 2, 1)), axis1=1, axis2=2)
+        joint = (flat @ cov @ flat.T).reshape(-1, len(jac), 3)
+        variance = np.array([joint[3 * i : 3 * i + 3, i] for i in range(len(jac))]) + noise**2 * np.eye(3)
+        gain = np.einsum("nij,nji->n", np.linalg.inv(variance), np.einsum("mni,mnj->nij", joint, joint))
         gain[picked] = -np.inf
         picked.append(int(np.argmax(gain)))
 

@@ -3,14 +3,15 @@
     model = ArmModel(arm)
     model.predict({"zero_2": 0.001}, inputs)         # inputs: columns q1, q2 .. in rad -> (n, 3) x, y, z in m
 
-Joint angle k with its errors, tau_k the share of `gravity_torques`, q the commanded angle and q' the one before the move:
+Joint angle k with its errors, q the commanded one, q' the one before the move, tau_k gravity's torque and T_k its bound:
 
-    theta_k = q + offset_k + zero_k + sag_k tau_k + lost_k sign(q - q') + sum_h (gear<h>_sin_k sin h q + gear<h>_cos_k cos h q)
+    theta_k = q + offset_k + zero_k + sag_k tau_k / T_k + lost_k sign(q - q')
+              + sum_h (gear<h>_sin_k sin h q + gear<h>_cos_k cos h q)
 
 The point in the world, with R_x a turn about x, B and b the base's nominal rotation and position, p_0 the point in frame 0:
 
     p = (1 + tracker_scale) [b + base + R_z(base_rz) R_y(base_ry + tilt_y) R_x(base_rx + tilt_x) B p_0]
-    tilt = mount_compliance_(x, y) M + mount_play M / |M|          M: share of the moment about x and y of the world
+    tilt = mount_compliance_(x, y) M + mount_play M / |M|     M: moment of the weight about x and y of the world, over T_1
 
 Geometry after Hayati and Mirmirani (1985); sag, lost motion and gear errors as in Whitney, Lozinski and Rourke (1986).
 """
@@ -27,14 +28,14 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from model.arm.description import Arm
-from model.arm.kinematics import Point, Values, base_rotation, gravity_torques, to_frame_0, turn
+from model.arm.kinematics import Point, Values, base_rotation, gravity_torques, greatest_torques, to_frame_0, turn
 from model.errors import BadCondition, BadEffect, nearest
 from model.robot import Array
 
 STEP = 1e-20
 """Of a derivative by a complex step, in the parameter's unit: so small that its square vanishes."""
 MAIN_SAG = 0.1
-"""Joints whose gravity torque (rms over poses) is at least this share of the greatest one's sag first."""
+"""Joints with at least this share of the greatest torque of gravity (rms over poses) carry the arm."""
 LARGEST_ANGLE = 100.0
 """rad; beyond it columns are in degrees."""
 HARMONICS = 32
@@ -60,7 +61,8 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     """The causes of an arm; parameters of joint k end in _k, counted from 1.
 
     Plausible sizes: 10 mm and 10 mrad of the base's place, 2 mm of the tool; 1 mm and 1 mrad of machined and assembled parts;
-    1 mrad of sag at the outstretched arm, 0.1 mrad of lost motion; gears see `GEAR`; 20 ppm of a tracker.
+    1 mrad of sag of the outstretched arm, 0.1 mrad in joints that carry little; 0.1 mrad of lost motion; `GEAR`; 20 ppm of a
+    tracker.
     """
     count = range(1, len(arm.links) + 1)
     joints = [str(k) for k in count]
@@ -69,7 +71,7 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     even = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, len(joints)))
     rms = np.sqrt(np.mean(gravity_torques(arm, even)[0] ** 2, axis=0))
     main = [k for k, r in zip(joints, rms, strict=True) if r >= MAIN_SAG * rms.max() > 0]
-    minor = [k for k, r in zip(joints, rms, strict=True) if 1e-9 < r < MAIN_SAG * rms.max()]
+    minor = [k for k, r in zip(joints, rms, strict=True) if 1e-9 * rms.max() < r < MAIN_SAG * rms.max()]
 
     def each(*kinds: tuple[str, Sequence[str], float, str]) -> dict[str, tuple[float, float, str]]:
         return {f"{kind}_{k}": (0.0, spread, unit) for kind, suffixes, spread, unit in kinds for k in suffixes}
@@ -91,7 +93,7 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
         ArmCause("link_lengths", lengths, "structure", "links have other lengths"),
         ArmCause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn"),
         ArmCause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
-        ArmCause("minor_sag", each(("sag", minor, 0.001, "rad")), "load", "joints that carry little yield under their weight"),
+        ArmCause("minor_sag", each(("sag", minor, 1e-4, "rad")), "load", "joints that carry little yield under their weight"),
         ArmCause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
         ArmCause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
         ArmCause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
@@ -197,15 +199,16 @@ class ArmModel:
                 "leave the row out, or give rad in place of deg"
             )
         torques, moment = gravity_torques(self.arm, q)
+        bounds = np.maximum(greatest_torques(self.arm), 1e-12)
         errors: dict[str, tuple[int, Array]] = {}
         for i, (name, angle) in enumerate(zip(names, q.T, strict=True)):
             k = i + 1
             before = inputs[f"{name}_before"].to_numpy(float) if f"{name}_before" in inputs else angle
-            errors |= {f"zero_{k}": (i, np.ones(len(q))), f"sag_{k}": (i, torques[:, i])}
+            errors |= {f"zero_{k}": (i, np.ones(len(q))), f"sag_{k}": (i, torques[:, i] / bounds[i])}
             errors[f"lost_{k}"] = i, np.nan_to_num(np.sign(angle - before))
             for h in range(1, HARMONICS + 1):
                 errors |= {f"gear{h}_sin_{k}": (i, np.sin(h * angle)), f"gear{h}_cos_{k}": (i, np.cos(h * angle))}
-        return _Poses(q, moment, errors)
+        return _Poses(q, moment / bounds[0], errors)
 
 
 @dataclass(frozen=True)
@@ -215,6 +218,6 @@ class _Poses:
     q: Array
     """(n, joints), rad."""
     moment: Array
-    """(n, 3), see `gravity_torques`."""
+    """(n, 3), moment of the weight on the base over its bound."""
     errors: Mapping[str, tuple[int, Array]]
     """Parameter of a joint's angle -> index of the joint, and the error of the angle per unit of it, (n,)."""

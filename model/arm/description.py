@@ -27,6 +27,7 @@ from model.robot import Array, Pose, Vector3
 
 PARALLEL = math.radians(10)
 """Two axes within this angle count as parallel: their common normal jumps along them when one of them tilts a little."""
+MOST_LINKS = 20
 LONGEST = 10.0
 """Largest length of a description, m: beyond it a number is in mm."""
 
@@ -61,7 +62,7 @@ class Arm(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(min_length=1, max_length=100)
-    links: tuple[Link, ...] = Field(min_length=1, max_length=20)
+    links: tuple[Link, ...]
     tool: Vector3 = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "m"})
     """The measured point in the frame of the flange, which is the last link's."""
     tool_mass: FiniteFloat = Field(default=0.0, ge=0, le=1e4, json_schema_extra={"unit": "kg"})
@@ -72,7 +73,9 @@ class Arm(BaseModel):
 
     @model_validator(mode="after")
     def _is_whole(self) -> Arm:
-        """Refuse masses of some links only, an arm without extent, and no direction of gravity."""
+        """Refuse no links, masses of some links only, an arm without extent, and no direction of gravity."""
+        if not 1 <= len(self.links) <= MOST_LINKS:
+            raise ValueError(f"links: {len(self.links)}, must be 1 to {MOST_LINKS}, one for each joint")
         missing = [f"links.{k}" for k, link in enumerate(self.links) if link.mass is None]
         if missing and len(missing) < len(self.links):
             raise ValueError(f"mass: {', '.join(missing)} state none, the others do: state all of them or none")

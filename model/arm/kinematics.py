@@ -16,6 +16,8 @@ from model.arm.description import Arm
 from model.robot import Array
 from model.rotation import to_base, unit
 
+GRAVITY = 9.81
+"""m/s^2."""
 Values = NDArray[Any]
 """Real, or complex in a derivative by a complex step; shape (variants, 1) or (variants, n)."""
 Point = tuple[Values, Values, Values]
@@ -66,27 +68,28 @@ def link_frames(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 
 def gravity_torques(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return torques (n, joints) of gravity about the joints' axes, and its moment (n, 3) on the base in the world.
+    """Return torques (n, joints) of gravity about the joints' axes, and its moment (n, 3) on the base in the world, N m.
 
-    Of the nominal arm at angles q (n, joints), rad.
-
-    tau_j = z_j . sum_{k >= j} m_k (c_k - o_j) x g, with z_j and o_j axis and origin of joint j, c_k the links' centres of mass.
-    Both as shares of what the whole weight would do at the end of the outstretched arm, sum m_k g times sum (|a_k| + |d_k|).
+    Of the nominal arm at angles q (n, joints), rad: tau_j = z_j . sum_{k >= j} m_k (c_k - o_j) x g, with axis z_j and origin o_j
+    of joint j and the links' centres of mass c_k. Without stated masses for an arm of 1 kg, so that only their shape counts.
     """
     rotations, origins = link_frames(arm, q)
     masses, centres = arm.masses
     at = origins[1:] + np.einsum("knij,kj->kni", rotations[1:], centres)
-    if arm.tool_mass:
-        masses = np.append(masses, arm.tool_mass)
-        at = np.concatenate([at, (origins[-1] + rotations[-1] @ np.array(arm.tool))[None]])
-    down = np.array(arm.down) / np.linalg.norm(arm.down)
-    reach = sum(abs(link.a) + abs(link.d) for link in arm.links)
-    weight = masses[:, None, None] * at / (masses.sum() * reach)
-    share = masses / (masses.sum() * reach)
-    torques = np.empty(q.shape)
-    moment = np.empty((len(q), 3))
+    masses, at = np.append(masses, arm.tool_mass), np.concatenate([at, (origins[-1] + rotations[-1] @ np.array(arm.tool))[None]])
+    gravity = GRAVITY * np.array(arm.down) / np.linalg.norm(arm.down)
+    torques, moment = np.empty(q.shape), np.empty((len(q), 3))
     for j in reversed(range(q.shape[1])):
-        lever = weight[j:].sum(axis=0) - share[j:].sum() * origins[j]
-        moment = np.cross(lever, down)
+        moment = np.cross(np.einsum("k,kni->ni", masses[j:], at[j:] - origins[j]), gravity)
         torques[:, j] = np.einsum("ni,ni->n", rotations[j][:, :, 2], moment)
     return torques, moment
+
+
+def greatest_torques(arm: Arm) -> Array:
+    """Return (joints,) torques, N m, of all weight behind a joint at the end of the outstretched arm: the scale of sag."""
+    lengths = [abs(link.a) + abs(link.d) for link in arm.links]
+    lengths[-1] += float(np.linalg.norm(arm.tool))
+    masses = arm.masses[0]
+    masses[-1] += arm.tool_mass
+    bounds: Array = GRAVITY * np.cumsum(masses[::-1])[::-1] * np.cumsum(lengths[::-1])[::-1]
+    return bounds
