@@ -36,8 +36,8 @@ STEP = 1e-20
 """Of a derivative by a complex step, in the parameter's unit: so small that its square vanishes."""
 MAIN_SAG = 0.1
 """Joints with at least this share of the greatest torque of gravity (rms over poses) carry the arm."""
-LARGEST_ANGLE = 100.0
-"""rad; beyond it columns are in degrees."""
+LARGEST_ANGLE = 4 * np.pi
+"""rad, two turns: beyond it columns are in degrees."""
 HARMONICS = 32
 """Most periods a turn of an error of a joint's gear or encoder."""
 GEAR = 2e-4

@@ -194,6 +194,6 @@ def test_poses_and_parameters_that_make_no_sense_are_refused() -> None:
         model.predict({"sag2": 1e-3}, inputs)
     with pytest.raises(BadCondition, match="no column q3"):
         model.predict({}, inputs.drop(columns="q3"))
-    for value in (np.nan, 150.0):
-        with pytest.raises(BadCondition, match=f"row 1, q4 = {value:g} rad: must be finite and at most 100 rad"):
+    for value in (np.nan, 15.0):
+        with pytest.raises(BadCondition, match=f"row 1, q4 = {value:g} rad: must be finite and at most 12.5664 rad"):
             model.predict({}, inputs.assign(q4=[0, value]))
