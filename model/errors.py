@@ -14,6 +14,10 @@ class BadRobot(ModelError, ValueError):
     """The robot description is out of limits or contradicts itself."""
 
 
+class BadArm(ModelError, ValueError):
+    """The description of an arm is out of limits or contradicts itself."""
+
+
 class BadCondition(ModelError, ValueError):
     """Conditions or measurements of the wrong shape, not finite, or out of the robot's limits."""
 

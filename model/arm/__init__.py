@@ -1,0 +1,12 @@
+"""A serial arm of revolute joints: its description, where its tool is, and what may be wrong with it.
+
+description   Arm: Denavit-Hartenberg numbers, base, tool, masses; load_arm reads arm.yaml
+kinematics    where the point on the tool is, for many variants of the parameters at once; torques of gravity
+causes        ArmCause, and ArmModel: predict and derivatives over named parameters
+"""
+
+from model.arm.causes import ArmCause, ArmModel, arm_causes
+from model.arm.description import Arm, Link, arm_from_dict, load_arm
+from model.arm.kinematics import gravity_torques, link_frames
+
+__all__ = ["Arm", "ArmCause", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques", "link_frames", "load_arm"]
