@@ -21,6 +21,7 @@ from model.stated import AREA_FACTOR
 from .answer import assemble, sentences
 from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
+from .answer.decision import doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
@@ -29,7 +30,7 @@ from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot, Value
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import behaves_like, doubted, doubts
+from .answer.verdict import behaves_like, doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.campaign import Campaign

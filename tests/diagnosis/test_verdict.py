@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
+from diagnosis.answer.decision import decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
     Absorbed,
@@ -27,7 +28,7 @@ from diagnosis.answer.result import (
 )
 from diagnosis.answer.sentences import Facts, beyond_tolerance, changed_by, stands_for, statement, stiffness_sentence
 from diagnosis.answer.size import Size
-from diagnosis.answer.verdict import behaves_like, conclude, decide, doubted, doubts, rivals, without_nothing
+from diagnosis.answer.verdict import behaves_like, conclude, doubts, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
 from diagnosis.inference.posterior import EffectPosterior
