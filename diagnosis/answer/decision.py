@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 from .. import judgement
-from ..inference.evidence import NONE
+from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 
 Verdict = Literal["effect", "none", "unknown"]
@@ -83,3 +83,14 @@ def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
     probability = min(d.probability / (1 + as_good), most)
     return replace(d, probability=probability, outside=d.outside + d.probability - probability)
+
+
+def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:
+    """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
+    close `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known): a law of another form is more probable than a
+    cause outside."""
+    within = 1 - posterior.probability(UNKNOWN)
+    if d.verdict != "unknown" or not d.enough or not best or closed is None or closed < judgement.FOLLOWED_SHARE or not within:
+        return d
+    most = judgement.DOUBTED_PROBABILITY
+    return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)

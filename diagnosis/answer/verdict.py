@@ -13,29 +13,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from .. import judgement
 from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
-from ..inference.evidence import NONE, Hypothesis
+from ..inference.evidence import NONE
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from .decision import Decision
 from .result import Carries, Conclusion, FittedRobot, Shrink
 from .shrink import share_closed
 from .size import Size
-
-
-def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, unseen: Shrink | None) -> Decision:
-    """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
-    close `FOLLOWED_SHARE` of the gap on unseen states: a law of another form is more probable than a cause outside."""
-    closed, within = unseen.share_closed if unseen is not None else None, 1 - posterior.probability(UNKNOWN)
-    if d.verdict != "unknown" or not d.enough or not best or closed is None or closed < judgement.FOLLOWED_SHARE or not within:
-        return d
-    most = judgement.DOUBTED_PROBABILITY
-    return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)
 
 
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:

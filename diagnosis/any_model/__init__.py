@@ -1,1 +1,1 @@
-"""What a plan can tell, before it is measured: robots drawn under it, and how often each cause would be named."""
+"""The diagnosis of any forward function: which of the causes that a person lists explains the gap between model and data."""
