@@ -107,7 +107,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     location = locate(causes, stages)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
-    closed = unseen.shrink and unseen.shrink.share_closed
+    closed = unseen.shrink.share_closed if unseen.shrink is not None else None
     causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, closed))
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}

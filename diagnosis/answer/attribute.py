@@ -71,10 +71,8 @@ class Attribution:
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
         """Groups of probable, detectable effects that these data cannot tell apart."""
-        seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
-        probable = [e for e in seen if self.posterior.of_effect(e) > RIVAL_PROBABILITY]
-        groups = (tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable)
-        return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
+        apart = self.distinguishability
+        return apart.groups([e for e in apart.effects if self.posterior.of_effect(e) > RIVAL_PROBABILITY])
 
 
 @dataclass(frozen=True)

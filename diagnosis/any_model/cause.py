@@ -74,7 +74,7 @@ def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]
     if reserved := sorted({"unknown", "none", ""} & {*names}):
         raise BadCase(f"cause {reserved[0]!r}: the answer uses this word itself; give the cause another name")
     if empty := [c.name for c in causes if not c.parameters]:
-        raise BadCase(f"cause {empty[0]!r} has no parameter; state what it changes: {{parameter: (nominal, plausible size, unit)}}")
+        raise BadCase(f"cause {empty[0]!r} has no parameter; state what it changes, name: (nominal, plausible size, unit)")
     return tuple(_parameter(*one) for one in stated)
 
 
@@ -82,7 +82,9 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
     """One parameter from (nominal, plausible size, unit) with or without (low, high)."""
     name = f"{cause}.{key}" if cause else key
     if isinstance(quantity, str) or not isinstance(quantity, Sequence) or len(quantity) not in (3, 5):
-        raise BadCase(f"{name}: {quantity!r}; write (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)")
+        raise BadCase(
+            f"{name}: {quantity!r}; write (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)"
+        )
     nominal, size, unit, *bounds = quantity
     low, high = (math.inf * sign if b is None else b for sign, b in zip((-1, 1), bounds or (None, None), strict=True))
     try:

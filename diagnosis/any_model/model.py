@@ -23,19 +23,26 @@ class Model:
     """`predict` over the rows of a table; implements `inference.problem.FitForward` for the measured values, row by row."""
 
     def __init__(
-        self, predict: Predict, inputs: pd.DataFrame, outputs: Sequence[str], parameters: Sequence[Parameter], kept: Mask
-    ) -> None:
-        """`kept` (rows, outputs) marks the measured values."""
+        self, predict: Predict, inputs: pd.DataFrame, outputs: Sequence[str], parameters: Sequence[Parameter], kept: Mask,
+        nominal: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        """`kept` (rows, outputs) marks the measured values; `nominal` has the parameters that are not fitted, too."""
         self._predict, self.inputs, self._outputs, self._parameters = predict, inputs, tuple(outputs), tuple(parameters)
-        self._kept, self._known = kept, dict[bytes, Array]()
+        self.kept, self._nominal, self._known = kept, nominal, dict[bytes, Array]()
+
+    @property
+    def count(self) -> int:
+        """Number of parameters that are fitted."""
+        return len(self._parameters)
 
     def of(self, inputs: pd.DataFrame) -> Model:
         """The same function over other inputs, of which every value counts."""
-        return Model(self._predict, inputs, self._outputs, self._parameters, np.ones((len(inputs), len(self._outputs)), bool))
+        every = np.ones((len(inputs), len(self._outputs)), bool)
+        return Model(self._predict, inputs, self._outputs, self._parameters, every, self._nominal)
 
     def values(self, theta: Array) -> dict[str, float]:
         """The function's own parameters at differences from nominal (k,)."""
-        return {p.key: p.nominal + float(x) for p, x in zip(self._parameters, theta, strict=True)}
+        return {**self._nominal, **{p.key: p.nominal + float(x) for p, x in zip(self._parameters, theta, strict=True)}}
 
     def table(self, theta: Array) -> Array:
         """(rows, outputs) predicted. Raises `BadCase` where the function raises or returns another shape."""
@@ -58,26 +65,28 @@ class Model:
         if answer.shape == shape[:1] and shape[1] == 1:
             answer = answer[:, None]
         if answer.shape != shape:
-            raise BadCase(f"predict returned shape {answer.shape}, must be {shape}: a row per row of its inputs, a column per output")
+            raise BadCase(
+                f"predict returned shape {answer.shape}, must be {shape}: a row per row of its inputs, a column per output"
+            )
         return answer
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(n,) the measured values; NaN where the function has no answer."""
         try:
-            return np.asarray(self.table(theta)[self._kept])
+            return np.asarray(self.table(theta)[self.kept])
         except BadCase:
-            return np.full(int(self._kept.sum()), np.nan)
+            return np.full(int(self.kept.sum()), np.nan)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """(n,) the measured values, and their derivatives (n, k): the function's own, else central differences."""
         chosen = range(len(theta)) if columns is None else columns
-        slope = np.zeros((int(self._kept.sum()), len(theta)))
+        slope = np.zeros((int(self.kept.sum()), len(theta)))
         own = getattr(self._predict, "derivatives", None)
         known: Mapping[str, Any] = own(self.values(theta), self.inputs.copy()) if own is not None and len(chosen) else {}
         for i in chosen:
             p = self._parameters[i]
             if p.key in known:
-                slope[:, i] = np.asarray(known[p.key], float).reshape(self._kept.shape)[self._kept]
+                slope[:, i] = np.asarray(known[p.key], float).reshape(self.kept.shape)[self.kept]
                 continue
             ends = np.clip(theta[i] + DIFFERENCE * p.sd * np.array([1.0, -1.0]), p.low, p.high)
             above, below = (self.predict(np.where(np.arange(len(theta)) == i, end, theta)) for end in ends)

@@ -81,7 +81,7 @@ def stage_errors(
         response = g.linear.effects[:, parameters.mask((effect,)) & parameters.sizes]
         for dependence, function in functions.items():
             columns = (response[:, :, None] * function[:, None, :]).reshape(len(response), -1)
-            gains.setdefault((stages[effect], dependence), []).append(_gain(g, columns))
+            gains.setdefault((stages[effect], dependence), []).append(free_form_gain(g, columns))
     errors = [StageError(*place, _mean(of_effects)) for place, of_effects in gains.items()]
     return tuple(sorted(errors, key=lambda s: -s.gain))
 
@@ -107,7 +107,7 @@ def odds_unnamed(free_form: float, excess_scatter: float) -> float:
     return unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
 
 
-def _gain(g: Gaussian, columns: Array) -> float:
+def free_form_gain(g: Gaussian, columns: Array) -> float:
     """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m), with B diagonal: see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
     if not columns.shape[1]:
