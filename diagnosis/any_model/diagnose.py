@@ -1,7 +1,7 @@
 """The diagnosis of any forward function: its problem, the hypotheses of the listed causes, and what may lie outside of them.
 
-Noise floors take the place of mm: each output is counted in standard deviations of its own noise. What a cause outside of the list
-may do is free: a smooth function of the inputs, of the place within a group, or of the predicted outputs and their change, by
+Noise floors take the place of mm: each output is counted in standard deviations of its own noise. A cause outside of the list
+may do what it will: a smooth function of the inputs, of the place within a group, or of the predicted outputs and their change, by
 itself or as a factor of what a listed cause does (`criticism.stage_errors`).
 """
 
@@ -93,7 +93,7 @@ def diagnose_model(
 ) -> Answer:
     """Name the cause of the gap between any model and its data, or say that there is none, or that it is not in the list.
 
-    `predict(theta, inputs)` returns an array (n, outputs) for the n rows of the DataFrame `inputs`, theta a dict of all parameters;
+    `predict(theta, inputs)` returns an array (n, outputs) for the n rows of the DataFrame `inputs`, theta a dict of all values;
     where outputs depend on earlier rows it integrates within each group. An attribute `predict.derivatives(theta, inputs)`, where
     there is one, returns parameter -> (n, outputs). `data`: inputs, measured outputs, and the columns `group` and `repeat`;
     `outputs`: column -> unit; `calibration`: parameter -> (nominal, plausible spread, unit), fitted in every hypothesis;
@@ -123,10 +123,9 @@ def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple
         return Model(predict, table.inputs, list(table.outputs), of, table.kept, nominal)
 
     at_nominal = model_of(every).table(np.zeros(len(every)))
-    if (lost := (~np.isfinite(at_nominal) & table.kept).any(axis=1)).any():
-        raise BadCase(
-            f"predict returned NaN at nominal parameters in {lost.sum()} of {len(lost)} rows, first in row {lost.argmax()}"
-        )
+    lost = np.asarray(~np.isfinite(at_nominal) & table.kept).any(axis=1)
+    if lost.any():
+        raise BadCase(f"predict returned NaN at nominal parameters in {lost.sum()} rows, the first {lost.argmax()}")
     made, response = _with_roles(model_of(every), every, at_nominal)
     known = {p.source for p in made}
     unseen = [*(c.name for c in causes if c.name not in known)]
@@ -147,9 +146,7 @@ def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple
     text = "from repeats"
     if estimated.any():
         whose = ", ".join(name for name, own in zip(table.outputs, estimated, strict=True) if own)
-        text = (
-            f"too few repeats, so the noise of {whose} is what the richest model leaves, at least {NOISE_FLOOR:g} of its spread"
-        )
+        text = f"too few repeats, so the noise of {whose} is what the richest model leaves, {NOISE_FLOOR:g} of its spread or more"
         notes = (*notes, f"{text}; repeat some rows for a noise of their own")
     built = Built(table, model_of(made), problem, made, row, output, sd, text, by_row, notes, response)
     for _ in range(ESTIMATES if estimated.any() else 0):

@@ -78,19 +78,19 @@ class Model:
             return np.full(int(self.kept.sum()), np.nan)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """(n,) the measured values, and their derivatives (n, k): the function's own, else central differences."""
+        """(n,) the measured values, and their derivatives (n, c) by some or all parameters: the function's own, else central differences."""
         chosen = range(len(theta)) if columns is None else columns
-        slope = np.zeros((int(self.kept.sum()), len(theta)))
+        slope = np.zeros((int(self.kept.sum()), len(chosen)))
         own = getattr(self._predict, "derivatives", None)
         known: Mapping[str, Any] = own(self.values(theta), self.inputs.copy()) if own is not None and len(chosen) else {}
-        for i in chosen:
+        for j, i in enumerate(chosen):
             p = self._parameters[i]
             if p.key in known:
-                slope[:, i] = np.asarray(known[p.key], float).reshape(self.kept.shape)[self.kept]
+                slope[:, j] = np.asarray(known[p.key], float).reshape(self.kept.shape)[self.kept]
                 continue
             ends = np.clip(theta[i] + DIFFERENCE * p.sd * np.array([1.0, -1.0]), p.low, p.high)
             above, below = (self.predict(np.where(np.arange(len(theta)) == i, end, theta)) for end in ends)
-            slope[:, i] = (above - below) / (ends[0] - ends[1])
+            slope[:, j] = (above - below) / (ends[0] - ends[1])
         return self.predict(theta), slope
 
     def near(self, theta: Array) -> Model:

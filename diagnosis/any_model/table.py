@@ -94,9 +94,7 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     inputs, measured = inputs[whole].reset_index(drop=True), measured[whole]
     if np.isfinite(measured).sum() < 3 or not np.isfinite(measured).any(axis=0).all():
         empty = [name for name, column in zip(outputs, measured.T, strict=True) if not np.isfinite(column).any()]
-        raise BadCase(
-            f"data: {', '.join(empty) or 'the outputs'}: too few measured values; give at least three rows with numbers"
-        )
+        raise BadCase(f"data: {', '.join(empty) or 'the outputs'}: too few measured values; give at least three rows")
     number = np.zeros(len(inputs), np.int64) if group is None else pd.factorize(inputs[group])[0].astype(np.int64)
     return Table(inputs, measured, dict(outputs), number, group, labels, tuple(notes))
 
