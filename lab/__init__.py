@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "fit_with", "inverse", "load_robot", "open_rig", "predict",
-    "predictor", "read", "run",
+    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "fit_with", "inverse", "load_robot", "open_rig",
+    "predict", "predictor", "read", "run",
 ]  # fmt: skip
 
 

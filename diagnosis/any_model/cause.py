@@ -52,6 +52,8 @@ class Parameter:
     low: float
     """Bounds of the difference from nominal."""
     high: float
+    sides: tuple[float, ...] = ()
+    """Of a cause: differences from nominal, of its plausible size, at which fits begin."""
     starts: tuple[float, ...] = (0.0,)
     role: str = "size"
     """size, or shape where it changes nothing unless another parameter of its cause differs from nominal."""

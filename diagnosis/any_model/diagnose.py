@@ -1,12 +1,13 @@
 """The diagnosis of any forward function: its problem, the hypotheses of the listed causes, and what may lie outside of them.
 
 Noise floors take the place of mm: each output is counted in standard deviations of its own noise. A cause outside of the list
-may do what it will: a smooth function of the inputs, of the place within a group, or of the predicted outputs and their change, by
+may do anything smooth: a function of the inputs, of the place within a group, or of the predicted outputs and their change, by
 itself or as a factor of what a listed cause does (`criticism.stage_errors`).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from .. import judgement
-from ..answer.decision import behaves_like, decide, doubted, without_nothing
+from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
 from ..answer.distinguishability import distinguishability
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
@@ -36,8 +37,9 @@ from .cause import Cause, Parameter, parameters
 from .model import Model, Predict
 from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
 
-FOLDS, FREE_ROUNDS, ESTIMATES = 5, 12, 3
-"""Parts in which a table without groups is held out; steps of a fit by itself; times the noise is estimated."""
+FOLDS, FREE_ROUNDS, ESTIMATES, MOST_STARTS = 5, 12, 3, 8
+"""Parts in which a table without groups is held out; steps of a fit by itself; times the noise is estimated; most
+starts of a cause."""
 MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
 
@@ -68,6 +70,17 @@ class Built:
         whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
         each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
         return np.array([whole, *each])
+
+    def begun(self) -> list[tuple[Hypothesis, Array]]:
+        """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
+        points: list[tuple[Hypothesis, Array]] = []
+        for cause in self.problem.parameters.ids:
+            own = [i for i, p in enumerate(self.parameters) if p.source == cause]
+            for sizes in itertools.islice(itertools.product(*(self.parameters[i].sides for i in own)), MOST_STARTS):
+                theta = np.zeros(len(self.parameters))
+                theta[own] = sizes
+                points.append(((cause,), theta))
+        return points
 
     def functions(self, fitted: Fit) -> dict[str, Array]:
         """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
@@ -167,7 +180,7 @@ def _answers_by_row(model: Model, at_nominal: Array) -> bool:
 
 
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
-    """The parameters that change anything, with their roles and starts; and what they do at their plausible size (k, n)."""
+    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
     plausible = np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
     kept, responses = [], []
 
@@ -182,20 +195,20 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
         one = np.arange(len(every)) == i
         sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
         alone = {s: moved(np.where(one, s, 0.0), at_nominal) for s in sides}
-        starts = tuple(s for s in sides if least(alone[s]))
-        if starts:
-            kept.append(replace(p, starts=starts if p.group == "effect" else (0.0,)))
+        effective = tuple(s for s in sides if least(alone[s]))
+        if effective:
+            kept.append(replace(p, sides=effective if p.group == "effect" else ()))
             responses.append(max(alone.values(), key=lambda change: float(change @ change)))
             continue
         together = np.where([q.source == p.source for q in every], plausible, 0.0)
         change = moved(together, model.table(np.where(one, 0.0, together)))
         if least(change):
-            kept.append(replace(p, role="shape", starts=(0.0, float(plausible[i]))))
+            kept.append(replace(p, role="shape", sides=(float(plausible[i]),)))
             responses.append(change)
     for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
         own = [i for i, p in enumerate(kept) if p.source == cause]
         if all(kept[i].role == "shape" for i in own):  # none does anything without the others
-            kept[own[0]] = replace(kept[own[0]], role="size", starts=kept[own[0]].starts[1:])
+            kept[own[0]] = replace(kept[own[0]], role="size")
     return tuple(kept), np.array(responses)
 
 
@@ -203,8 +216,7 @@ def _noise_left(b: Built) -> Array:
     """(outputs,) what the richest model leaves of each output: all causes at once, calibration, and smooth functions."""
     problem, p = b.problem, b.problem.parameters
     wide = p.prior(np.ones(len(p.scale), bool), 0.0)
-    points = [np.zeros(len(p.sd))]
-    points += [np.where(np.arange(len(p.sd)) == i, s, 0.0) for i, q in enumerate(b.parameters) for s in q.starts if s]
+    points = [np.zeros(len(p.sd)), *(theta for _, theta in b.begun())]
     fitted = min((fit(problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
     slope, missed = fitted.derivatives(problem).whole * p.sd, problem.observed - fitted.predicted
     functions, out = b.functions(fitted), np.empty(len(b.sd))
@@ -246,7 +258,7 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD)
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun())
         self._calibrated = fit(b.problem, self._p.no_effects(), 0.0, self._p.mean, FREE_ROUNDS)
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
@@ -261,12 +273,14 @@ class _Diagnosis:
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
         before, after = (b.rms(residual) for residual in unseen)
-        closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
+        closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
         why = []
         if decision.verdict == "effect" and after[0] > max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before[0]):
             why.append(f"on unseen rows {after[0]:.2g} noise floors remain of {before[0]:.2g}, so that other causes may act too")
-        decision = doubted(decision, why, 0) if decision.verdict == "effect" else decision
+        if decision.verdict == "effect":
+            decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
+            ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / (1 - decision.outside))
         fitted = self._fitted(decision.effects)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
@@ -284,7 +298,7 @@ class _Diagnosis:
             says=tuple(self._causes[e].words for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
             calibration=self._values(fitted.theta, "calibration"), cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
-            how=how, share_closed=None if closed is None or not decision.effects else float(closed),
+            how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
@@ -352,7 +366,8 @@ class _Diagnosis:
             part = np.random.default_rng(0).permutation(int(cell.max()) + 1)[cell] % FOLDS
             how = "a fifth of the rows left out in turn"
         else:
-            part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64), "a fifth of the series left out in turn"
+            # the first part is in every fit, as it alone says where the series begins
+            part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
             Refitted(w.best.prior(self._p), w.best.grid_point.size, w.best.fit.theta),
@@ -381,3 +396,13 @@ class _Diagnosis:
 
     def _fitted_of(self, named: Hypothesis) -> Array:
         return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
+
+
+def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:
+    """The decision on what is named where a gap remains: no more probable than the share of it that is closed on unseen rows; a
+    cause outside of the list where that is less than `EXPLAINS`."""
+    if not why or closed is None or closed >= d.probability:
+        return d
+    if closed < judgement.EXPLAINS:
+        return replace(d, verdict="unknown", effects=(), probability=1 - max(closed, 0.05), outside=1 - max(closed, 0.05))
+    return replace(d, probability=closed, outside=1 - closed)

@@ -18,6 +18,9 @@ DIFFERENCE = 0.01
 REMEMBERED = 64
 """Predictions that are kept, as searches ask for the same ones again."""
 
+MOST = 1e30
+"""Values from which a prediction has diverged, and counts as none."""
+
 
 class Model:
     """`predict` over the rows of a table; implements `inference.problem.FitForward` for the measured values, row by row."""
@@ -73,12 +76,13 @@ class Model:
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(n,) the measured values; NaN where the function has no answer."""
         try:
-            return np.asarray(self.table(theta)[self.kept])
+            values = self.table(theta)[self.kept]
+            return np.where(np.abs(values) < MOST, values, np.nan)
         except BadCase:
             return np.full(int(self.kept.sum()), np.nan)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """(n,) the measured values, and their derivatives (n, c) by some or all parameters: the function's own, else central differences."""
+        """(n,) the measured values and derivatives (n, c) by some or all parameters: its own, else central differences."""
         chosen = range(len(theta)) if columns is None else columns
         slope = np.zeros((int(self.kept.sum()), len(chosen)))
         own = getattr(self._predict, "derivatives", None)

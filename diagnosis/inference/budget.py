@@ -213,10 +213,12 @@ class WeighedCauses:
     """The first of `known`, with all derivatives."""
 
 
-def weighed(problem: Problem, where: Sequence[BudgetPart], executor: Executor) -> WeighedCauses:
-    """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
+def weighed(
+    problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = ()
+) -> WeighedCauses:
+    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`."""
     search = Search(problem, executor=executor)
-    whole = posterior(search.run(), len(problem.parameters.ids))
+    whole = posterior(search.run(begun), len(problem.parameters.ids))
     carried = budget(problem, where, search.tried)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
