@@ -146,7 +146,7 @@ def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple
     notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
     if not any(p.group == "effect" for p in made):
         raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
-    by_row = _answers_by_row(model_of(every), at_nominal)
+    by_row = _answers_by_row(model_of(every), _plausible(every))
     row, output = np.nonzero(table.kept)
     sd = noise_of_repeats(table, repeats(table, by_row))
     observed, estimated = table.measured[table.kept], np.isnan(sd)
@@ -173,15 +173,25 @@ def _noise(row: Ints, output: Ints, sd: Array) -> Noise:
     return Noise(row.astype(np.int64), sd[output], np.zeros((len(row), 0)))
 
 
-def _answers_by_row(model: Model, at_nominal: Array) -> bool:
+def _answers_by_row(model: Model, plausible: Array) -> bool:
     """Whether the order of rows is of no matter to the model."""
-    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True)).table(np.zeros(model.count))
-    return bool(np.allclose(turned[::-1], at_nominal, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(at_nominal)), equal_nan=True))
+    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
+    # at nominal a model may rest, so that the order shows at plausible sizes alone
+    for theta in (np.zeros(len(plausible)), plausible):
+        expected, answer = model.table(theta), turned.table(theta)[::-1]
+        if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
+            return False
+    return True
+
+
+def _plausible(every: Sequence[Parameter]) -> Array:
+    """(k,) all parameters at their plausible size, within bounds."""
+    return np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
 
 
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
     """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
-    plausible = np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
+    plausible = _plausible(every)
     kept, responses = [], []
 
     def moved(theta: Array, since: Array) -> Array:

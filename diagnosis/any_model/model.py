@@ -33,11 +33,6 @@ class Model:
         self._predict, self.inputs, self._outputs, self._parameters = predict, inputs, tuple(outputs), tuple(parameters)
         self.kept, self._nominal, self._known = kept, nominal, dict[bytes, Array]()
 
-    @property
-    def count(self) -> int:
-        """Number of parameters that are fitted."""
-        return len(self._parameters)
-
     def of(self, inputs: pd.DataFrame) -> Model:
         """The same function over other inputs, of which every value counts."""
         every = np.ones((len(inputs), len(self._outputs)), bool)
