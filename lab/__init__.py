@@ -34,22 +34,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .api import (
-        Case,
-        Cause,
-        case,
-        compare,
-        diagnose,
-        diagnose_model,
-        fit,
-        fit_with,
-        inverse,
-        load_robot,
-        open_rig,
-        predict,
-        predictor,
-        read,
-        run,
-    )
+        Case, Cause, case, compare, diagnose, diagnose_model, fit, fit_with, inverse, load_robot, open_rig, predict, predictor,
+        read, run,
+    )  # fmt: skip
 
 __all__ = [
     "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "fit_with", "inverse", "load_robot", "open_rig",
