@@ -33,7 +33,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import (
+    from .api import (  # noqa: I001
         Case, Cause, case, compare, diagnose, diagnose_model, fit, fit_with, inverse, load_robot, open_rig, predict, predictor,
         read, run,
     )  # fmt: skip
