@@ -12,26 +12,17 @@ from ..errors import BadCase
 
 @dataclass(frozen=True)
 class Cause:
-    """Something that may be wrong: parameters of the model that are nominal unless this is the cause.
-
-    >>> Cause("overflow", {"height": (0.0, 1.0, "V")}, stage="structure", says="the upper tank overflows").name
-    'overflow'
-    """
+    """Something that may be wrong: parameters of the model that are nominal unless this is the cause."""
 
     name: str
     parameters: Mapping[str, Sequence[Any]]
-    """Name of each parameter -> (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)."""
+    """Name -> (nominal, plausible size, unit), perhaps with two bounds (.., low, high)."""
     stage: str = "structure"
-    """Where it enters: actuation, material, structure, load, boundary, measurement or a word of your own."""
+    """Where it enters: actuation, measurement, or another word."""
     says: str = ""
-    """The cause as a sentence for the answer."""
+    """The cause in a sentence."""
     exact: bool = False
-    """Whether its law is geometry and thus hardly in error."""
-
-    @property
-    def words(self) -> str:
-        """What it is called in sentences."""
-        return self.says or self.name
+    """Whether its law is geometry."""
 
 
 @dataclass(frozen=True)

@@ -106,9 +106,8 @@ def diagnose_model(
 ) -> Answer:
     """Name the cause of the gap between any model and its data, or say that there is none, or that it is not in the list.
 
-    `predict(theta, inputs)` returns an array (n, outputs) for the n rows of the DataFrame `inputs`, theta a dict of all values;
-    where outputs depend on earlier rows it integrates within each group. An attribute `predict.derivatives(theta, inputs)`, where
-    there is one, returns parameter -> (n, outputs). `data`: inputs, measured outputs, and the columns `group` and `repeat`;
+    `predict(theta, inputs)` returns an array (n, outputs) for n rows; theta is a dict. Where outputs depend on earlier rows it
+    integrates within each `group`. Its attribute `derivatives(theta, inputs)`, if any, returns parameter -> (n, outputs).
     `outputs`: column -> unit; `calibration`: parameter -> (nominal, plausible spread, unit), fitted in every hypothesis;
     `candidates`: inputs that could be measured next. Raises `BadCase`.
     """
@@ -305,7 +304,7 @@ class _Diagnosis:
         )
         return Answer(
             verdict=decision.verdict, effects=decision.effects, probability=decision.probability, outside=decision.outside,
-            says=tuple(self._causes[e].words for e in decision.effects), ranking=ranking,
+            says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
             calibration=self._values(fitted.theta, "calibration"), cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
