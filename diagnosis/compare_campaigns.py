@@ -29,11 +29,10 @@ from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .errors import TooLittle
-from .inference.budget import parts
 from .inference.evidence import NONE, Hypothesis
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
-from .inference.prepare import Prepared, prepare, table_columns
+from .inference.prepare import Prepared, parts, prepare, table_columns
 from .inference.problem import FitParameters, Problem
 from .judgement import BENCHMARK, LEAST_NAMED_SIZE, UNCHANGED
 

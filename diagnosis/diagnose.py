@@ -21,6 +21,7 @@ from model.stated import AREA_FACTOR
 from .answer import assemble, sentences
 from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
+from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
@@ -29,7 +30,7 @@ from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot, Value
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import behaves_like, doubted, doubts
+from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.campaign import Campaign
@@ -106,7 +107,8 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     location = locate(causes, stages)
     unseen = predict_unseen()
     follows_law = causes.decision.verdict != "unknown"
-    causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, unseen.shrink))
+    closed = unseen.shrink.share_closed if unseen.shrink is not None else None
+    causes = replace(causes, decision=behaves_like(causes.decision, causes.best.named, causes.posterior, closed))
     words = case.robot.actuators.words
     names = {e: spec.name(words) for e, spec in options.catalogue.items()}
     fitted, values = None, None  # the robot with what is named, and its parameters

@@ -10,6 +10,8 @@
     fit_with(case, *effects)      area factor and named effects, for robot.yaml
     compare(case)                 measured tips next to predicted ones
     diagnose(case)                where the gap lies, and which effect causes it
+    diagnose_model(predict, ..)   which of your causes explains the gap of any model
+    Cause(name, parameters)       such a cause
     open_rig(path)                the instruments of a rig.yaml, connected
     run(rig, protocol, **keys)    run an experiment; returns the recording
 
@@ -31,11 +33,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import Case, case, compare, diagnose, fit, fit_with, inverse, load_robot, open_rig, predict, predictor, read, run
+    from .api import (  # noqa: I001
+        Case, Cause, case, compare, diagnose, diagnose_model, fit, fit_with, inverse, load_robot, open_rig, predict, predictor,
+        read, run,
+    )  # fmt: skip
 
 __all__ = [
-    "Case", "case", "compare", "diagnose", "fit", "fit_with", "inverse", "load_robot", "open_rig", "predict",
-    "predictor", "read", "run",
+    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "fit_with", "inverse", "load_robot", "open_rig",
+    "predict", "predictor", "read", "run",
 ]  # fmt: skip
 
 

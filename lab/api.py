@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from diagnosis.answer.result import Diagnosis
+from diagnosis.any_model import Cause as Cause
+from diagnosis.any_model import diagnose_model as diagnose_model
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as _diagnose
 from diagnosis.fit_effects import Fitted, fit_effects

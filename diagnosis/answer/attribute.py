@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from model.effects.spec import Stage
-
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.outside import Related, alike, odds_outside, related
-from ..criticism.stage_errors import Dependence, StageError, smooth_functions, stage_errors, total_gain
+from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
-from ..inference.budget import Budget, BudgetPart, budget, by_what_is_carried, parts
+from ..inference.budget import Budget, WeighedCauses, weighed
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit
-from ..inference.posterior import EffectPosterior, posterior, with_unknown
-from ..inference.prepare import Prepared
-from ..inference.problem import Problem
-from ..inference.search import Search
+from ..inference.posterior import EffectPosterior, with_unknown
+from ..inference.prepare import Prepared, parts
 from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .shrink import rms
 from .size import sizes
-from .verdict import Decision, decide, without_nothing
 
 
 @dataclass(frozen=True)
@@ -75,35 +71,8 @@ class Attribution:
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
         """Groups of probable, detectable effects that these data cannot tell apart."""
-        seen = [e for e in self.distinguishability.effects if self.distinguishability.detectable(e)]
-        probable = [e for e in seen if self.posterior.of_effect(e) > RIVAL_PROBABILITY]
-        groups = (tuple(e for e in probable if e == one or e in self.distinguishability.rivals(one)) for one in probable)
-        return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
-
-
-@dataclass(frozen=True)
-class WeighedCauses:
-    """Hypotheses of the catalogue, ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see
-    `inference.budget`), which is the answer once something outside the catalogue is weighed too."""
-
-    search: Search
-    whole: EffectPosterior
-    known: EffectPosterior
-    budget: Budget
-    leading: Candidate
-    """The first of `whole`, with all derivatives."""
-    best: Candidate
-    """The first of `known`, with all derivatives."""
-
-
-def weighed(problem: Problem, where: Sequence[BudgetPart], executor: Executor) -> WeighedCauses:
-    """Search the hypotheses of a problem and rank them; `where` effects carry the gap."""
-    search = Search(problem, executor=executor)
-    whole = posterior(search.run(), len(problem.parameters.ids))
-    carried = budget(problem, where, search.tried)
-    known = by_what_is_carried(carried, whole)
-    leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
-    return WeighedCauses(search, whole, known, carried, leading, best)
+        apart = self.distinguishability
+        return apart.groups([e for e in apart.effects if self.posterior.of_effect(e) > RIVAL_PROBABILITY])
 
 
 @dataclass(frozen=True)
@@ -129,7 +98,7 @@ def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
     return Begun(w, calibrated(p), relatives)
 
 
-def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribution:
+def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attribution:
     """Weigh what was found against causes outside the catalogue, and decide; `begun`: the hypotheses of the catalogue, ranked,
     `stages`: effect -> stage."""
     w = begun.weighed
@@ -163,7 +132,7 @@ def attribute(p: Prepared, stages: Mapping[str, Stage], begun: Begun) -> Attribu
     )
 
 
-def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tuple[StageError, ...]:
+def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple[StageError, ...]:
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
@@ -172,7 +141,7 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, Stage]) -> tup
     found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
     if np.ptp(s.spine_length) > SPINE_GAP:
         return found
-    without: Mapping[Dependence, Dependence] = {"spine length": "nothing", "pressure and spine length": "pressure"}
+    without: Mapping[str, str] = {"spine length": "nothing", "pressure and spine length": "pressure"}
     return tuple(replace(e, dependence=without.get(e.dependence, e.dependence)) for e in found)
 
 

@@ -7,6 +7,7 @@ the right one would lead by less than three standard deviations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,12 @@ class Distinguishability:
         """Whether T against no effect at all reaches `TIED`."""
         i = self.effects.index(effect)
         return bool(self.separation[i, i] >= TIED)
+
+    def groups(self, among: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+        """Groups of detectable effects that these data cannot tell apart."""
+        seen = [e for e in among if self.detectable(e)]
+        groups = (tuple(e for e in seen if e == one or e in self.rivals(one)) for one in seen)
+        return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
 def distinguishability(

@@ -18,6 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity, finding
+from .decision import Verdict
 
 SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
@@ -27,7 +28,6 @@ STAGES = ("actuation", "material", "structure", "load", "boundary", "measurement
 Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number; null in diagnosis.json where it is not finite."""
 Role = Literal["named", "present", "unseen"]
-Verdict = Literal["effect", "none", "unknown"]
 Conclusion = Literal["cause", "one of several", "stage", "outside", "none", "noise", "too little data"]
 """The verdict as deep as the data carry it; see `verdict`."""
 

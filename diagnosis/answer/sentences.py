@@ -19,11 +19,12 @@ from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
+from .decision import Decision
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Conclusion, FittedRobot, Locate, Ranked, Shrink, Simulator, Waterfall
 from .shrink import share_closed
 from .size import Size
-from .verdict import Decision, stage
+from .verdict import stage
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ from ..inference.posterior import log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, linearise
 from .relatives import RELATIVES
+from .stage_errors import odds_unnamed
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
 """Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
@@ -195,9 +196,7 @@ def odds_outside(
     `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
     repeats, see `NoiseComponents`.
     """
-    free_form_odds = math.exp(min(free_form / judgement.TEMPERATURE, judgement.LARGEST_ODDS))
-    unnamed = judgement.SAME_ODDS + judgement.FREE_FORM_ODDS * free_form_odds
-    odds = unnamed * max(min(excess_scatter, judgement.LARGEST_EXCESS) / judgement.USUAL_EXCESS, 1.0)
+    odds = odds_unnamed(free_form, excess_scatter)
     if not among:
         return odds
     of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])

@@ -20,30 +20,35 @@ is part of the hypothesis.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.special import logsumexp
 
-from model.effects.spec import Stage
-
 from ..arrays import Array
 from ..inference.discrepancy import eigenfunctions, settings
 from ..inference.problem import FitParameters
-from ..judgement import CORRELATION_TIME, STAGE_ERROR_SIZES
+from ..judgement import (
+    CORRELATION_TIME,
+    FREE_FORM_ODDS,
+    LARGEST_EXCESS,
+    LARGEST_ODDS,
+    SAME_ODDS,
+    STAGE_ERROR_SIZES,
+    TEMPERATURE,
+    USUAL_EXCESS,
+)
 from .gaussian import Gaussian
-
-Dependence = Literal["pressure", "spine length", "time", "pressure and spine length", "experiment", "nothing"]
 
 
 @dataclass(frozen=True)
 class StageError:
     """What a free-form error of a stage would gain beside what is named."""
 
-    stage: Stage
-    dependence: Dependence
+    stage: str
+    dependence: str
     """What the error goes with."""
     gain: float
     """Log evidence gained, averaged over its size."""
@@ -64,19 +69,19 @@ WANDER = ("measurement", "time")
 
 
 def stage_errors(
-    g: Gaussian, parameters: FitParameters, stages: Mapping[str, Stage], functions: Mapping[Dependence, Array]
+    g: Gaussian, parameters: FitParameters, stages: Mapping[str, str], functions: Mapping[str, Array]
 ) -> tuple[StageError, ...]:
     """All stages with all dependences, largest gain first.
 
     `g`: the linear problem under the leading hypothesis, with derivatives by all effects; `stages`: effect -> stage;
     `functions`: dependence -> (n, m) functions at each value, from `smooth_functions`.
     """
-    gains: dict[tuple[Stage, Dependence], list[float]] = {}
+    gains: dict[tuple[str, str], list[float]] = {}
     for effect in parameters.ids:
         response = g.linear.effects[:, parameters.mask((effect,)) & parameters.sizes]
         for dependence, function in functions.items():
             columns = (response[:, :, None] * function[:, None, :]).reshape(len(response), -1)
-            gains.setdefault((stages[effect], dependence), []).append(_gain(g, columns))
+            gains.setdefault((stages[effect], dependence), []).append(free_form_gain(g, columns))
     errors = [StageError(*place, _mean(of_effects)) for place, of_effects in gains.items()]
     return tuple(sorted(errors, key=lambda s: -s.gain))
 
@@ -95,7 +100,14 @@ def total_gain(errors: Sequence[StageError]) -> float:
     return _mean(counted) if counted else 0.0
 
 
-def _gain(g: Gaussian, columns: Array) -> float:
+def odds_unnamed(free_form: float, excess_scatter: float) -> float:
+    """Odds of a cause that nobody listed, by the log evidence that errors of free form gain and the excess scatter of repeats."""
+    free_form_odds = math.exp(min(free_form / TEMPERATURE, LARGEST_ODDS))
+    unnamed = SAME_ODDS + FREE_FORM_ODDS * free_form_odds
+    return unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
+
+
+def free_form_gain(g: Gaussian, columns: Array) -> float:
     """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m), with B diagonal: see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
     if not columns.shape[1]:
@@ -107,13 +119,11 @@ def _gain(g: Gaussian, columns: Array) -> float:
     return _mean(gains)
 
 
-def smooth_functions(
-    spine_length: Array, pressure: Array, branch: Array, time: Array, robot_length: float
-) -> dict[Dependence, Array]:
+def smooth_functions(spine_length: Array, pressure: Array, branch: Array, time: Array, robot_length: float) -> dict[str, Array]:
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
     at = settings(spine_length, pressure, branch, np.zeros(len(branch)), robot_length).place
-    place: dict[Dependence, Array] = {"pressure": at[:, [1, 2]], "spine length": at[:, [0]]}
+    place: dict[str, Array] = {"pressure": at[:, [1, 2]], "spine length": at[:, [0]]}
     place["pressure and spine length"] = at[:, [1, 2, 0]]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME)[:, None]

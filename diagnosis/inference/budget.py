@@ -27,10 +27,11 @@ from ..arrays import Array, Ints, Mask
 from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
+from .executor import Executor
 from .fit import Fit
-from .posterior import EffectPosterior, shares
-from .prepare import Prepared
+from .posterior import EffectPosterior, posterior, shares
 from .problem import Problem
+from .search import Search
 
 DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
 """Standard normal deviates, each as probable, of the logarithm of what another form of a law carries."""
@@ -99,19 +100,6 @@ class BudgetPart:
     floor: float
     """m, their noise floor."""
     states: int
-
-
-def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
-    """The tips of a campaign, and the forces of its stiffness trials."""
-    labels, found = prepared.labels, []
-    tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
-    if tips.size:
-        found.append(BudgetPart(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
-    if pushes.size and prepared.pushes is not None:
-        stiffness = prepared.pushes.stiffness[labels.state[pushes]]
-        count = len(np.unique(labels.state[pushes]))
-        found.append(BudgetPart(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
-    return tuple(found)
 
 
 def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Array, columns: Array) -> list[Array]:
@@ -208,6 +196,33 @@ def _names(floors: Array, size: Array, own: Mask) -> Mask:
     named[draws, largest] = True
     named[most < least[largest]] = False
     return np.asarray(named)
+
+
+@dataclass(frozen=True)
+class WeighedCauses:
+    """Hypotheses of the catalogue, ranked twice: `whole` by their evidence, `known` by what their effects carry of the gap (see
+    the top of the file), which is the answer once something outside the catalogue is weighed too."""
+
+    search: Search
+    whole: EffectPosterior
+    known: EffectPosterior
+    budget: Budget
+    leading: Candidate
+    """The first of `whole`, with all derivatives."""
+    best: Candidate
+    """The first of `known`, with all derivatives."""
+
+
+def weighed(
+    problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = ()
+) -> WeighedCauses:
+    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`."""
+    search = Search(problem, executor=executor)
+    whole = posterior(search.run(begun), len(problem.parameters.ids))
+    carried = budget(problem, where, search.tried)
+    known = by_what_is_carried(carried, whole)
+    leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
+    return WeighedCauses(search, whole, known, carried, leading, best)
 
 
 class _Carrying:

@@ -48,8 +48,8 @@ def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, 
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot_length if n.startswith("r") else 1.0 if n == "force" else unit for n in names])
     draws = eigenfunctions(where.place)
-    by_law = np.hstack([draws[state], _by_channel(draws, state, number, np.ones(len(names)))])
-    return _by_channel(draws * where.size[:, None], state, number, size), np.sqrt(0.5) * by_law
+    by_law = np.hstack([draws[state], by_channel(draws, state, number, np.ones(len(names)))])
+    return by_channel(draws * where.size[:, None], state, number, size), np.sqrt(0.5) * by_law
 
 
 def eigenfunctions(place: Array) -> Array:
@@ -62,7 +62,7 @@ def eigenfunctions(place: Array) -> Array:
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
 
 
-def _by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:
+def by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:
     """Columns (n, m * channels): the process `states` (states, m) drawn anew for each channel of size `unit` (channels,)."""
     n, m = len(state), states.shape[1]
     out = np.zeros((n, m * len(unit)))

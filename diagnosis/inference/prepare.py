@@ -27,6 +27,7 @@ from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
+from .budget import BudgetPart
 from .discrepancy import bases, settings
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
@@ -180,6 +181,19 @@ def prepare(
         form_error_basis,
     )
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
+
+
+def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
+    """The tips of a campaign, and the forces of its stiffness trials."""
+    labels, found = prepared.labels, []
+    tips, pushes = (np.flatnonzero(labels.kind == k) for k in (0, 3))
+    if tips.size:
+        found.append(BudgetPart(tips, np.ones(len(tips)), prepared.noise_floor, len(np.unique(labels.state[tips]))))
+    if pushes.size and prepared.pushes is not None:
+        stiffness = prepared.pushes.stiffness[labels.state[pushes]]
+        count = len(np.unique(labels.state[pushes]))
+        found.append(BudgetPart(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
+    return tuple(found)
 
 
 def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
-
-from model.effects.parameters import ParameterInfo
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
@@ -24,6 +22,41 @@ from .linear import Linear, SizePrior
 
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
+
+
+class FitParameter(Protocol):
+    """What is asked of a parameter; `model.effects.parameters.ParameterInfo` and `any_model.model.Parameter` have it."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    # fmt: off
+    @property
+    def name(self) -> str: ...
+    @property
+    def source(self) -> str: ...
+    @property
+    def group(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def sd(self) -> float: ...
+    @property
+    def low(self) -> float: ...
+    @property
+    def high(self) -> float: ...
+    @property
+    def role(self) -> str: ...
+    @property
+    def starts(self) -> tuple[float, ...]: ...
+    @property
+    def tolerated(self) -> bool: ...
+    @property
+    def exact(self) -> bool: ...
+    @property
+    def least(self) -> float: ...
+    @property
+    def recurs(self) -> bool: ...
+    # fmt: on
 
 
 class FitForward(Protocol):
@@ -74,7 +107,7 @@ def linearise(forward: FitForward, theta: Array, columns: Sequence[int] | None =
 class FitParameters:
     """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
 
-    infos: tuple[ParameterInfo, ...]
+    infos: tuple[FitParameter, ...]
     sd: Array
     """(k,) prior standard deviation, for an effect its plausible scale; of what repeats show, not that of `infos`."""
     least: tuple[float, ...] = ()

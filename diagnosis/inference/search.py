@@ -106,9 +106,11 @@ class Search:
         """All hypotheses weighed, without tolerances and with them each by itself."""
         return list(self._tried.values())
 
-    def run(self) -> list[Candidate]:
-        """All candidates of the catalogue, most probable data first."""
+    def run(self, begun: Sequence[tuple[Hypothesis, Array]] = ()) -> list[Candidate]:
+        """All candidates of the catalogue, most probable data first; some are `begun` at parameters (k,) of their own, too."""
         first = self._first()
+        fits = ((named, self._fit(named, False, FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
+        first += [self._weigh(named, fitted, False) for named, fitted in fits]
         self._add(first)
         self._queue = first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
         self._search()

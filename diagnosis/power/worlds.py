@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
-from ..inference.budget import BudgetPart, after_calibration, parts
+from ..inference.budget import BudgetPart, after_calibration
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from ..inference.linear import Linear
 from ..inference.posterior import hypothesis_prior
-from ..inference.prepare import Prepared
+from ..inference.prepare import Prepared, parts
 from ..inference.problem import Problem, leading
 from ..inference.search import Search
 from ..judgement import SAME_ODDS, TEMPERATURE, TOLERATED_SIZES

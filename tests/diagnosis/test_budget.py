@@ -11,7 +11,7 @@ from diagnosis.inference import budget as module
 from diagnosis.inference.budget import Budget
 from diagnosis.inference.fit import Fit
 from diagnosis.inference.posterior import EffectPosterior
-from diagnosis.inference.prepare import prepare
+from diagnosis.inference.prepare import parts, prepare
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT
@@ -126,7 +126,7 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     predicted, jacobian = problem.jacobian(theta)
     fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), jacobian.whole
     at = (theta / p.sd)[p.of_effect][None]
-    carried = module._Carrying(problem, module.parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
+    carried = module._Carrying(problem, parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
 
     def beyond(done: np.ndarray) -> float:
         return float(np.sqrt((p.beyond_calibration(done[:, None], slope) ** 2).sum() / len(prepared.states)))

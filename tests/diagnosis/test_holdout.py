@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.attribute import Attribution, attribute, begin
+from diagnosis.answer.decision import Decision
 from diagnosis.answer.holdout import evaluate_holdout, unseen_states
 from diagnosis.answer.shrink import closed_with_interval
-from diagnosis.answer.verdict import Decision
 from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
 from diagnosis.inference.prepare import prepare

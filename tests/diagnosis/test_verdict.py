@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
+from diagnosis.answer.decision import behaves_like, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
     Absorbed,
@@ -27,7 +28,7 @@ from diagnosis.answer.result import (
 )
 from diagnosis.answer.sentences import Facts, beyond_tolerance, changed_by, stands_for, statement, stiffness_sentence
 from diagnosis.answer.size import Size
-from diagnosis.answer.verdict import behaves_like, conclude, decide, doubted, doubts, rivals, without_nothing
+from diagnosis.answer.verdict import conclude, doubts, rivals
 from diagnosis.criticism.stage_errors import StageError
 from diagnosis.findings import finding
 from diagnosis.inference.posterior import EffectPosterior
@@ -314,12 +315,15 @@ def test_a_doubt_leaves_room_for_other_causes() -> None:
 
 def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_another_form() -> None:
     unknown, most = decide(OUTSIDE, True), Shrink("", 16.3, 1.6, 0.4, 0.99, None, ())
-    named = behaves_like(unknown, ("base_tilt",), OUTSIDE, most)
+    named = behaves_like(unknown, ("base_tilt",), OUTSIDE, most.share_closed)
     assert (named.verdict, named.effects) == ("effect", ("base_tilt",))
     assert named.probability == pytest.approx(0.8 * 0.3 / 0.4) and conclude(named, True, ()) == "one of several"
     for left in (replace(most, share_closed=0.5), None):
-        assert behaves_like(unknown, ("base_tilt",), OUTSIDE, left) == unknown
-    assert behaves_like(unknown, (), OUTSIDE, most) == unknown and behaves_like(decide(SURE, True), (), SURE, most).effects
+        assert behaves_like(unknown, ("base_tilt",), OUTSIDE, left and left.share_closed) == unknown
+    assert (
+        behaves_like(unknown, (), OUTSIDE, most.share_closed) == unknown
+        and behaves_like(decide(SURE, True), (), SURE, most.share_closed).effects
+    )
 
 
 CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), {}, None)

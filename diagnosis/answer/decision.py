@@ -1,0 +1,96 @@
+"""What is named, and how probable that is; knows no rod."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol
+
+from .. import judgement
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.posterior import UNKNOWN, EffectPosterior
+
+Verdict = Literal["effect", "none", "unknown"]
+
+
+class SizeLike(Protocol):
+    """What is asked of a fitted size (`answer.size.Size`)."""
+
+    @property
+    def effect(self) -> str: ...
+    @property
+    def certain(self) -> bool: ...
+    @property
+    def role(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What is answered."""
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    probability: float
+    """Of the verdict: of what is named, of none, or of a cause outside the catalogue."""
+    outside: float
+    """Probability of a cause outside the catalogue."""
+    enough: bool = True
+    """Whether the table holds what it takes to name a cause."""
+    too_small: tuple[str, ...] = ()
+    """Effects that lead but are not named, as probably nothing stands out."""
+    relatives: tuple[str, ...] = ()
+    """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
+    second: Mapping[str, float] = field(default_factory=dict)
+    """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
+
+    @property
+    def within(self) -> float:
+        """Probability of a cause of the catalogue, or of none, given that it is not outside."""
+        return self.probability / (1 - self.outside)
+
+
+def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float = 0.0) -> Decision:
+    """Effect, none or unknown; with too little data (`enough` false) nothing is named however well it fits.
+
+    `nothing_stands_out`: probability, within the catalogue, that no effect carries `OUTSTANDING_FLOORS`.
+    """
+    outside = posterior.probability(UNKNOWN)
+    named, probability = next((h, p) for h, p in posterior.ranking if h != UNKNOWN)
+    small = (1 - outside) * nothing_stands_out
+    if not enough or outside >= judgement.OUTSIDE_PROBABILITY:
+        return Decision("unknown", (), outside, outside, enough)
+    if named == NONE:
+        return Decision("none", (), probability, outside)
+    if probability < min(small, judgement.NAMED_PROBABILITY):
+        return Decision("none", (), small, outside, too_small=named)
+    return Decision("effect", named, probability, outside)
+
+
+def without_nothing(d: Decision, known: Sequence[SizeLike], lowest: Mapping[str, float], none: float) -> Decision:
+    """The decision without effects whose size is zero within its error and which may carry less than a noise floor; none, of
+    probability `none` so far, where no other is named. `lowest`: noise floors that each carries at least, with 97.5 %."""
+    certain = {s.effect for s in known if s.role == "size" and s.certain} | ({*d.effects} - {s.effect for s in known})
+    named = tuple(e for e in d.effects if e in certain or lowest[e] > judgement.LEAST_NAMED_FLOORS)
+    if named == d.effects:
+        return d
+    nothing = min(d.probability + none, 1 - d.outside)
+    return replace(d, effects=named) if named else Decision("none", (), nothing, d.outside, too_small=d.effects)
+
+
+def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
+    """The decision with a probability that leaves room for its doubts: it is shared with the effects that do `as_good`, and never
+    more than `DOUBTED_PROBABILITY`. What is taken off goes to causes outside the catalogue and mistakes in the description."""
+    most = judgement.DOUBTED_PROBABILITY if why else 1.0
+    probability = min(d.probability / (1 + as_good), most)
+    return replace(d, probability=probability, outside=d.outside + d.probability - probability)
+
+
+def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:
+    """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
+    close `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known): a law of another form is more probable than a
+    cause outside."""
+    within = 1 - posterior.probability(UNKNOWN)
+    if d.verdict != "unknown" or not d.enough or not best or closed is None or closed < judgement.FOLLOWED_SHARE or not within:
+        return d
+    most = judgement.DOUBTED_PROBABILITY
+    return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)

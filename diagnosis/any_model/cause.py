@@ -1,0 +1,92 @@
+"""What may be wrong with a model, as a person states it: causes and calibration with their parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import BadCase
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that may be wrong: parameters of the model that are nominal unless this is the cause."""
+
+    name: str
+    parameters: Mapping[str, Sequence[Any]]
+    """Name -> (nominal, plausible size, unit), perhaps with two bounds (.., low, high)."""
+    stage: str = "structure"
+    """Where it enters: actuation, measurement, or another word."""
+    says: str = ""
+    """The cause in a sentence."""
+    exact: bool = False
+    """Whether its law is geometry."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the model, fitted as its difference from nominal (`inference.problem.FitParameter`)."""
+
+    name: str
+    """CAUSE.KEY, or the key itself for calibration."""
+    key: str
+    """Name under which the model knows it."""
+    source: str
+    group: str
+    """effect or calibration."""
+    unit: str
+    nominal: float
+    sd: float
+    """Plausible size, in `unit`."""
+    low: float
+    """Bounds of the difference from nominal."""
+    high: float
+    sides: tuple[float, ...] = ()
+    """Of a cause: differences from nominal, of its plausible size, at which fits begin."""
+    starts: tuple[float, ...] = (0.0,)
+    role: str = "size"
+    """size, or shape where it changes nothing unless another parameter of its cause differs from nominal."""
+    exact: bool = False
+    tolerated: bool = True
+    least: float = 0.0
+    recurs: bool = False
+
+
+def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]) -> tuple[Parameter, ...]:
+    """All parameters, those of causes first. Raises `BadCase` where one is not stated soundly or has two owners."""
+    if not causes:
+        raise BadCase("causes: none given; list at least one, lab.Cause(name, {parameter: (nominal, plausible size, unit)})")
+    stated = [(c.name, key, quantity, c.exact) for c in causes for key, quantity in c.parameters.items()]
+    stated += [("", key, quantity, False) for key, quantity in calibration.items()]
+    names = [c.name for c in causes]
+    for what, given in (("cause", names), ("parameter", [key for _, key, *_ in stated])):
+        if twice := sorted({name for name in given if given.count(name) > 1}):
+            raise BadCase(f"{what} {twice[0]!r} is given {given.count(twice[0])} times; give each {what} a name of its own")
+    if reserved := sorted({"unknown", "none", ""} & {*names}):
+        raise BadCase(f"cause {reserved[0]!r}: the answer uses this word itself; give the cause another name")
+    if empty := [c.name for c in causes if not c.parameters]:
+        raise BadCase(f"cause {empty[0]!r} has no parameter; state what it changes, name: (nominal, plausible size, unit)")
+    return tuple(_parameter(*one) for one in stated)
+
+
+def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Parameter:
+    """One parameter from (nominal, plausible size, unit) with or without (low, high)."""
+    name = f"{cause}.{key}" if cause else key
+    if isinstance(quantity, str) or not isinstance(quantity, Sequence) or len(quantity) not in (3, 5):
+        raise BadCase(
+            f"{name}: {quantity!r}; write (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)"
+        )
+    nominal, size, unit, *bounds = quantity
+    low, high = (math.inf * sign if b is None else b for sign, b in zip((-1, 1), bounds or (None, None), strict=True))
+    try:
+        nominal, size, low, high = (float(x) for x in (nominal, size, low, high))
+    except (TypeError, ValueError):
+        raise BadCase(f"{name}: {quantity!r}: nominal, plausible size and bounds must be numbers") from None
+    if not (math.isfinite(nominal) and 0 < size < math.inf):
+        raise BadCase(f"{name}: nominal {nominal:g}, plausible size {size:g}; both must be finite, the size above 0 {unit}")
+    if not (low <= nominal <= high and low < high):
+        raise BadCase(f"{name}: nominal {nominal:g} {unit} must lie within its bounds {low:g} .. {high:g} {unit}")
+    group = "effect" if cause else "calibration"
+    return Parameter(name, key, cause or key, group, str(unit), nominal, size, low - nominal, high - nominal, exact=exact)

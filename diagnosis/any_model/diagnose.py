@@ -1,0 +1,417 @@
+"""The diagnosis of any forward function: its problem, the hypotheses of the listed causes, and what may lie outside of them.
+
+Noise floors take the place of mm: each output is counted in standard deviations of its own noise. A cause outside of the list
+may do anything smooth: a function of the inputs, of the place within a group, or of the predicted outputs and their change, by
+itself or as a factor of what a listed cause does (`criticism.stage_errors`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .. import judgement
+from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
+from ..answer.distinguishability import distinguishability
+from ..arrays import Array, Ints
+from ..criticism.gaussian import Gaussian
+from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
+from ..data.noise import Noise
+from ..errors import BadCase
+from ..inference.budget import BudgetPart, weighed
+from ..inference.cross_validation import CrossValidation
+from ..inference.cross_validation import Model as Refitted
+from ..inference.discrepancy import by_channel
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import SINGLE_THREAD, one_thread
+from ..inference.fit import Fit, fit
+from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
+from ..inference.problem import FitParameters, Problem
+from .answer import Answer, Experiment, Left, Ranked, Size, Step
+from .cause import Cause, Parameter, parameters
+from .model import Model, Predict
+from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
+
+FOLDS, FREE_ROUNDS, ESTIMATES, MOST_STARTS = 5, 12, 3, 8
+"""Parts in which a table without groups is held out; steps of a fit by itself; times the noise is estimated; most
+starts of a cause."""
+MOST_PROPOSED, MOST_COMPARED = 5, 4
+"""Rows or groups of the candidates that are proposed; hypotheses that they separate."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """A problem, and what its values mean."""
+
+    table: Table
+    model: Model
+    problem: Problem
+    parameters: tuple[Parameter, ...]
+    row: Ints
+    """(n,) row of each value."""
+    output: Ints
+    """(n,) output of each value."""
+    sd: Array
+    """(outputs,) noise, in each output's unit."""
+    noise_from: str
+    by_row: bool
+    """Whether the model answers each row by itself; else it integrates over the rows of a group."""
+    notes: tuple[str, ...]
+    response: Array
+    """(k, n) what each parameter does at its plausible size."""
+
+    def rms(self, residual: Array) -> Array:
+        """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
+        whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
+        each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
+        return np.array([whole, *each])
+
+    def begun(self) -> list[tuple[Hypothesis, Array]]:
+        """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
+        points: list[tuple[Hypothesis, Array]] = []
+        for cause in self.problem.parameters.ids:
+            own = [i for i, p in enumerate(self.parameters) if p.source == cause]
+            for sizes in itertools.islice(itertools.product(*(self.parameters[i].sides for i in own)), MOST_STARTS):
+                theta = np.zeros(len(self.parameters))
+                theta[own] = sizes
+                points.append(((cause,), theta))
+        return points
+
+    def functions(self, fitted: Fit) -> dict[str, Array]:
+        """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
+        places = {"the inputs": self.table.settings()}
+        if not self.by_row:
+            state = self.model.table(fitted.theta)
+            change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
+            change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
+            places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
+        return {name: smooth_functions(place)[self.row] for name, place in places.items() if place.shape[1]}
+
+
+@one_thread
+def diagnose_model(
+    predict: Predict,
+    data: pd.DataFrame,
+    outputs: Mapping[str, str],
+    causes: Sequence[Cause],
+    calibration: Mapping[str, Sequence[Any]] | None = None,
+    group: str | None = None,
+    repeat: str | None = None,
+    candidates: pd.DataFrame | None = None,
+) -> Answer:
+    """Name the cause of the gap between any model and its data, or say that there is none, or that it is not in the list.
+
+    `predict(theta, inputs)` returns an array (n, outputs) for n rows; theta is a dict. Where outputs depend on earlier rows it
+    integrates within each `group`. Its attribute `derivatives(theta, inputs)`, if any, returns parameter -> (n, outputs).
+    `outputs`: column -> unit; `calibration`: parameter -> (nominal, plausible spread, unit), fitted in every hypothesis;
+    `candidates`: inputs that could be measured next. Raises `BadCase`.
+    """
+    table = read(data, outputs, group, repeat)
+    made = parameters(causes, calibration or {})
+    built = _built(predict, table, list(causes), made)
+    seen = [c for c in causes if c.name in built.problem.parameters.ids]
+    return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
+
+
+def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:
+    """The inputs of candidates. Raises `BadCase` where one that the model needs is missing."""
+    needed = [name for name in table.inputs.columns if name not in table.ignored]
+    if lacking := [name for name in needed if name not in candidates.columns]:
+        raise BadCase(f"candidates: no column {lacking[0]!r}; candidates must have the inputs {', '.join(needed)}")
+    return candidates.reset_index(drop=True)
+
+
+# ------------------------------------------------------------------ the problem
+def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[Parameter, ...]) -> Built:
+    """The problem of a table. Raises `BadCase` where the model has no answer at nominal parameters or plausible sizes."""
+    nominal = {p.key: p.nominal for p in every}
+
+    def model_of(of: Sequence[Parameter]) -> Model:
+        return Model(predict, table.inputs, list(table.outputs), of, table.kept, nominal)
+
+    at_nominal = model_of(every).table(np.zeros(len(every)))
+    lost = np.asarray(~np.isfinite(at_nominal) & table.kept).any(axis=1)
+    if lost.any():
+        raise BadCase(f"predict returned NaN at nominal parameters in {lost.sum()} rows, the first {lost.argmax()}")
+    made, response = _with_roles(model_of(every), every, at_nominal)
+    known = {p.source for p in made}
+    unseen = [*(c.name for c in causes if c.name not in known)]
+    unseen += [p.name for p in every if p.source in known and p.name not in {m.name for m in made}]
+    notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
+    if not any(p.group == "effect" for p in made):
+        raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
+    by_row = _answers_by_row(model_of(every), _plausible(every))
+    row, output = np.nonzero(table.kept)
+    sd = noise_of_repeats(table, repeats(table, by_row))
+    observed, estimated = table.measured[table.kept], np.isnan(sd)
+    rough = np.sqrt(np.nanmean((table.measured - at_nominal) ** 2, axis=0))
+    sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), sd)
+    problem = Problem(
+        model_of(made), FitParameters(made, np.array([p.sd for p in made])), observed, _noise(row, output, sd),
+        np.zeros((len(observed), 0)), np.zeros((len(observed), 0)),
+    )  # fmt: skip
+    text = "from repeats"
+    if estimated.any():
+        whose = ", ".join(name for name, own in zip(table.outputs, estimated, strict=True) if own)
+        text = f"too few repeats, so the noise of {whose} is what the richest model leaves, {NOISE_FLOOR:g} of its spread or more"
+        notes = (*notes, f"{text}; repeat some rows for a noise of their own")
+    built = Built(table, model_of(made), problem, made, row, output, sd, text, by_row, notes, response)
+    for _ in range(ESTIMATES if estimated.any() else 0):
+        sd = np.where(estimated, _noise_left(built), sd)
+        built = replace(built, sd=sd, problem=replace(built.problem, noise=_noise(row, output, sd)))
+    return _with_discrepancy(built)
+
+
+def _noise(row: Ints, output: Ints, sd: Array) -> Noise:
+    """Independent noise of each value."""
+    return Noise(row.astype(np.int64), sd[output], np.zeros((len(row), 0)))
+
+
+def _answers_by_row(model: Model, plausible: Array) -> bool:
+    """Whether the order of rows is of no matter to the model."""
+    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
+    # at nominal a model may rest, so that the order shows at plausible sizes alone
+    for theta in (np.zeros(len(plausible)), plausible):
+        expected, answer = model.table(theta), turned.table(theta)[::-1]
+        if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
+            return False
+    return True
+
+
+def _plausible(every: Sequence[Parameter]) -> Array:
+    """(k,) all parameters at their plausible size, within bounds."""
+    return np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
+
+
+def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
+    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
+    plausible = _plausible(every)
+    kept, responses = [], []
+
+    def moved(theta: Array, since: Array) -> Array:
+        change = model.table(theta) - since
+        return np.where(np.isfinite(change), change, 0.0)[model.kept]
+
+    def least(change: Array) -> bool:
+        return bool(np.abs(change).max(initial=0.0) > 1e-12 * np.abs(at_nominal[model.kept]).max(initial=1e-300))
+
+    for i, p in enumerate(every):
+        one = np.arange(len(every)) == i
+        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
+        alone = {s: moved(np.where(one, s, 0.0), at_nominal) for s in sides}
+        effective = tuple(s for s in sides if least(alone[s]))
+        if effective:
+            kept.append(replace(p, sides=effective if p.group == "effect" else ()))
+            responses.append(max(alone.values(), key=lambda change: float(change @ change)))
+            continue
+        together = np.where([q.source == p.source for q in every], plausible, 0.0)
+        change = moved(together, model.table(np.where(one, 0.0, together)))
+        if least(change):
+            kept.append(replace(p, role="shape", sides=(float(plausible[i]),)))
+            responses.append(change)
+    for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
+        own = [i for i, p in enumerate(kept) if p.source == cause]
+        if all(kept[i].role == "shape" for i in own):  # none does anything without the others
+            kept[own[0]] = replace(kept[own[0]], role="size")
+    return tuple(kept), np.array(responses)
+
+
+def _noise_left(b: Built) -> Array:
+    """(outputs,) what the richest model leaves of each output: all causes at once, calibration, and smooth functions."""
+    problem, p = b.problem, b.problem.parameters
+    wide = p.prior(np.ones(len(p.scale), bool), 0.0)
+    points = [np.zeros(len(p.sd)), *(theta for _, theta in b.begun())]
+    fitted = min((fit(problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
+    slope, missed = fitted.derivatives(problem).whole * p.sd, problem.observed - fitted.predicted
+    functions, out = b.functions(fitted), np.empty(len(b.sd))
+    for i in range(len(b.sd)):
+        own = b.output == i
+        most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
+        columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
+        solution, _, rank, _ = np.linalg.lstsq(columns, missed[own], rcond=1e-8)
+        free = max(int(own.sum()) - int(rank), 1)
+        out[i] = np.linalg.norm(missed[own] - columns @ solution) / np.sqrt(free)
+    return np.asarray(np.maximum(out, NOISE_FLOOR * b.table.spread))
+
+
+def _with_discrepancy(b: Built) -> Built:
+    """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
+    problem, p = b.problem, b.problem.parameters
+    fitted = fit(problem, p.no_effects(), 0.0, p.mean, FREE_ROUNDS)
+    gap = b.rms(problem.observed - fitted.predicted)[1:]
+    draws = smooth_functions(b.table.settings() if b.by_row else b.table.time())[b.row]
+    value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
+    basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
+    white = problem.noise.whiten(b.response.T / p.sd)
+    left = p.beyond_calibration(white * p.sd, white)
+    carried = np.sqrt((left**2).mean(axis=0))
+    least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
+    whole = replace(
+        problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
+        parameters=replace(p, least=tuple(least.tolist())),
+    )  # fmt: skip
+    return replace(b, problem=whole)
+
+
+# ------------------------------------------------------------------ the answer
+class _Diagnosis:
+    """Weighs the causes of one problem, and says what follows."""
+
+    def __init__(self, b: Built, causes: Sequence[Cause]) -> None:
+        self._b, self._causes, self._p = b, {c.name: c for c in causes}, b.problem.parameters
+        white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
+        every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
+        parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun())
+        self._calibrated = fit(b.problem, self._p.no_effects(), 0.0, self._p.mean, FREE_ROUNDS)
+
+    def answer(self, candidates: pd.DataFrame | None) -> Answer:
+        """Everything that is said."""
+        b, w = self._b, self._w
+        asking = min((self._asking(c) for c in {c.named: c for c in (w.leading, w.best)}.values()), key=total_gain)
+        odds = odds_unnamed(total_gain(asking), 1.0)
+        ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
+        enough = len(b.row) > len(b.parameters) + 2
+        decision = decide(ranked, enough, w.budget.nothing_stands_out)
+        lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
+        decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
+        unseen, how = self._held_out()
+        before, after = (b.rms(residual) for residual in unseen)
+        closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
+        decision = behaves_like(decision, w.best.named, ranked, closed)
+        why = []
+        if decision.verdict == "effect" and after[0] > max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before[0]):
+            why.append(f"on unseen rows {after[0]:.2g} noise floors remain of {before[0]:.2g}, so that other causes may act too")
+        if decision.verdict == "effect":
+            decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
+            ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / (1 - decision.outside))
+        fitted = self._fitted(decision.effects)
+        left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
+        if decision.effects:
+            left.append(("with the cause", fitted.predicted, after))
+        steps = [
+            Step(name, self._left(b.rms(b.problem.observed - at)), None if u is None else self._left(u)) for name, at, u in left
+        ]
+        steps.append(Step("noise floor", self._left(np.array([1.0, *b.sd])), None))
+        ranking = tuple(
+            Ranked(h, q, () if h == UNKNOWN else self._sizes(h, fitted if h == decision.effects else None))
+            for h, q in ranked.ranking
+        )
+        return Answer(
+            verdict=decision.verdict, effects=decision.effects, probability=decision.probability, outside=decision.outside,
+            says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
+            stages={e: self._causes[e].stage for e in decision.effects},
+            calibration=self._values(fitted.theta, "calibration"), cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
+            how=how, share_closed=closed if decision.effects else None,
+            goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
+            next_experiment=() if candidates is None else self._proposed(ranked, candidates),
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
+        )  # fmt: skip
+
+    def _asking(self, c: Any) -> tuple[StageError, ...]:
+        """What errors of free form gain beside a hypothesis, largest first."""
+        b, p = self._b, self._p
+        g = Gaussian(c.linear(b.problem), c.prior(p), c.grid_point.size, c.grid_point.form_error)
+        functions = b.functions(c.fit)
+        of_effect = b.response[p.of_effect]
+        size = np.array([np.sqrt(np.mean(of_effect[:, b.output == i] ** 2)) for i in range(len(b.sd))])
+        errors = list(stage_errors(g, p, {e: self._causes[e].stage for e in p.ids}, functions))
+        for name, function in functions.items():
+            columns = by_channel(function, np.arange(len(b.row)), b.output, size / b.sd)
+            errors.append(StageError("outside the list", name, free_form_gain(g, columns)))
+        return tuple(sorted(errors, key=lambda e: -e.gain))
+
+    def _left(self, rms: Array) -> Left:
+        return Left(float(rms[0]), dict(zip(self._b.table.outputs, rms[1:].tolist(), strict=True)))
+
+    def _fitted(self, named: Hypothesis) -> Fit:
+        """What is named and the calibration fitted, nothing else."""
+        start = np.where(np.isin(self._p.effects, ["", *named]), self._w.best.fit.theta, 0.0)
+        if not named:
+            return self._calibrated
+        return fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+
+    def _sizes(self, named: Hypothesis, fitted: Fit | None = None) -> tuple[Size, ...]:
+        """Parameters of what a hypothesis names; values of `fitted` where it is given."""
+        c, out, count = self._w.known.candidates.get(named), [], -1
+        for i, p in enumerate(self._b.parameters):
+            count += p.group == "effect"
+            if c is not None and p.source in named and p.group == "effect":
+                mean, spread = float(c.weighed.averaged_mean[count]), float(c.weighed.averaged_sd[count])
+                value = mean * p.sd if fitted is None else float(fitted.theta[i])
+                sd, determined = judgement.SIZE_SD_FACTOR * spread * p.sd, spread < judgement.UNDETERMINED_SHARE
+                certain = determined and abs(mean) > judgement.SIZE_CERTAIN_SD * judgement.SIZE_SD_FACTOR * spread
+                out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
+        return tuple(out)
+
+    def _values(self, theta: Array, group: str) -> dict[str, tuple[float, str]]:
+        return {p.key: (p.nominal + float(x), p.unit) for p, x in zip(self._b.parameters, theta, strict=True) if p.group == group}
+
+    def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
+        """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
+        best, p, size = self._w.best, self._p, np.ones(len(self._p.scale))
+        for effect in p.ids:
+            if ranked.of_effect(effect) > judgement.RIVAL_PROBABILITY:
+                fitted = self._w.known.candidates.get((effect,), best).fit.theta
+                size = np.where(p.mask((effect,)), fitted[p.of_effect] / p.scale, size)
+        linear, at = best.linear(self._b.problem), best.grid_point
+        reduced = linear.reduced(max(at.size, judgement.COMPARED_DISCREPANCY), at.form_error)
+        apart = distinguishability(reduced, p, size, at.spike, linear.effect_size)
+        return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
+
+    def _held_out(self) -> tuple[list[Array], str]:
+        """Residuals (n,) of the calibrated model and of the best hypothesis on rows that their fits did not see, and how."""
+        b, w = self._b, self._w
+        groups = int(b.table.group.max()) + 1
+        if groups > 1:
+            part, how = b.table.group % max(FOLDS, min(groups, 2 * FOLDS)), "groups left out in turn"
+        elif b.by_row:
+            cell = repeats(b.table, True)
+            part = np.random.default_rng(0).permutation(int(cell.max()) + 1)[cell] % FOLDS
+            how = "a fifth of the rows left out in turn"
+        else:
+            # the first part is in every fit, as it alone says where the series begins
+            part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
+        models = [
+            Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
+            Refitted(w.best.prior(self._p), w.best.grid_point.size, w.best.fit.theta),
+        ]
+        return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
+
+    def _proposed(self, ranked: EffectPosterior, candidates: pd.DataFrame) -> tuple[Experiment, ...]:
+        """Rows (or, where the model integrates, groups) of the candidates on which leading hypotheses differ most."""
+        leading = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and q > judgement.RIVAL_WORTH_SEPARATING][:MOST_COMPARED]
+        if len(leading) < 2:
+            others = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and h not in dict(leading)]
+            leading += others[: 2 - len(leading)]
+        model = self._b.model.of(candidates)
+        weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
+        predicted = np.array([model.table(self._fitted_of(h)) for h, _ in leading]) / self._b.sd
+        mean = np.tensordot(weight / weight.sum(), predicted, 1)
+        square = np.tensordot(weight / weight.sum(), ((predicted - mean) ** 2).sum(axis=-1), 1)
+        labels = pd.Series(candidates.index)
+        if not self._b.by_row and self._b.table.group_name in candidates.columns:
+            labels = candidates[self._b.table.group_name]
+        worth = pd.Series(square).groupby(labels.to_numpy()).sum().sort_values(ascending=False)
+        names = tuple(" + ".join(h) or "none" for h, _ in leading)
+        return tuple(
+            Experiment(at if isinstance(at, str) else int(at), float(x), names) for at, x in worth[:MOST_PROPOSED].items()
+        )
+
+    def _fitted_of(self, named: Hypothesis) -> Array:
+        return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
+
+
+def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:
+    """The decision on what is named where a gap remains: no more probable than the share of it that is closed on unseen rows; a
+    cause outside of the list where that is less than `EXPLAINS`."""
+    if not why or closed is None or closed >= d.probability:
+        return d
+    if closed < judgement.EXPLAINS:
+        return replace(d, verdict="unknown", effects=(), probability=1 - max(closed, 0.05), outside=1 - max(closed, 0.05))
+    return replace(d, probability=closed, outside=1 - closed)

@@ -1,0 +1,97 @@
+"""A person's forward function as the forward model of a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..arrays import Array, Mask
+from ..errors import BadCase
+from .cause import Parameter
+
+Predict = Callable[[dict[str, float], pd.DataFrame], Any]
+DIFFERENCE = 0.01
+"""Half the step of central differences, plausible sizes: far above the rounding of an integrator, far below the size."""
+REMEMBERED = 64
+"""Predictions that are kept, as searches ask for the same ones again."""
+
+MOST = 1e30
+"""Values from which a prediction has diverged, and counts as none."""
+
+
+class Model:
+    """`predict` over the rows of a table; implements `inference.problem.FitForward` for the measured values, row by row."""
+
+    def __init__(
+        self, predict: Predict, inputs: pd.DataFrame, outputs: Sequence[str], parameters: Sequence[Parameter], kept: Mask,
+        nominal: Mapping[str, float],
+    ) -> None:  # fmt: skip
+        """`kept` (rows, outputs) marks the measured values; `nominal` has the parameters that are not fitted, too."""
+        self._predict, self.inputs, self._outputs, self._parameters = predict, inputs, tuple(outputs), tuple(parameters)
+        self.kept, self._nominal, self._known = kept, nominal, dict[bytes, Array]()
+
+    def of(self, inputs: pd.DataFrame) -> Model:
+        """The same function over other inputs, of which every value counts."""
+        every = np.ones((len(inputs), len(self._outputs)), bool)
+        return Model(self._predict, inputs, self._outputs, self._parameters, every, self._nominal)
+
+    def values(self, theta: Array) -> dict[str, float]:
+        """The function's own parameters at differences from nominal (k,)."""
+        return {**self._nominal, **{p.key: p.nominal + float(x) for p, x in zip(self._parameters, theta, strict=True)}}
+
+    def table(self, theta: Array) -> Array:
+        """(rows, outputs) predicted. Raises `BadCase` where the function raises or returns another shape."""
+        at = theta.tobytes()
+        if at not in self._known:
+            if len(self._known) >= REMEMBERED:
+                self._known.pop(next(iter(self._known)))
+            self._known[at] = self._asked(theta)
+        return self._known[at]
+
+    def _asked(self, theta: Array) -> Array:
+        """(rows, outputs) from the function."""
+        values, shape = self.values(theta), (len(self.inputs), len(self._outputs))
+        try:
+            with np.errstate(all="ignore"):
+                answer = np.asarray(self._predict(dict(values), self.inputs.copy()), float)
+        except Exception as error:
+            shown = ", ".join(f"{k}={v:.6g}" for k, v in values.items())
+            raise BadCase(f"predict raised {type(error).__name__}: {error} at {shown}; it must answer there") from error
+        if answer.shape == shape[:1] and shape[1] == 1:
+            answer = answer[:, None]
+        if answer.shape != shape:
+            raise BadCase(
+                f"predict returned shape {answer.shape}, must be {shape}: a row per row of its inputs, a column per output"
+            )
+        return answer
+
+    def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
+        """(n,) the measured values; NaN where the function has no answer."""
+        try:
+            values = self.table(theta)[self.kept]
+            return np.where(np.abs(values) < MOST, values, np.nan)
+        except BadCase:
+            return np.full(int(self.kept.sum()), np.nan)
+
+    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """(n,) the measured values and derivatives (n, c) by some or all parameters: its own, else central differences."""
+        chosen = range(len(theta)) if columns is None else columns
+        slope = np.zeros((int(self.kept.sum()), len(chosen)))
+        own = getattr(self._predict, "derivatives", None)
+        known: Mapping[str, Any] = own(self.values(theta), self.inputs.copy()) if own is not None and len(chosen) else {}
+        for j, i in enumerate(chosen):
+            p = self._parameters[i]
+            if p.key in known:
+                slope[:, j] = np.asarray(known[p.key], float).reshape(self.kept.shape)[self.kept]
+                continue
+            ends = np.clip(theta[i] + DIFFERENCE * p.sd * np.array([1.0, -1.0]), p.low, p.high)
+            above, below = (self.predict(np.where(np.arange(len(theta)) == i, end, theta)) for end in ends)
+            slope[:, j] = (above - below) / (ends[0] - ends[1])
+        return self.predict(theta), slope
+
+    def near(self, theta: Array) -> Model:
+        """The same."""
+        return self

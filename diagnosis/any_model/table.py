@@ -1,0 +1,152 @@
+"""What was measured: inputs, outputs, which rows are repeats, and the noise they show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ..arrays import Array, Ints, Mask
+from ..errors import BadCase
+from ..judgement import CORRELATION_PRESSURE, CORRELATION_TIME
+
+LEAST_DIFFERENCES = 5
+"""Independent differences between repeats from which an output's noise is taken from them."""
+NOISE_FLOOR = 1e-4
+"""Least noise of an output, standard deviations of its measured values: what repeats that agree exactly are given."""
+LANDMARKS, FUNCTIONS, SMALLEST_SHARE = 400, 24, 2e-3
+"""Most places from which smooth functions are made, most functions, and least variance of one as a share of the largest."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """n rows of inputs and the outputs measured there."""
+
+    inputs: pd.DataFrame
+    measured: Array
+    """(n, outputs), NaN where not measured."""
+    outputs: Mapping[str, str]
+    """Name -> unit."""
+    group: Ints
+    """(n,) number of each row's group; 0 where there are no groups."""
+    group_name: str | None
+    ignored: tuple[str, ...]
+    """Columns of the inputs that are labels, not settings."""
+    notes: tuple[str, ...]
+
+    @property
+    def kept(self) -> Mask:
+        """(n, outputs) which values were measured."""
+        return np.isfinite(self.measured)
+
+    @property
+    def spread(self) -> Array:
+        """(outputs,) standard deviation of the measured values."""
+        return np.maximum(np.nanstd(self.measured, axis=0), 1e-300)
+
+    @property
+    def order(self) -> Array:
+        """(n,) 0 .. 1, place of each row within its group."""
+        count = pd.Series(self.group).groupby(self.group)
+        return np.asarray(count.cumcount() / (count.transform("size") - 1).clip(lower=1), float)
+
+    def settings(self) -> Array:
+        """(n, d) numeric inputs in correlation lengths, as smooth functions need."""
+        numbers = self.inputs.drop(columns=list(self.ignored)).select_dtypes("number").to_numpy(float)
+        numbers = numbers[:, np.ptp(numbers, axis=0) > 0] if len(numbers) else numbers
+        return scaled(numbers, CORRELATION_PRESSURE)
+
+    def time(self) -> Array:
+        """(n, 1 + groups) place within the group and the group, in correlation lengths."""
+        groups = np.unique(self.group)
+        apart = (
+            1.5 / np.sqrt(2) * (self.group[:, None] == groups) if 1 < len(groups) <= FUNCTIONS else np.zeros((len(self.group), 0))
+        )
+        return np.hstack([self.order[:, None] / CORRELATION_TIME, apart])
+
+
+def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repeat: str | None) -> Table:
+    """The table of a DataFrame. Raises `BadCase` where a column is missing, is no number, or nothing is measured."""
+    if not isinstance(data, pd.DataFrame):
+        raise BadCase(f"data: {type(data).__name__}, must be a pandas.DataFrame of inputs and measured outputs")
+    if not isinstance(outputs, Mapping) or not outputs:
+        raise BadCase('outputs: must map columns to units, such as {"x": "m"}')
+    for role, name in [*(("outputs", name) for name in outputs), ("group", group), ("repeat", repeat)]:
+        if name is not None and name not in data.columns:
+            raise BadCase(f"{role}: no column {name!r} in data; it has {', '.join(map(str, data.columns))}")
+    labels = tuple(name for name in (group, repeat) if name is not None)
+    inputs = data.drop(columns=list(outputs))
+    try:
+        measured = data[list(outputs)].to_numpy(float)
+    except (TypeError, ValueError) as error:
+        raise BadCase(f"outputs {', '.join(outputs)}: {error}; measured values must be numbers, empty where missing") from None
+    measured = np.where(np.isfinite(measured), measured, np.nan)
+    whole = ~inputs.isna().any(axis=1).to_numpy()
+    numbers = inputs.select_dtypes("number").to_numpy(float)
+    whole &= np.isfinite(numbers).all(axis=1)
+    notes = []
+    if not whole.all():
+        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {_rows(~whole)}")
+    if missing := int(np.isnan(measured[whole]).any(axis=1).sum()):
+        notes.append(f"{missing} rows lack an output, which is ignored: {_rows(whole & np.isnan(measured).any(axis=1))}")
+    inputs, measured = inputs[whole].reset_index(drop=True), measured[whole]
+    if np.isfinite(measured).sum() < 3 or not np.isfinite(measured).any(axis=0).all():
+        empty = [name for name, column in zip(outputs, measured.T, strict=True) if not np.isfinite(column).any()]
+        raise BadCase(f"data: {', '.join(empty) or 'the outputs'}: too few measured values; give at least three rows")
+    number = np.zeros(len(inputs), np.int64) if group is None else pd.factorize(inputs[group])[0].astype(np.int64)
+    return Table(inputs, measured, dict(outputs), number, group, labels, tuple(notes))
+
+
+def _rows(chosen: Mask) -> str:
+    """The first few of the chosen rows, counted from 0."""
+    rows = np.flatnonzero(chosen).tolist()
+    return "rows " + ", ".join(map(str, rows[:5])) + (" .." if len(rows) > 5 else "")
+
+
+def repeats(table: Table, by_row: bool) -> Ints:
+    """(n,) number of what each row repeats: rows of equal inputs or, where the model integrates over a group, rows at one place
+    of groups with equal inputs throughout."""
+    settings = table.inputs.drop(columns=list(table.ignored))
+    row = pd.util.hash_pandas_object(settings, index=False) if settings.shape[1] else pd.Series(0, index=range(len(settings)))
+    if by_row:
+        return np.asarray(pd.factorize(row)[0], np.int64)
+    series = row.groupby(table.group).agg(lambda own: hash(tuple(own)))
+    place = pd.Series(table.group).groupby(table.group).cumcount()
+    return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series.to_numpy()[table.group], place]))[0], np.int64)
+
+
+def noise_of_repeats(table: Table, repeat: Ints) -> Array:
+    """(outputs,) standard deviation of one reading about the mean of its repeats; NaN where there are too few."""
+    out = np.full(table.measured.shape[1], np.nan)
+    for i, values in enumerate(table.measured.T):
+        by = pd.Series(values).groupby(repeat)
+        away, free = values - by.transform("mean").to_numpy(), int((by.count() - 1).clip(lower=0).sum())
+        if free >= LEAST_DIFFERENCES:
+            out[i] = np.sqrt(np.nansum(away**2) / free)
+    return np.where(np.isfinite(out), np.maximum(out, NOISE_FLOOR * table.spread), np.nan)
+
+
+def scaled(columns: Array, correlation: float) -> Array:
+    """(n, d) columns over their range, in correlation lengths, which are longer the more columns there are."""
+    least, extent = columns.min(axis=0, initial=np.inf), np.ptp(columns, axis=0) if columns.size else np.ones(columns.shape[1])
+    return np.asarray((columns - least) / np.where(extent > 0, extent, 1.0) / (correlation * np.sqrt(max(columns.shape[1], 1))))
+
+
+def smooth_functions(place: Array) -> Array:
+    """(n, m) draws of size 1 of smooth functions over places (n, d) in correlation lengths: leading eigenfunctions of a squared
+    exponential kernel, from at most `LANDMARKS` places (Nystroem)."""
+    distinct = np.unique(np.round(place, 3), axis=0)
+    chosen: Sequence[int] | Ints = np.arange(len(distinct))
+    if len(distinct) > LANDMARKS:
+        chosen = np.sort(np.random.default_rng(0).choice(len(distinct), LANDMARKS, replace=False))
+    landmarks = distinct[chosen]
+
+    def kernel(a: Array) -> Array:
+        return np.asarray(np.exp(-0.5 * ((a[:, None, :] - landmarks[None, :, :]) ** 2).sum(axis=-1)))
+
+    value, vector = np.linalg.eigh(kernel(landmarks))
+    leading = np.argsort(-value)[:FUNCTIONS]
+    leading = leading[value[leading] > SMALLEST_SHARE * value.max()]
+    return np.asarray(kernel(place) @ (vector[:, leading] / np.sqrt(value[leading])))

@@ -1,0 +1,226 @@
+"""The diagnosis of any model: a swinging pendulum, and an arm of two links."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+import lab
+from diagnosis.any_model.answer import Answer
+from diagnosis.errors import BadCase
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+ROWS, STEP, SUB_STEPS = 30, 0.1, 10
+
+
+# ------------------------------------------------------------------ a pendulum
+def pendulum(theta: Values, inputs: pd.DataFrame) -> Array:
+    """Angle of each trial over time, rad."""
+    start = inputs.groupby("trial", sort=False)["start"].first().to_numpy(float)
+    angle, speed, rows, h = start.copy(), np.zeros(len(start)), [], STEP / SUB_STEPS
+    for _ in range(ROWS):
+        rows.append(angle.copy())
+        for _ in range(SUB_STEPS):
+            rub = theta["rub"] * np.tanh(speed / 0.05)
+            speed -= h * (9.81 / theta["length"] * np.sin(angle) + theta["drag"] * speed + rub + theta["loose"] * angle**3)
+            speed -= h * theta.get("wind", 0.0) * np.cos(angle)
+            angle += h * speed
+    return np.array(rows).T.ravel()
+
+
+SWINGS = {
+    "drag": lab.Cause("drag", {"drag": (0.0, 0.1, "1/s", 0.0, 2.0)}, says="the air drags"),
+    "rub": lab.Cause("friction", {"rub": (0.0, 0.3, "rad/s2", 0.0, 5.0)}, says="the bearing rubs"),
+    "loose": lab.Cause("pivot", {"loose": (0.0, 1.0, "1/s2")}, stage="boundary", says="the pivot is loose"),
+}
+STILL = {"length": 1.0, "drag": 0.0, "rub": 0.0, "loose": 0.0}
+
+
+def swung(seed: int, repeats: int = 1, **truth: float) -> Answer:
+    starts = np.tile([0.3, 0.7, 1.2], repeats)
+    inputs = pd.DataFrame({"trial": np.repeat(np.arange(len(starts)), ROWS), "start": np.repeat(starts, ROWS)})
+    angle = pendulum({**STILL, "length": 1.015, **truth}, inputs) + np.random.default_rng(seed).normal(0, 0.004, len(inputs))
+    return lab.diagnose_model(
+        pendulum, inputs.assign(angle=angle), {"angle": "rad"}, list(SWINGS.values()), {"length": (1.0, 0.03, "m")}, group="trial"
+    )
+
+
+@pytest.mark.parametrize("cause", SWINGS)
+def test_the_cause_of_a_pendulum_is_named_with_its_size(cause: str) -> None:
+    for seed in range(2):
+        size = float(np.random.default_rng(seed).uniform(0.6, 1.4)) * {"drag": 0.1, "rub": 0.3, "loose": 1.0}[cause]
+        answer = swung(seed, **{cause: size})
+        assert answer.effects == (SWINGS[cause].name,) and answer.certain and answer.probability > 0.9
+        assert abs(answer.sizes[0].value - size) < 4 * answer.sizes[0].sd
+        assert SWINGS[cause].says in answer.headline and "too few repeats" in " ".join(answer.notes)
+
+
+def test_a_pendulum_of_another_length_needs_no_cause() -> None:
+    answer = swung(7)
+    assert (answer.verdict, answer.effects) == ("none", ())
+    assert answer.calibration["length"][0] == pytest.approx(1.015, abs=0.003)
+
+
+def test_equal_trials_show_the_noise() -> None:
+    answer = swung(3, repeats=3, drag=0.1)
+    assert answer.noise_from == "from repeats" and answer.notes == () and answer.effects == ("drag",)
+    assert answer.steps[-1].seen.by_output["angle"] == pytest.approx(0.004, rel=0.2)
+
+
+# ------------------------------------------------------------------ an arm
+def arm(theta: Values, inputs: pd.DataFrame) -> Array:
+    """Tip (x, y) of two links, m."""
+    q1, q2 = inputs["q1"].to_numpy(float), inputs["q2"].to_numpy(float) + theta["zero"]
+    q1 = q1 + theta["gear"] * np.sin(q1)
+    reach = 0.4 + theta["longer"]
+    x, y = reach * np.cos(q1) + 0.3 * np.cos(q1 + q2), reach * np.sin(q1) + 0.3 * np.sin(q1 + q2)
+    bent = theta.get("hidden", 0.0)
+    c, s = np.cos(theta["tilt"]), np.sin(theta["tilt"])
+    return np.column_stack([
+        c * x - s * y + theta["x0"] + bent * np.sin(2 * q2),
+        s * x + c * y + theta["y0"] + bent * np.cos(q1) * q2,
+    ])  # fmt: skip
+
+
+JOINTS = [
+    lab.Cause("elbow", {"zero": (0.0, 0.01, "rad")}, stage="measurement", says="the elbow's zero is off"),
+    lab.Cause("link", {"longer": (0.0, 0.003, "m")}, says="the upper link has another length"),
+    lab.Cause("gear", {"gear": (0.0, 0.01, "rad")}, stage="actuation", says="the gear errs once a turn"),
+    lab.Cause("base", {"tilt": (0.0, 0.01, "rad")}, stage="boundary", says="the base is turned", exact=True),
+]
+PLACE = {"x0": (0.0, 0.01, "m"), "y0": (0.0, 0.01, "m")}
+AS_DRAWN = {"zero": 0.0, "longer": 0.0, "gear": 0.0, "tilt": 0.0, "x0": 0.0, "y0": 0.0}
+
+
+def posed(seed: int, repeats: int = 2, **truth: float) -> pd.DataFrame:
+    rng = np.random.default_rng(seed)
+    poses = pd.DataFrame(np.tile(rng.uniform(-1.8, 1.8, (25, 2)), (repeats, 1)), columns=["q1", "q2"])
+    tip = arm({**AS_DRAWN, "x0": 0.005, **truth}, poses) + rng.normal(0, 2e-4, (len(poses), 2))
+    return poses.assign(x=tip[:, 0], y=tip[:, 1])
+
+
+def of_arm(data: pd.DataFrame, **keys: Any) -> Answer:
+    given: dict[str, Any] = {"predict": arm, "outputs": {"x": "m", "y": "m"}, "causes": JOINTS, "calibration": PLACE}
+    return lab.diagnose_model(**{**given, "data": data, **keys})
+
+
+@pytest.mark.parametrize(("key", "cause", "size"), [("zero", "elbow", 0.01), ("longer", "link", 3e-3), ("gear", "gear", 0.01),
+                                                   ("tilt", "base", 0.01)])  # fmt: skip
+def test_the_cause_of_an_arm_is_named_with_its_size(key: str, cause: str, size: float) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(100 + seed)
+        true = float(rng.choice([-1, 1]) * rng.uniform(0.7, 1.5)) * size
+        answer = of_arm(posed(seed, **{key: true}))
+        assert answer.effects == (cause,) and answer.certain and answer.probability > 0.9
+        assert abs(answer.sizes[0].value - true) < 4 * answer.sizes[0].sd < 0.5 * size
+
+
+def test_two_causes_of_an_arm_are_named_together() -> None:
+    answer = of_arm(posed(11, zero=0.011, longer=-0.004))
+    assert answer.effects == ("elbow", "link") and answer.probability > 0.9
+
+
+def test_an_arm_as_drawn_has_no_cause() -> None:
+    for repeats in (1, 3):
+        assert of_arm(posed(12 + repeats, repeats)).verdict == "none"
+
+
+def test_a_cause_that_nobody_listed_is_outside() -> None:
+    for repeats in (1, 3):
+        answer = of_arm(posed(20 + repeats, repeats, hidden=0.006))
+        assert answer.verdict == "unknown" and answer.effects == () and answer.probability > 0.5
+        assert answer.headline.startswith("A cause outside of the list") and "the inputs" in answer.goes_with
+
+
+def test_the_gap_is_stated_step_by_step_in_the_units_of_the_outputs() -> None:
+    answer = of_arm(posed(5, zero=0.012))
+    assert [s.step for s in answer.steps] == ["as given", "calibrated", "with the cause", "noise floor"]
+    given, calibrated, caused, floor = (s.seen for s in answer.steps)
+    assert given.floors > calibrated.floors > 3 > caused.floors and floor.floors == 1
+    assert floor.by_output["x"] == pytest.approx(2e-4, rel=0.5) and answer.share_closed > 0.9  # type: ignore[operator]
+    assert answer.steps[2].unseen.by_output["y"] < 3e-4  # type: ignore[union-attr]
+    plain = json.loads(json.dumps(answer.as_dict(), allow_nan=False))
+    assert plain["schema"] == "diagnosis/1" and plain["attribute"]["effects"] == ["elbow"]
+    assert repr(answer) == f"<Answer: {answer.headline}>"
+
+
+def test_the_pose_that_shows_most_is_proposed() -> None:
+    """Two causes that do the same with a straight elbow differ most where it is bent."""
+    rng = np.random.default_rng(0)
+    poses = pd.DataFrame({"q1": rng.uniform(-1.5, 1.5, 40), "q2": 0.0})
+    tip = arm({**AS_DRAWN, "tilt": 0.012}, poses) + rng.normal(0, 2e-4, (40, 2))
+    candidates = pd.DataFrame({"q1": 0.3, "q2": [0.0, 1.6, 0.1]})
+    causes = [JOINTS[3], lab.Cause("shoulder", {"zero": (0.0, 0.02, "rad")})]
+    answer = of_arm(poses.assign(x=tip[:, 0], y=tip[:, 1]), causes=causes, candidates=candidates,
+                    predict=lambda theta, inputs: arm({**AS_DRAWN, **theta}, inputs), calibration={})  # fmt: skip
+    assert answer.next_experiment[0].at == 1
+    assert answer.next_experiment[0].squared_difference > answer.next_experiment[1].squared_difference
+
+
+def test_derivatives_that_a_model_offers_are_used() -> None:
+    asked = []
+
+    class Offers:
+        def __call__(self, theta: Values, inputs: pd.DataFrame) -> Array:
+            return arm({**AS_DRAWN, **theta}, inputs)
+
+        def derivatives(self, theta: Values, inputs: pd.DataFrame) -> dict[str, Array]:
+            asked.append(theta)
+            one, none = np.ones(len(inputs)), np.zeros(len(inputs))
+            return {"x0": np.column_stack([one, none]), "y0": np.column_stack([none, one])}
+
+    assert of_arm(posed(6, gear=0.01), predict=Offers()).effects == ("gear",) and asked
+
+
+def test_rows_that_lack_values_are_left_out_with_a_note() -> None:
+    data = posed(8, zero=0.01)
+    data.loc[3, "q1"], data.loc[5, "y"] = np.nan, np.nan
+    answer = of_arm(data)
+    assert answer.effects == ("elbow",) and answer.rows == len(data) - 1
+    assert "1 of 50 rows lack an input and are ignored: rows 3" in answer.notes
+    assert any("lack an output" in note and "rows 5" in note for note in answer.notes)
+
+
+def test_a_cause_that_changes_nothing_is_said_to_be_unseen() -> None:
+    idle = lab.Cause("idle", {"idle": (0.0, 1.0, "1")})
+    answer = of_arm(posed(9, zero=0.01), causes=[*JOINTS, idle])
+    assert answer.effects == ("elbow",) and any(note.startswith("idle cannot be seen") for note in answer.notes)
+
+
+def raises(theta: Values, inputs: pd.DataFrame) -> Array:
+    raise KeyError("q3")
+
+
+ELBOW = JOINTS[0]
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"outputs": {"z": "m"}}, "outputs: no column 'z' in data; it has q1, q2, x, y"),
+        ({"group": "trial"}, "group: no column 'trial'"),
+        ({"predict": lambda theta, inputs: np.zeros(len(inputs))}, r"predict returned shape \(50,\), must be \(50, 2\)"),
+        (
+            {"predict": lambda theta, inputs: np.full((len(inputs), 2), np.nan)},
+            "predict returned NaN at nominal",
+        ),
+        ({"predict": lambda theta, inputs: np.zeros((len(inputs), 2))}, "none of them changes a measured output"),
+        ({"predict": raises}, "predict raised KeyError: 'q3' at zero=0, .*x0=0"),
+        ({"causes": []}, "causes: none given"),
+        ({"causes": [ELBOW, ELBOW]}, "cause 'elbow' is given 2 times"),
+        ({"causes": [ELBOW, lab.Cause("other", ELBOW.parameters)]}, "parameter 'zero' is given 2 times"),
+        ({"causes": [lab.Cause("a", {"zero": (0.0, 0.0, "rad")})]}, "a.zero: nominal 0, plausible size 0"),
+        ({"causes": [lab.Cause("a", {"zero": (0.0, 0.1)})]}, "a.zero: .*write"),
+        ({"causes": [lab.Cause("a", {"zero": (0.0, 0.1, "rad", 1.0, 2.0)})]}, "a.zero: nominal 0 rad must lie within its bounds"),
+        ({"candidates": pd.DataFrame({"q1": [0.0]})}, "candidates: no column 'q2'"),
+    ],
+)
+def test_bad_input_is_one_clear_error(keys: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadCase, match=message):
+        of_arm(posed(1), **keys)
