@@ -141,20 +141,21 @@ def judged(sample: Sample) -> Judged | None:
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
     """Fits of single edits, and of `pairs` with the best ones where none of them is enough."""
 
-    def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int) -> list[Fit]:
+    def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int, both: bool = False) -> list[Fit]:
         sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
         if not sets:
             return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
-        # the nearer of both may lie in another valley than the solution, so that edits of one kind descend from both
-        better = begun if steps > 1 and pairs else [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
+        better = begun if both else [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
         begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
         fits = [_best(list(own)) for _, own in groupby(begun, key=lambda f: id(f.edits))]
         best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
         return [*sample.fitted([(f.edits, f.x) for f in best], 8), *(f for f in fits if not any(f is b for b in best))]
 
     alone = tried([near], edits, 2)
+    if pairs and not any(map(sample.reached, alone)):  # the nearer start may lie in another valley than the solution
+        alone = tried([near], edits, 2, both=True)
     best = _best_of_kinds(alone)[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
         explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
