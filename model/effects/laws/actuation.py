@@ -88,7 +88,7 @@ def _chamber_ballooning(q: Quantities, v: Values) -> None:
     soft = 0.5 * onset
 
     def beyond(p: np.ndarray) -> np.ndarray:
-        return _above(p - onset, soft) - _above(-onset, soft)
+        return np.maximum(_above(p - onset, soft) - _above(-onset, soft), 0.0)  # rounding may leave it below zero
 
     grown = (beyond(np.maximum(q.pressure, 0.0)) / beyond(np.full_like(onset, q.scales.pressure))) ** power
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
