@@ -104,3 +104,18 @@ def test_a_state_is_told_where_and_only_where_its_rods_were_found(paper_robot: R
             np.testing.assert_array_equal(np.isfinite(predicted).all(axis=1), found)
             assert not trial or here.bare.solution.status.max() in (Status.SOLVED, Status.FAILED)
         assert found[:3].all()
+
+
+def test_a_derivative_as_steep_as_at_a_snap_is_given_as_none(paper_robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = {
+        "trial": np.ones(2, int),
+        **{c: np.zeros(2) for c in ("spine_length", "x", "y", "z")},
+        "p1": np.array([0.0, 100e3]),
+    }
+    forward = Moved(paper_robot, columns).forward
+    usual = forward.linearise(np.zeros(len(forward.parameters)))[1]
+    size = np.abs(usual) * np.array([p.sd for p in forward.parameters]) / paper_robot.length
+    monkeypatch.setattr("model.effects.forward.STEEP", np.median(size[size > 0]))
+    kept = forward.linearise(np.zeros(len(forward.parameters)))[1]
+    np.testing.assert_array_equal(kept, np.where(size > np.median(size[size > 0]), 0.0, usual))
+    assert 0 < np.count_nonzero(kept) < np.count_nonzero(usual)
