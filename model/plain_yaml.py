@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Hashable
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -89,6 +90,24 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
     finally:
         if loader is not None:
             loader.dispose()  # type: ignore[no-untyped-call]
+
+
+def read_table(path: Path, name: str, start: str) -> dict[Any, Any]:
+    """The fields of a file, called `name`, that begins with the fields `start`; raises `BadYaml` with the path in its message."""
+    if Path(path).exists() and not Path(path).is_file():
+        raise BadYaml(f"{path}: is not a file: give the path of {name}")
+    try:
+        with open(path, encoding="utf-8") as file:
+            data, _ = parse(file.read(MOST_CHARACTERS + 1))
+    except OSError as error:
+        raise BadYaml(f"{path}: cannot be read ({error.strerror}): check the path") from error
+    except UnicodeDecodeError as error:
+        raise BadYaml(f"{path}: is not a text file: check that this is the right file") from error
+    except BadYaml as error:
+        raise BadYaml(f"{path}: {error}") from error
+    if not isinstance(data, dict):
+        raise BadYaml(f"{path}: holds no table of fields: start with {start}")
+    return data
 
 
 def _value(loader: _Loader, node: yaml.Node) -> object:

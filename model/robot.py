@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, T
 
 from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
-from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
+from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.sections import Positive, Section, Weight, section_problems
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
@@ -344,19 +344,10 @@ def load_robot(path: Path) -> Robot:
     >>> load_robot(Path("robot.yaml")).length
     0.4
     """
-    if Path(path).exists() and not Path(path).is_file():
-        raise BadRobot(f"{path}: is not a file: give the path of a robot.yaml")
     try:
-        with open(path, encoding="utf-8") as file:
-            data, _ = parse(file.read(MOST_CHARACTERS + 1))
-    except OSError as error:
-        raise BadRobot(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except UnicodeDecodeError as error:
-        raise BadRobot(f"{path}: is not a text file: check that this is the right file") from error
+        data = read_table(path, "a robot.yaml", "`name:` and `length:`")
     except BadYaml as error:
-        raise BadRobot(f"{path}: {error}") from error
-    if not isinstance(data, dict):
-        raise BadRobot(f"{path}: holds no table of fields: start with `name:` and `length:`")
+        raise BadRobot(str(error)) from error
     try:
         return robot_from_dict(data)
     except BadRobot as error:

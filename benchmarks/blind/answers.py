@@ -12,6 +12,7 @@ from diagnosis.judgement import CERTAIN
 from lab.files.config import ConfigError
 
 from .folder import read_table
+from .truth import THRUST
 
 HINT = "remove it and run `python -m benchmarks.blind run` again"
 
@@ -114,7 +115,7 @@ def answer_from(case: str, d: Mapping[str, Any], seconds: float = math.nan, aske
         budget={str(x["effect"]): (_number(x.get("low95_mm")), _number(x.get("high95_mm")))
                 for x in d.get("budget") or () if isinstance(x, Mapping) and "effect" in x},
         stage=next((str(x["stage"]) for x in attribute.get("stage_errors") or () if isinstance(x, Mapping)), ""),
-        settled_first=frozenset({"chamber_thrust"} if any(
+        settled_first=frozenset({THRUST} if any(
             isinstance(f, Mapping) and f.get("code") == "thrust_settled" for f in d.get("findings") or ()) else ()),
     )  # fmt: skip
 

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from model.errors import BadArm
-from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
+from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.robot import Array, Pose, Vector3
 
 PARALLEL = math.radians(10)
@@ -136,15 +136,9 @@ def load_arm(path: Path) -> Arm:
     ('q1', 'q2', 'q3', 'q4', 'q5', 'q6')
     """
     try:
-        with open(path, encoding="utf-8") as file:
-            data, _ = parse(file.read(MOST_CHARACTERS + 1))
-    except OSError as error:
-        raise BadArm(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except (UnicodeDecodeError, BadYaml) as error:
-        why = error if isinstance(error, BadYaml) else "is not a text file: check that this is the right file"
-        raise BadArm(f"{path}: {why}") from error
-    if not isinstance(data, dict):
-        raise BadArm(f"{path}: holds no table of fields: start with `name:` and `links:`")
+        data = read_table(path, "an arm.yaml", "`name:` and `links:`")
+    except BadYaml as error:
+        raise BadArm(str(error)) from error
     try:
         return arm_from_dict(data)
     except BadArm as error:
