@@ -147,6 +147,16 @@ VACUUM_SWEEP = 0.05
 JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
+USUAL_OF_LENGTH = {"length": 0.005, "frame_shift": 0.005}
+"""Standard deviations, as shares of the robot's length, of what is measured from its ends: where a soft body begins at its clamp, and
+the cameras' origin beside it, is known no better unless somebody states so."""
+
+
+def uncertainties(robot: Robot) -> dict[str, float]:
+    """Tolerance -> standard deviation: as robot.yaml states it, or the usual one of a robot of this length."""
+    return {name: share * robot.length for name, share in USUAL_OF_LENGTH.items()} | robot.uncertainty.stated
+
+
 def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> VariationSource:
     """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %."""
     sd = uncertainty.get(source.spec.id)
