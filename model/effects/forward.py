@@ -303,6 +303,7 @@ class ForwardModel:
             return self
         other = copy.copy(self)
         other._points = (here,)
+        other._steps = here.bare.steps
         other._start, other._remembering = here.bare, here.final if here.remembers else None
         return other
 
@@ -448,10 +449,9 @@ class ForwardModel:
         remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed.values())
         rods = self._rows(built)
         single_states = self._steps is None
-        steps = integration_steps(self._layout, rods) if self._steps is None else self._steps
         hard_bare, hard_final = self._hard_nearby(theta)
         plain = single_states and not remembers
-        bare = solve(self._layout, rods, self._arcs, steps, self._start, remembers, trial, plain, whole, hard_bare)
+        bare = solve(self._layout, rods, self._arcs, self._steps, self._start, remembers, trial, plain, whole, hard_bare)
         final = bare.take(slice(0, self._moved_rows.size))
         driven, rest = (np.zeros((1, len(self._full), k)) for k in (DRIVES, len(self._rest_columns)))
         if remembers:

@@ -71,9 +71,13 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
     rods = plain_rods(layout, rows)
+    return _steps(rods, rod.solve(rods, rod.Fast(follow=False)).values[:, AT_LARGEST])
+
+
+def _steps(rods: rod.Rods, moment: Array) -> Steps:
+    """(n, elements) steps that rods under these largest moments (n,) N m need; NaN counts as a moment that bends little."""
     length = rods.field("length")
     share = length / length.sum(axis=1, keepdims=True)
-    moment = rod.solve(rods, rod.Fast(follow=False)).values[:, AT_LARGEST]
     curvature = moment[:, None, None] / rods.field("bend_stiffness")[..., :2] + np.abs(rods.field("rest_curvature")[..., :2])
     bend = np.nan_to_num(curvature.max(axis=2) * length).sum(axis=1, keepdims=True)
     return np.maximum(1, np.ceil(DIVISIONS * share * np.clip(bend / BEND, 1.0, MOST_BEND / BEND) - 1e-6)).astype(np.int64)
@@ -83,7 +87,7 @@ def solve(
     layout: at.Layout,
     rows: Array,
     arcs: Array,
-    steps: Steps,
+    steps: Steps | None,
     start: SolvedRods | None = None,
     inside: bool = True,
     trial: bool = False,
@@ -95,11 +99,14 @@ def solve(
 
     From `start`, solved rows nearby, a `trial` gives up rods whose load would have to be followed from zero, `whole` all that
     remain once one has no equilibrium; `followed` are rows whose load was followed, from which others may be reached. `plain`: no
-    other solve starts from these, so that springs that none of them has are left out, which take half of the time.
+    other solve starts from these, so that springs that none of them has are left out, which take half of the time. Without
+    `steps` each rod gets those that its own bend needs.
     """
     rods = plain_rods(layout, rows) if plain else sprung_rods(layout, rows)
-    method = replace(METHOD, steps=steps, remember=not plain)
-    solution = rod.solve(rods, method) if start is None else _solve_from(layout, rows, steps, start, trial, whole, followed)
+    if start is not None and steps is not None:
+        solution = _solve_from(layout, rows, steps, start, trial, whole, followed)
+    else:
+        solution, steps = _solve_anew(rods, replace(METHOD, remember=not plain), steps)
     result = np.full((len(rows), at.MARKERS + 3 * len(arcs)), np.nan)
     result[:, at.TIP : at.TIP + 3] = solution.tip
     result[:, at.ORIENTATION : at.ORIENTATION + 4] = solution.orientation
@@ -133,6 +140,19 @@ def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
         strain = at_stations.strain[:, place_count:].reshape(len(result), layout.form.elements, STRAIN_POINTS)
         shares = _shares(layout, rods)
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
+
+
+def _solve_anew(rods: rod.Rods, method: rod.Fast, steps: Steps | None) -> tuple[rod.Solution, Steps]:
+    """Solve from nothing. Without `steps`, with few at first, and once more what bends so far that it needs others."""
+    if steps is not None:
+        return rod.solve(rods, replace(method, steps=steps)), steps
+    few = _steps(rods, np.full(len(rods), np.nan))
+    solution = rod.solve(rods, replace(method, steps=few, follow=False))
+    steps = _steps(rods, solution.values[:, AT_LARGEST])
+    again = np.union1d(_unsolved(solution), np.flatnonzero((steps != few).any(axis=1)))
+    if again.size:
+        _put(solution, again, rod.solve(rods[again], replace(method, steps=steps[again])))
+    return solution, steps
 
 
 def _solve_from(
@@ -196,7 +216,9 @@ def _unsolved(found: rod.Solution) -> NDArray[np.intp]:
 
 def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDArray[np.intp]:
     """Take over what was found of some rods; which of them are still open."""
-    into.values[rows], into.memory[rows], into.status[rows] = found.values, found.memory, found.status
+    into.values[rows], into.status[rows] = found.values, found.status
+    if len(found.memory):
+        into.memory[rows] = found.memory
     return rows[_unsolved(found)]
 
 

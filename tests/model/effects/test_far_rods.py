@@ -50,6 +50,9 @@ def test_a_rod_bent_by_a_full_turn_gets_steps_short_enough_to_be_found_at_once(m
     found = solve(at.UNIFORM, bent, NOWHERE, steps)
     exact = solve(at.UNIFORM, bent, NOWHERE, 4 * steps)
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=2e-5)
+    by_itself = solve(at.UNIFORM, bent, NOWHERE, None)
+    assert (by_itself.steps == steps).all()
+    np.testing.assert_allclose(by_itself.result[:, :3], found.result[:, :3], atol=1e-7)
 
 
 def test_a_trial_gives_up_what_would_have_to_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
