@@ -120,13 +120,13 @@ class Uncertainty(BaseModel):
     density: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 1 %."""
     length: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Usual 0.5 mm."""
+    """Usual 0.5 % of it."""
     tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the base about x and y; usual 0.1 deg."""
     frame_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the cameras' frame about each axis; usual 0.1 deg."""
     frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Of its origin along each axis; usual 0.5 mm."""
+    """Of its origin along each axis; usual 0.5 % of the length."""
 
     @property
     def stated(self) -> dict[str, float]:

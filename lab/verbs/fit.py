@@ -18,6 +18,7 @@ from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
 from model.effects.nominal import TOLERANCES, stated_effects
+from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 from model.estimate import Estimate
 from model.robot import Robot
@@ -274,8 +275,8 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
-    stated, effects = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}
-    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.parameters}
+    stated, effects, own = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}, scales(robot)
+    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.of(own).parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0

@@ -27,7 +27,7 @@ from model.effects.scales import Scales, scales
 from model.effects.solver import SolvedRods, Steps, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
-from model.effects.tolerance import VariationSource, single_sources, sources, uncertainties
+from model.effects.tolerance import VariationSource, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 from model.rods import columns as col
@@ -143,7 +143,9 @@ class ForwardModel:
         full, rest_of = with_rest(design)
         self.scales = sized or scales(robot, design.pressure, design.pace)
         catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
-        self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, uncertainties(robot)))
+        self._vary(
+            robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, self.scales, robot.uncertainty.stated)
+        )
         self._every_law = every_law
         self._path = loading_path(design, rest_of)
         of_robot = ~design.stiffness

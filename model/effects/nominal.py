@@ -31,8 +31,12 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     Raises `BadRobot` for an effect, tolerance, parameter or unit that is not known, and a value out of its bounds.
     """
     known = {**CATALOGUE, **catalogue}
-    sized = {id: spec.of(scales(robot)) for id, spec in known.items() if id in robot.causes}
-    problems = [*_problems("effects", robot.causes, {**known, **sized}), *_problems("tolerances", robot.tolerances, TOLERANCES)]
+    own = scales(robot)
+    sized = {id: spec.of(own) for id, spec in known.items() if id in robot.causes}
+    problems = [
+        *_problems("effects", robot.causes, {**known, **sized}),
+        *_problems("tolerances", robot.tolerances, {id: spec.of(own) for id, spec in TOLERANCES.items()}),
+    ]
     if problems:
         raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in problems))
     return {id: spec for id, spec in known.items() if id in robot.causes}

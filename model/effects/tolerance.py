@@ -18,6 +18,7 @@ from model.effects.laws.measurement import frame_misalignment
 from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
+from model.effects.scales import STANDARD, Scales, scales
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
 from model.robot import Robot
 
@@ -92,8 +93,11 @@ def _zero(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
 
 
-def _tolerance(id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all") -> VariationSource:
-    return VariationSource(EffectSpec(id, stage, "", parameters, law, "tolerance", ""), "nuisance", scope)
+def _tolerance(
+    id: str, stage: Stage, law: Law, *parameters: Parameter, scope: Scope = "all", standard: bool = False
+) -> VariationSource:  # fmt: skip
+    spec = EffectSpec(id, stage, "", parameters, law, "tolerance", "", standard=standard)
+    return VariationSource(spec, "nuisance", scope)
 
 
 def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
@@ -111,9 +115,10 @@ ALWAYS = (
     _tolerance("density", "load", Law(before=_density), _excess("1", 0.01)),
     _tolerance("tilt", "boundary", Law(before=base_tilt), *_xyz("rad", ANGLE, "xy")),
     _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_xyz("rad", ANGLE)),
-    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 0.5e-3)),
-    _tolerance("length", "boundary", Law(before=_length), _excess("m", 0.5e-3)),
+    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 2e-3), standard=True),
+    _tolerance("length", "boundary", Law(before=_length), _excess("m", 2e-3), standard=True),
 )
+"""Where a soft body begins at its clamp, and the cameras' origin beside it, is known to half a percent of its length."""
 BY_TRIAL = (
     _tolerance("spine_length", "structure", Law(before=_spine_length), _excess("m", 1e-3), scope="trial"),
     _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), _excess("1", 0.02), scope="trial"),
@@ -147,21 +152,12 @@ VACUUM_SWEEP = 0.05
 JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
 
 
-USUAL_OF_LENGTH = {"length": 0.005, "frame_shift": 0.005}
-"""Standard deviations, as shares of the robot's length, of what is measured from its ends: where a soft body begins at its clamp, and
-the cameras' origin beside it, is known no better unless somebody states so."""
-
-
-def uncertainties(robot: Robot) -> dict[str, float]:
-    """Tolerance -> standard deviation: as robot.yaml states it, or the usual one of a robot of this length."""
-    return {name: share * robot.length for name, share in USUAL_OF_LENGTH.items()} | robot.uncertainty.stated
-
-
-def _as_stated(source: VariationSource, uncertainty: Mapping[str, float]) -> VariationSource:
-    """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %."""
+def _as_stated(source: VariationSource, sized: Scales, uncertainty: Mapping[str, float]) -> VariationSource:
+    """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %, else
+    the usual one of a robot with these scales."""
     sd = uncertainty.get(source.spec.id)
     if sd is None:
-        return source
+        return replace(source, spec=source.spec.of(sized))
     made = tuple(
         replace(p, scale=sd, low=max(-10 * sd, -0.8) if p.unit == "1" else -10 * sd, high=10 * sd) for p in source.spec.parameters
     )
@@ -179,7 +175,7 @@ def mounts(design: States) -> list[tuple[float, int]]:
 def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
     chosen = [VariationSource(spec, "effect") for spec in effects]
-    chosen += [*ALWAYS, VariationSource(AREA, "calibration")]
+    chosen += [*(_as_stated(source, scales(robot), {}) for source in ALWAYS), VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         chosen += [replace(source, scope="all") for source in BY_TRIAL]
     return (*chosen, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(chosen)
@@ -189,13 +185,15 @@ def sources(
     design: States,
     catalogue: tuple[EffectSpec, ...],
     area: Literal["one", "per_length"],
+    sized: Scales = STANDARD,
     uncertainty: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[VariationSource, ...]:
     """Everything that has parameters, in the order of the parameter table: effects, tolerances, calibration, then what the design
-    has several of (mountings, repeats, trials). `uncertainty`: tolerance -> standard deviation, where it is not the usual one."""
+    has several of (mountings, repeats, trials). `sized`: the robot's scales; `uncertainty`: tolerance -> standard deviation,
+    where it is not the usual one."""
     chosen = [VariationSource(spec, "effect") for spec in catalogue]
     of_robot = bool((~design.stiffness).any())
-    chosen += [_as_stated(source, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
+    chosen += [_as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
     if of_robot:
         chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:

@@ -21,6 +21,7 @@ from diagnosis.errors import BadCase
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
+from model.robot import Uncertainty
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT, case, row, states
 
@@ -89,6 +90,8 @@ def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> No
 
 def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> None:
     turned = measured(3, 5, frame_misalignment__x=0.009, frame_misalignment__z=0.006)
+    surveyed = turned.robot.model_copy(update={"uncertainty": Uncertainty(frame_shift=0.5e-3)})
+    turned = replace(turned, robot=surveyed)
     spec = CATALOGUE["frame_misalignment"]
     verdicts = [
         diagnose(turned, quick({**SOME, spec.id: replace(spec, exact=exact)})).attribute.effects for exact in (True, False)
