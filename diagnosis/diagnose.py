@@ -125,10 +125,10 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     as_good = [sentences.with_id(e, names) for e in alone]
     reasons: tuple[Finding, ...] = ()
+    doubtful = bool(far or edited.numbers or tense)
     if named:
         reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good, follows_law))
-        causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
-    doubtful = bool(far or edited.numbers or tense)
+        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *[True] * doubtful), len(alone)))
     section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)
     facts = sentences.Facts(
         causes.decision, section.conclusion, location, carries, unseen.shrink, unseen.waterfall, section.rivals,
