@@ -15,10 +15,9 @@ import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import UNCONVERGED
-from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import SizePrior
 from .problem import MaskedForward, Problem
 

@@ -17,8 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from model.prediction.box_minima import box_minima
 
 from ..arrays import Array, Ints, Mask
-from .columns import Columns
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
 from .problem import FormError, Problem, linearise
 

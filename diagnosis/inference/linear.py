@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Mask
-from .columns import Columns
+from .jacobian import Columns
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 """Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""

@@ -31,8 +31,7 @@ from .budget import BudgetPart
 from .discrepancy import bases, settings
 from .on_baseline import SHARE, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
-from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
-from .stiffness_trials import StiffnessTrials, stiffness_trials
+from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of what the modulus may be off."""

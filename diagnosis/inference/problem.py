@@ -16,8 +16,7 @@ import numpy as np
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
-from .columns import Columns
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
 
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)

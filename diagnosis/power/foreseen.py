@@ -20,8 +20,7 @@ from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare
 from ..inference.reading_noise import DEFAULT_NOISE
-from .rates import power
-from .worlds import Planned
+from .worlds import Planned, power
 
 Columns = Mapping[str, NDArray[np.generic]]
 

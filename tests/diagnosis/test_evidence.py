@@ -9,8 +9,8 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm, uniform
 
 from diagnosis.data.noise import Lasting, Noise
-from diagnosis.inference.columns import Columns
 from diagnosis.inference.evidence import Grid, weigh
+from diagnosis.inference.jacobian import Columns
 from diagnosis.inference.linear import Linear, SizePrior
 from diagnosis.inference.problem import FitParameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
