@@ -24,7 +24,7 @@ from recordings.trials import TIP, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.units import LENGTH_UNITS, PRESSURE_UNITS
+from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
 from .misfit import Fit, Sample

@@ -17,7 +17,7 @@ from model.rotation import CONJUGATE, multiply
 from recordings.trials import Table
 
 from ..arrays import Array, Mask
-from ..data.units import PRESSURE_UNITS, Unit
+from ..data.plausible import PRESSURE_UNITS, Unit
 from ..findings import Finding
 from .edit import Edit, Says, Variants, stating
 from .listed import FRAMES, axes_say, gravity_says

@@ -24,9 +24,8 @@ from recordings.trials import Table
 
 from .. import judgement
 from ..data.case import campaign_of
-from ..data.plausible import implausible_values
+from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, implausible_values
 from ..data.pushes import SHORTEST, cantilevers, complete
-from ..data.units import FORCE_UNITS, LENGTH_UNITS
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
 from .misfit import as_described
