@@ -22,7 +22,7 @@ from model.robot import Robot
 
 from ..arrays import Array, Mask
 from ..data.baseline import Baseline
-from ..data.campaign import Campaign, Labels
+from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
@@ -229,10 +229,8 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
 def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     row = forward.observations.row[kept]
     channel = forward.observations.channel[kept].astype(np.str_)
-    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
     axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
-    kind = np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
-    return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
+    return Labels(row, channel, kinds_of(channel), axis, states.trial[row], states.kind[row])
 
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from model.effects.parameters import ParameterInfo
 from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask
-from ..data.campaign import Campaign, Labels
+from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
@@ -143,11 +143,8 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
     `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
     """
     row, channel = observed.row, observed.channel.astype(np.str_)
-    # rx, ry, rz are turns of the tip; m1x, m1y .. markers; x, y, z the tip
-    names = ("turn" if c.startswith("r") else "marker" if c.startswith("m") else "tip" for c in channel)
-    kind = np.array([KINDS.index(name) for name in names], np.int64)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
-    white, lasting = _of_channels(noise, kind, channel, block, design.t[row])
+    white, lasting = _of_channels(noise, kinds_of(channel), channel, block, design.t[row])
     return Noise(row, white, noise.pressure * response, lasting)
 
 
