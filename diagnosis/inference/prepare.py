@@ -21,7 +21,6 @@ from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 
 from ..arrays import Array, Mask
-from ..data.baseline import Baseline
 from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
@@ -29,7 +28,7 @@ from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .budget import BudgetPart
 from .discrepancy import bases, settings
-from .on_baseline import SHARE, OnBaseline, on_baseline
+from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
 from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.data.baseline import Baseline
+from diagnosis.inference.on_baseline import Baseline
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec

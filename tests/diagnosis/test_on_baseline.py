@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.on_baseline import SHARE
+from diagnosis.inference.on_baseline import SHARE, Baseline
 from diagnosis.inference.prepare import Prepared, prepare
 from model.effects import CATALOGUE
 from recordings.trials import Table
