@@ -168,7 +168,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
         name, forward = simulator(str(comparisons.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
             predicted = from_simulator(name, forward, case, weighed, screen.progress)
-    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.tip).all(axis=1)).sum())
+    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.predicted.tip).all(axis=1)).sum())
     if lost:
         note([f"{predicted.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
     return predicted
