@@ -21,11 +21,15 @@ from model.robot import Robot
 from model.section import body_area
 from recordings.trials import Table
 
-from ..arrays import Ints
+from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 
 FARTHEST = 1.5
 """Robot lengths; no tip of a rod that stretches by less than half is further from its base."""
+MOST_DEFLECTION = 0.3
+"""Largest deflection of beam theory, as a share of the cantilever's length."""
+SHORTEST = 0.01
+"""m; a shorter spine offers nothing to push on."""
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
 ROUNDED = 0.05
@@ -158,6 +162,40 @@ def _masses(robot: Robot, table: Table) -> str:
         return ""
     beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
     return f"{table.place(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
+
+
+def complete(table: Table) -> Mask:
+    """(n,) states of stiffness trials with a force and the deflection it belongs to."""
+    return np.asarray(table.pushed & np.isfinite(table.get("force")) & np.isfinite(table.get("deflection")))
+
+
+def of_body(given: Table) -> Mask:
+    return np.asarray(given.get("specimen") == "body")
+
+
+def cantilevers(robot: Robot, given: Table) -> Array:
+    """(n,) m of the cantilevers."""
+    return np.where(of_body(given), robot.length, given.spine_length)
+
+
+def require_plausible_pushes(robot: Robot, pushes: Table) -> None:
+    """Raises `BadCase` for states that no stiffness trial of this robot gives."""
+    length, deflection = cantilevers(robot, pushes), pushes.get("deflection")
+    if robot.spine is None and (of_spine := np.flatnonzero(~of_body(pushes))).size:
+        raise BadCase(
+            f"{pushes.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
+            "moduli to robot.yaml"
+        )
+    for i in np.flatnonzero(length < SHORTEST)[:1].tolist():
+        raise BadCase(
+            f"{pushes.place(i)}: a stiffness trial of a spine of {length[i]:g} m: check spine_length (m), or write specimen body"
+        )
+    for i in np.flatnonzero(np.abs(deflection) > MOST_DEFLECTION * length)[:1].tolist():
+        looks = "looks like mm; deflections are in m: divide by 1000" if abs(deflection[i]) > length[i] else "check the unit (m)"
+        raise BadCase(
+            f"{pushes.place(i)}: deflection {deflection[i]:g} m of a cantilever of {length[i]:g} m; beam theory holds up to "
+            f"{MOST_DEFLECTION:g} of its length: {looks}, or leave the row out"
+        )
 
 
 def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:

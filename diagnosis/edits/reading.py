@@ -24,8 +24,7 @@ from recordings.trials import Table
 
 from .. import judgement
 from ..data.case import campaign_of
-from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, implausible_values
-from ..data.pushes import SHORTEST, cantilevers, complete
+from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
 from .misfit import as_described
