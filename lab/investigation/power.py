@@ -12,8 +12,8 @@ import numpy as np
 from rich.table import Table as Sheet
 
 from diagnosis.data.case import Case, states
-from diagnosis.power.foreseen import Addition, additions, foreseen, of_case
-from diagnosis.power.worlds import OTHER_LAWS, Planned, Power, power
+from diagnosis.power import Addition, additions, foreseen, of_case
+from diagnosis.power import OTHER_LAWS, Planned, Power, power
 from model.effects.shows import possible
 from model.robot import Robot
 from protocols.planned import planned_rows

@@ -1,6 +1,9 @@
-"""Worlds drawn under a plan, and their probabilities: how often it would tell each cause right, and what it would be taken for.
+"""What a plan can tell before it is measured: worlds drawn under it, how often each cause would be named, and what a further
+experiment would bring.
 
-They are linear about the robot as it is described,
+A case is foreseen as the plan would give it. Worlds are drawn under its design, and weighed.
+
+Worlds are linear about the robot as it is described,
 
     y = A theta + N u + g D w + sum_e f_e r_e o (B z_e) + e,    r_e = A_e theta_e,
 
@@ -13,7 +16,7 @@ catalogue are not drawn. Source: simulation-based calibration (Talts et al. 2018
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -22,16 +25,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from ..arrays import Array
-from ..inference.budget import BudgetPart, after_calibration
-from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
-from ..inference.linear import Linear
-from ..inference.posterior import hypothesis_prior
-from ..inference.prepare import Prepared, parts
-from ..inference.problem import Problem, leading
-from ..inference.search import Search
-from ..judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+from recordings.trials import Table
+
+from .answer.experiments import CandidateExperiment, candidate_experiments, columns
+from .arrays import Array
+from .data.case import Case, CaseLike, states
+from .errors import BadCase
+from .inference.budget import BudgetPart, after_calibration
+from .inference.candidate import Candidate
+from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
+from .inference.linear import Linear
+from .inference.posterior import hypothesis_prior
+from .inference.prepare import Prepared, parts, prepare
+from .inference.problem import Problem, leading
+from .inference.reading_noise import DEFAULT_NOISE
+from .inference.search import Search
+from .judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
 
 CAUSE = (0.5, 1.5)
 """Plausible scales of a cause."""
@@ -231,3 +245,75 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
     interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
     unseen = tuple(e for e in catalogue if e not in plan.effects)
     return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(rates_of, plan.effects)), unseen)
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An experiment more, and what it would bring."""
+
+    experiment: CandidateExperiment
+    right: float
+    """Share of the same causes told right with it."""
+    gained: float
+    """Over what the plan tells in as many worlds."""
+
+    @property
+    def per_hour(self) -> float:
+        """Gain an hour."""
+        return self.gained / max(self.experiment.minutes / 60, 1e-3)
+
+
+def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int = 1) -> Case:
+    """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
+    trials. Raises `BadCase` where the rod has no equilibrium."""
+    design = design_from_columns(robot, table)
+    forward = ForwardModel(robot, design, area="one", catalogue={})
+    rng = np.random.default_rng(seed)
+    # what recurs (with trials, repeats, mountings) is drawn, all else is as described
+    theta = np.array([p.sd * rng.standard_normal() if p.recurs else 0.0 for p in forward.parameters])
+    low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
+    values = forward.predict(np.clip(theta, low, high))
+    if not np.isfinite(values).all():
+        raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
+    columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
+    for name in "xyz":
+        rows = observed.channel == name
+        columns_read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
+    n = len(design)
+    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
+
+
+def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
+    """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
+    return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
+
+
+def additions(
+    case: Case,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    each: int = 12,
+    seed: int = 2,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[Addition, ...]:
+    """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
+    right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
+    menu = candidate_experiments(case.robot, states(case)[0])
+    brought = []
+    for k, e in enumerate(menu):
+        progress((k + 1) / (len(menu) + 1))
+        try:
+            extended = _with(case, e, seed)
+        except BadCase:
+            continue
+        right_after = power(of_case(extended, catalogue), tuple(catalogue), each, seed).right
+        brought.append(Addition(e, right_after, right_after - right_before))
+    progress(1.0)
+    return tuple(sorted(brought, key=lambda a: -a.per_hour))
+
+
+def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:
+    """The case with an experiment behind it."""
+    chambers = len(case.robot.actuators.azimuths_deg)
+    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
+    later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
+    return Case(case.robot, Table.joined([case.table, later]))
