@@ -9,8 +9,7 @@ from diagnosis.answer.experiments import columns
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE
-from diagnosis.power import additions, foreseen, of_case
-from diagnosis.power import Planned, drawn, power, probabilities
+from diagnosis.power import Planned, additions, drawn, foreseen, of_case, power, probabilities
 from model.effects.catalogue import CATALOGUE
 from tests.diagnosis.test_case import ROBOT
 
