@@ -89,6 +89,10 @@ def misfit_diagnostics(
     def distribution(size: float) -> Gaussian:
         return Gaussian(best.linear(problem), best.prior(problem.parameters), size, best.grid_point.form_error)
 
+    law_error_gain = 0.0
+    if answer.linear(problem).form_error.shape[1]:
+        by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
+        law_error_gain = float(by_share[-1] - by_share[0])
     predictive, trials = distribution(max(best.grid_point.size, PREDICTIVE_DISCREPANCY)), np.unique(trial)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)
@@ -98,10 +102,5 @@ def misfit_diagnostics(
         excess_scatter=excess_scatter,
         outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
         outlier_surprise=float(surprise[worst] / value_count[worst]),
-        law_error_gain=_law_error_gain(answer) if answer.linear(problem).form_error.shape[1] else 0.0,
+        law_error_gain=law_error_gain,
     )
-
-
-def _law_error_gain(c: Candidate) -> float:
-    by_share = logsumexp(c.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
-    return float(by_share[-1] - by_share[0])

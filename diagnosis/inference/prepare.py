@@ -150,7 +150,10 @@ def prepare(
     whole: FitForward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
-        whole = forward = ForwardModel(robot, design, area, _effective(forward, slope), sized=sized)
+        # effects that change none of the values are left out
+        moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
+        effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
+        whole = forward = ForwardModel(robot, design, area, effects, sized=sized)
         predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
@@ -192,12 +195,6 @@ def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
         count = len(np.unique(labels.state[pushes]))
         found.append(BudgetPart(pushes, 1 / stiffness, prepared.pushes.noise_floor, count))
     return tuple(found)
-
-
-def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
-    """The effects that change any of the values; the others are left out."""
-    moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
-    return {id: spec for id, spec in forward.catalogue.items() if id in moved}
 
 
 def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:

@@ -228,7 +228,9 @@ def floor_of(
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
     predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
-    regular = each_channel(np.concatenate(predictors, axis=2)[complete])
+    # a coefficient of their own in each channel
+    each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
+    regular = each.reshape(len(each), len(names), -1)
     as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
@@ -242,12 +244,6 @@ def by_readings(states: Campaign) -> Array:
     read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
     read = read / max(float(read.max()), 1.0)
     return np.hstack([read, read**2])
-
-
-def each_channel(columns: Array) -> Array:
-    """(n, c, c m) columns (n, c, m) with a coefficient of their own in each channel."""
-    n, c, m = columns.shape
-    return np.asarray(np.einsum("ncm,cd->ncdm", columns, np.eye(c)).reshape(n, c, c * m))
 
 
 def _usual(noise: NoiseComponents) -> float:
