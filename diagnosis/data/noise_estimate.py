@@ -36,17 +36,8 @@ from scipy.sparse.csgraph import connected_components
 
 from model.prediction.box_minima import box_minima
 
+from .. import judgement
 from ..arrays import Array, Ints
-from ..judgement import (
-    COMPONENT_LOG_SD,
-    DRIFT_SD,
-    LASTING_LOGIT_SD,
-    LASTING_SHARE,
-    LEAST_COMPONENT_SHARE,
-    LONGEST_MEMORY,
-    MEMORY,
-    MEMORY_LOG_SD,
-)
 from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts
 
 MOST_CONTRASTS = 150
@@ -137,19 +128,21 @@ class Loss:
         self.sds = count
         trial = [default.trial[k] for k in self._names]
         sds = np.log([*default.channel.values(), default.pressure, default.rest, *trial])
-        logit = np.log(LASTING_SHARE / (1 - LASTING_SHARE))
+        logit = np.log(judgement.LASTING_SHARE / (1 - judgement.LASTING_SHARE))
         self.centre = np.array([*sds, *[logit] * (g + 1), np.log(default.memory)])
-        self._prior_sd = np.repeat([COMPONENT_LOG_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD], [count, g + 1, 1])
+        self._prior_sd = np.repeat(
+            [judgement.COMPONENT_LOG_SD, judgement.LASTING_LOGIT_SD, judgement.MEMORY_LOG_SD], [count, g + 1, 1]
+        )
         self._lasts = float((data.block >= 0).any())
-        longest = np.log(LONGEST_MEMORY / MEMORY)
-        self.low = np.repeat([np.log(LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
+        longest = np.log(judgement.LONGEST_MEMORY / judgement.MEMORY)
+        self.low = np.repeat([np.log(judgement.LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
         self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], [count, g + 1, 1])
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])
         order, parts = _together(contrast, data.block)
         contrast = contrast[order]
-        drift = DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
+        drift = judgement.DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
         every = [*(_parted(contrast, data.scatter[name]) for name in self._names), drift]
         columns, self._of = np.hstack(every), np.repeat(np.arange(len(every)), [x.shape[1] for x in every])
         self._named = self._of[None, :] == np.arange(len(self._names))[:, None]

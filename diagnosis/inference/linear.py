@@ -58,13 +58,6 @@ class Linear:
     effect_size: Array | None = None
     """(p,) see `Parameters.effect_size`; None where no parameter is a shape parameter."""
 
-    def __post_init__(self) -> None:
-        n = len(self.observed)
-        for name in ("effects", "nuisance", "discrepancy", "form_error"):
-            shape: tuple[int, ...] = getattr(self, name).shape
-            if len(shape) != 2 or shape[0] != n:
-                raise ValueError(f"{name}: shape {shape}, must be ({n}, columns)")
-
     def discrepancy_size(self, size: float, form_error: float) -> float:
         """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
         return float(np.hypot(size, form_error * self.leakage))
