@@ -27,6 +27,7 @@ from benchmarks.figures import write
 from diagnosis.compare_campaigns import compare_campaigns
 from diagnosis.inference.executor import Executor
 from lab.files.inputs import Case
+from lab.processes import processes
 
 SET_UP = ("base_tilt", "frame_misalignment")
 """Tolerances that each day has for itself: the robot was mounted and the cameras were calibrated anew."""
@@ -82,12 +83,11 @@ def campaigns(seed: int, changed: bool) -> tuple[str, float, Case, Case]:
     raise NoWorldEquilibrium
 
 
-def compared(seed: int, changed: bool, cores: int) -> Pair:
+def compared(seed: int, changed: bool, executor: Executor) -> Pair:
     """One pair compared."""
     effect, floors, reference, later = campaigns(seed, changed)
-    found = compare_campaigns(later, reference, executor=Executor(cores))
-    probability = dict(found.ranking).get(found.effects, 0.0)
-    return Pair(f"drawn:{seed}", effect, floors, found.effects, round(probability, 3))
+    found = compare_campaigns(later, reference, executor=executor)
+    return Pair(f"drawn:{seed}", effect, floors, found.effects, round(dict(found.ranking).get(found.effects, 0.0), 3))
 
 
 def summary(pairs: Sequence[Pair]) -> dict[str, str]:
@@ -108,13 +108,13 @@ def main() -> int:
     parser.add_argument("--json", type=Path, default=Path("out/changes.json"))
     a = parser.parse_args()
     pairs = []
-    for k in range(a.pairs):
-        try:
-            pairs.append(compared(a.seed + k, bool(k % 2), a.cores))
-        except NoWorldEquilibrium:
-            print(f"drawn:{a.seed + k}: the robot has no equilibrium, left out")
-        else:
-            print(pairs[-1], flush=True)
+    with processes(max(a.cores - 1, 1)) as workers:
+        for k in range(a.pairs):
+            try:
+                pairs.append(compared(a.seed + k, bool(k % 2), Executor(remote_map=workers.in_order)))
+                print(pairs[-1], flush=True)
+            except NoWorldEquilibrium:
+                print(f"drawn:{a.seed + k}: the robot has no equilibrium, left out")
     for name, figure in summary(pairs).items():
         print(f"{name}: {figure}")
     write(a.json, "pairs", pairs, figures=summary(pairs))

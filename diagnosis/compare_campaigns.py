@@ -24,7 +24,7 @@ from .answer.headline import for_people
 from .answer.result import Change
 from .answer.sentences import OUTSIDE, plain_name, with_id
 from .arrays import Array
-from .criticism.misfit import misfit_diagnostics
+from .criticism.gaussian import misfit_diagnostics
 from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states

@@ -32,7 +32,6 @@ from .answer.rivals import Rivals
 from .answer.size import sizes
 from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
-from .data.baseline import Baseline
 from .data.campaign import Campaign
 from .data.case import CaseLike, lacking, states
 from .edits.order import ORDER
@@ -41,6 +40,7 @@ from .errors import BadCase
 from .findings import Finding, finding
 from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
+from .inference.on_baseline import Baseline
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.thrust import SettledThrust, settled_and_edited
 

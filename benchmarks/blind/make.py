@@ -278,7 +278,7 @@ def write_predictions(folder: Path, name: str) -> Path:
     case = read_case([folder])
     label, own = simulator(name, case.robot)
     made = from_simulator(label, own, case, CATALOGUE, lambda _done, _of: None, varied=False)
-    columns = {k: v for k, v in made.columns().items() if np.isfinite(v).any()}
+    columns = {k: v for k, v in made.predicted.values.items() if np.isfinite(v).any()}
     path = folder / PREDICTED
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

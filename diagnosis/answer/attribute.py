@@ -8,8 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ..criticism.gaussian import Gaussian
-from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
+from ..criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
 from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking

@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
 from ..inference.problem import FitParameters
-from ..inference.stiffness_trials import StiffnessTrials
+from ..inference.reading_noise import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .calibration import simulator

@@ -23,7 +23,6 @@ from scipy.special import logsumexp
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.forward import ForwardModel
-from model.effects.parameters import ParameterInfo
 from model.effects.spec import EffectSpec
 
 from .. import judgement
@@ -31,7 +30,6 @@ from ..arrays import Array, Mask
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
-from ..inference.linear import Linear
 from ..inference.posterior import log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, linearise
@@ -67,15 +65,22 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
         return max(log_evidence - reached.get(beside, math.inf), 0.0)
 
     for c in candidates:
-        relatives = _relatives(p, forward, c)
+        wider, white = _relatives(p, forward, c)
+        added = wider.infos[len(p.problem.parameters.infos) :]
+        ids = tuple(dict.fromkeys(i.source for i, column in zip(added, white.T, strict=True) if column.any()))
         linear = c.linear(p.problem)
         offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
         one_less = [(tuple(e for e in c.named if e != one), c.fit.without_law(one).linear(p.problem)) for one in c.named]
         for beside, linear_there in one_less or [(c.named, linear)]:
-            extended, wider = relatives.beside(linear_there, p.problem.parameters)
-            alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in relatives.ids)])
+            size = linear_there.effect_size
+            extended = replace(
+                linear_there,
+                effects=np.hstack([linear_there.effects, white]),
+                effect_size=None if size is None else np.append(size, np.zeros(len(added))),
+            )
+            alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in ids)])
             excess = above(beside, alone.log_evidence + offset)
-            for r, w in zip(relatives.ids, with_relative, strict=True):
+            for r, w in zip(ids, with_relative, strict=True):
                 z = w.log_evidence + offset - excess
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
                     promised[r, beside] = z, c
@@ -132,38 +137,15 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     return with_it.log_evidence - best.predicted_decrease, without.log_evidence
 
 
-@dataclass(frozen=True)
-class _Relatives:
-    """Derivatives of the values by the relatives' parameters at a fit."""
-
-    infos: tuple[ParameterInfo, ...]
-    least: tuple[float, ...]
-    """As `FitParameters.least`."""
-    white: Array
-    """(n, r) whitened, by one prior standard deviation of each."""
-
-    @property
-    def ids(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(i.source for i, column in zip(self.infos, self.white.T, strict=True) if column.any()))
-
-    def beside(self, linear: Linear, p: FitParameters) -> tuple[Linear, FitParameters]:
-        """A linear problem and its parameters with the relatives as further effects."""
-        sd = np.array([i.sd for i in self.infos])
-        size = None if linear.effect_size is None else np.append(linear.effect_size, np.zeros(len(sd)))
-        return (
-            replace(linear, effects=np.hstack([linear.effects, self.white]), effect_size=size),
-            replace(p, infos=p.infos + self.infos, sd=np.append(p.sd, sd), least=p.least_of_each + self.least),
-        )
-
-
 def _with_relatives(p: Prepared, relatives: Mapping[str, EffectSpec]) -> ForwardModel:
     """The rod's model of the states with further effects."""
     catalogue = {**p.forward.catalogue, **relatives}
     return ForwardModel(p.robot, p.forward.design, p.forward.area, catalogue, plane_direction=p.forward.plane_direction)
 
 
-def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> _Relatives:
-    """Those that `forward` has beside the catalogue, at a candidate's fit."""
+def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitParameters, Array]:
+    """The problem's parameters with those of the relatives that `forward` has beside the catalogue, as further effects, and the
+    derivatives of the values by these at a candidate's fit, whitened, by one prior standard deviation of each."""
     problem, shown = p.problem, forward.catalogue.keys() - p.forward.catalogue.keys()
     known = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
     theta = np.array([known.get(info.name, 0.0) for info in forward.parameters])
@@ -172,9 +154,10 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> _Relatives:
     infos = tuple(forward.parameters[i] for i in own)
     sd = np.array([i.sd for i in infos])
     whole = np.hstack([c.fit.derivatives(problem).whole, slope])
-    made = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
-    least = least_sizes(made, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
-    return _Relatives(infos, least or (judgement.LEAST_NAMED_SIZE,) * len(infos), problem.noise.whiten(slope * sd))
+    wider = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
+    least = least_sizes(wider, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
+    least = problem.parameters.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))
+    return replace(wider, least=least), problem.noise.whiten(slope * sd)
 
 
 def _measured(p: Prepared, forward: ForwardModel) -> Mask:

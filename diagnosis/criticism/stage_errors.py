@@ -27,19 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from .. import judgement
 from ..arrays import Array
 from ..inference.discrepancy import eigenfunctions, settings
 from ..inference.problem import FitParameters
-from ..judgement import (
-    CORRELATION_TIME,
-    FREE_FORM_ODDS,
-    LARGEST_EXCESS,
-    LARGEST_ODDS,
-    SAME_ODDS,
-    STAGE_ERROR_SIZES,
-    TEMPERATURE,
-    USUAL_EXCESS,
-)
 from .gaussian import Gaussian
 
 
@@ -102,9 +93,9 @@ def total_gain(errors: Sequence[StageError]) -> float:
 
 def odds_unnamed(free_form: float, excess_scatter: float) -> float:
     """Odds of a cause that nobody listed, by the log evidence that errors of free form gain and the excess scatter of repeats."""
-    free_form_odds = math.exp(min(free_form / TEMPERATURE, LARGEST_ODDS))
-    unnamed = SAME_ODDS + FREE_FORM_ODDS * free_form_odds
-    return unnamed * max(min(excess_scatter, LARGEST_EXCESS) / USUAL_EXCESS, 1.0)
+    free_form_odds = math.exp(min(free_form / judgement.TEMPERATURE, judgement.LARGEST_ODDS))
+    unnamed = judgement.SAME_ODDS + judgement.FREE_FORM_ODDS * free_form_odds
+    return unnamed * max(min(excess_scatter, judgement.LARGEST_EXCESS) / judgement.USUAL_EXCESS, 1.0)
 
 
 def free_form_gain(g: Gaussian, columns: Array) -> float:
@@ -115,7 +106,9 @@ def free_form_gain(g: Gaussian, columns: Array) -> float:
     value, vector = np.linalg.eigh(g.inner(columns))
     value = np.maximum(value, 0.0)
     along = (vector.T @ (columns.T @ g.residual)) ** 2
-    gains = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in STAGE_ERROR_SIZES]
+    gains = [
+        0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in judgement.STAGE_ERROR_SIZES
+    ]
     return _mean(gains)
 
 
@@ -126,5 +119,5 @@ def smooth_functions(spine_length: Array, pressure: Array, branch: Array, time: 
     place: dict[str, Array] = {"pressure": at[:, [1, 2]], "spine length": at[:, [0]]}
     place["pressure and spine length"] = at[:, [1, 2, 0]]
     if np.isfinite(time).all() and np.ptp(time) > 0:
-        place["time"] = ((time - time.min()) / np.ptp(time) / CORRELATION_TIME)[:, None]
+        place["time"] = ((time - time.min()) / np.ptp(time) / judgement.CORRELATION_TIME)[:, None]
     return {dependence: eigenfunctions(own) for dependence, own in place.items()}

@@ -147,6 +147,12 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
     )
 
 
+def kinds_of(channel: NDArray[np.str_]) -> Ints:
+    """(n,) `Labels.kind` of channels: rx, ry, rz are turns of the tip, m1x, m1y .. places of markers."""
+    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
+    return np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
+
+
 @dataclass(frozen=True)
 class Labels:
     """What each of n measured values is."""

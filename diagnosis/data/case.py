@@ -18,9 +18,10 @@ from recordings.trials import Table
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from ..findings import Finding, finding
-from . import plausible, pushes
+from . import levels as gaps
 from .campaign import Campaign
-from .levels import FORCE_GAP, MASS_GAP, RATE_GAP, ROLL_GAP, SPINE_GAP, VACUUM_GAP, by_frequency, distinct, levels, pressure_gap
+from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
+from .plausible import complete, of_body, require_plausible, require_plausible_pushes
 
 
 class CaseLike(Protocol):
@@ -45,7 +46,7 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     """The states with a tip and those of stiffness trials, and concerns about the table; raises `BadCase`."""
     robot = case.robot
     table, rows = case.table, np.arange(len(case.table))
-    of_robot, of_pushes = rows[table.with_tip], rows[pushes.complete(table)]
+    of_robot, of_pushes = rows[table.with_tip], rows[complete(table)]
     if not of_robot.size and not of_pushes.size:
         raise BadCase(
             f"none of the {len(table)} rows has a tip position, or force and deflection of a stiffness trial: "
@@ -56,11 +57,10 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
     concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
-    plausible.require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
-    pushes.require_plausible(robot, table.take(usable_pushes))
+    require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
+    require_plausible_pushes(robot, table.take(usable_pushes))
     campaign = campaign_of(table, usable, usable_pushes)
-    concerns += _concerns(campaign, robot) if len(usable) else ()
-    return campaign, (*concerns, *pushes.concerns(campaign, bool(len(usable)), robot.actuators.words))
+    return campaign, (*concerns, *_concerns(campaign, robot))
 
 
 def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
@@ -69,9 +69,9 @@ def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     none = np.zeros(len(row), np.int64)
     s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
     own = s.take(~s.pushed)
-    kind = _behind(_kinds(own), pushes.kinds(pushed))
+    kind = _behind(_kinds(own), _kinds_of_pushes(pushed))
     condition = _conditions(replace(own, kind=kind[: len(own)]))
-    return replace(s, kind=kind, condition=_behind(condition, pushes.conditions(pushed)))
+    return replace(s, kind=kind, condition=_behind(condition, _conditions_of_pushes(pushed)))
 
 
 def finite(trials: Table) -> Mask:
@@ -89,7 +89,7 @@ def _conditions(s: Campaign) -> Ints:
     # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
-    found = distinct(levels(s.spine_length, SPINE_GAP), level, branch, s.kind, hold)
+    found = distinct(levels(s.spine_length, gaps.SPINE_GAP), level, branch, s.kind, hold)
     settings = np.zeros(s.pressure.shape, np.int64)
     for own in (found == c for c in np.unique(found)):
         # chambers that differ by more were set otherwise, whatever the highest pressure is
@@ -111,11 +111,11 @@ def _kinds(s: Campaign) -> Ints:
     return by_frequency(
         np.unique(trials.get("protocol"), return_inverse=True)[1],
         distinct(inflated),
-        levels(trials.get("tip_mass", 0.0), MASS_GAP),
-        levels(trials.get("roll_deg", 0.0), ROLL_GAP),
-        *(levels(along_axis, FORCE_GAP) for along_axis in trials.tip_force.T),
+        levels(trials.get("tip_mass", 0.0), gaps.MASS_GAP),
+        levels(trials.get("roll_deg", 0.0), gaps.ROLL_GAP),
+        *(levels(along_axis, gaps.FORCE_GAP) for along_axis in trials.tip_force.T),
         _vacuums(trials.get("vacuum", 0.0), s.spine_length),
-        levels(ramp, RATE_GAP),
+        levels(ramp, gaps.RATE_GAP),
     )
 
 
@@ -135,10 +135,10 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
     """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
     out = np.zeros(len(vacuum), np.int64)
-    length = levels(spine, SPINE_GAP)
+    length = levels(spine, gaps.SPINE_GAP)
     for k in np.unique(length):
         own = length == k
-        out[own] = levels(-vacuum[own], VACUUM_GAP)
+        out[own] = levels(-vacuum[own], gaps.VACUUM_GAP)
     return out
 
 
@@ -147,7 +147,7 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     specimen pushed to two deflections at two lengths. Templates of `Words`."""
     own = s.take(~s.pushed)
     if not (len(own) and own.repeats >= 2):
-        if pushes.can_name_cause(s.take(s.pushed)):
+        if _pushes_name_cause(s.take(s.pushed)):
             return ()
         return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
     if own.highest.max() <= s.pressure_gap:
@@ -156,15 +156,49 @@ def lacking(s: Campaign) -> tuple[str, ...]:
 
 
 def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
-    """What a small table cannot answer."""
-    own, words = s.take(s.main), robot.actuators.words
-    if robot.spine is not None and len(np.unique(levels(own.spine_length, SPINE_GAP))) < 2:
-        yield finding("one_spine_length", words)
-    if len(np.unique(levels(own.highest, s.pressure_gap))) < 2:
-        yield finding("one_pressure", words)
-    if s.highest.max() < s.pressure_gap:
-        yield finding("not_bent", words)
-    if s.repeats < 3:
-        yield finding("not_repeated" if s.repeats < 2 else "repeated_once", words)
-    if not (own.branch < 0).any():
-        yield finding("no_unload", words)
+    """What a small table, and its stiffness trials, cannot answer."""
+    tips, pushes, words = s.take(~s.pushed), s.take(s.pushed), robot.actuators.words
+    if len(tips):
+        if robot.spine is not None and len(np.unique(levels(tips.spine_length, gaps.SPINE_GAP))) < 2:
+            yield finding("one_spine_length", words)
+        if len(np.unique(levels(tips.highest, s.pressure_gap))) < 2:
+            yield finding("one_pressure", words)
+        if tips.highest.max() < s.pressure_gap:
+            yield finding("not_bent", words)
+        if tips.repeats < 3:
+            yield finding("not_repeated" if tips.repeats < 2 else "repeated_once", words)
+        if not (tips.branch < 0).any():
+            yield finding("no_unload", words)
+    elif len(pushes):
+        yield finding("only_stiffness_trials", words)
+        yield finding("probabilities_not_calibrated")
+    if len(pushes):
+        if pushes.repeats < 3:
+            yield finding("deflections_not_repeated" if pushes.repeats < 2 else "deflections_repeated_once")
+        if len(np.unique(levels(pushes.spine_length, gaps.SPINE_GAP))) < 2:
+            yield finding("one_stiffness_length")
+
+
+def _kinds_of_pushes(given: Table) -> Ints:
+    """Number of each state's kind of experiment, specimen and vacuum; 0 for most."""
+    return by_frequency(of_body(given).astype(np.int64), levels(given.get("vacuum", 0.0), gaps.VACUUM_GAP))
+
+
+def _conditions_of_pushes(given: Table) -> Ints:
+    """Number of each state's condition: kind, spine length, branch and step of deflection."""
+    deflection, trial, spine = given.get("deflection"), given.trial, np.clip(given.spine_length, 0.0, None)
+    branch = (given.get("branch") == "unload").astype(np.int64)
+    same = distinct(_kinds_of_pushes(given), levels(spine, gaps.SPINE_GAP), branch)
+    level = np.zeros(len(given), np.int64)
+    for one in np.unique(same):
+        own = same == one
+        level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
+    return distinct(same, level)
+
+
+def _pushes_name_cause(s: Campaign) -> bool:
+    """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
+    if not len(s) or s.repeats < 2:
+        return False
+    places = len(np.unique(distinct(levels(s.spine_length, gaps.SPINE_GAP), s.kind)))
+    return places > 1 and len(np.unique(s.condition)) > places

@@ -10,6 +10,10 @@ What else may be wrong is judged by the list of edits, see `edits.reading`.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from model.condition import HIGHEST_PRESSURE
@@ -17,16 +21,39 @@ from model.robot import Robot
 from model.section import body_area
 from recordings.trials import Table
 
-from ..arrays import Ints
+from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
-from .units import LENGTH_UNITS, PRESSURE_UNITS, nearest, units_near
 
 FARTHEST = 1.5
 """Robot lengths; no tip of a rod that stretches by less than half is further from its base."""
+MOST_DEFLECTION = 0.3
+"""Largest deflection of beam theory, as a share of the cantilever's length."""
+SHORTEST = 0.01
+"""m; a shorter spine offers nothing to push on."""
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """`per_si`: how many of it make one of the SI unit."""
+
+    name: str
+    per_si: float
+
+    @property
+    def remedy(self) -> str:
+        """What to do with the numbers."""
+        return f"divide by {self.per_si:g}" if self.per_si > 1 else f"multiply by {1 / self.per_si:g}"
+
+
+LENGTH_UNITS = (Unit("mm", 1000.0), Unit("cm", 100.0), Unit("inches", 1 / 0.0254))
+PRESSURE_UNITS = (
+    Unit("mbar", 1e-2), Unit("kPa", 1e-3), Unit("psi", 1 / 6895.0), Unit("bar", 1e-5), Unit("MPa", 1e-6),
+)  # fmt: skip
+FORCE_UNITS = (Unit("mN", 1000.0), Unit("gram-force", 1000 / 9.80665))
 
 
 def require_plausible(robot: Robot, table: Table) -> None:
@@ -135,3 +162,53 @@ def _masses(robot: Robot, table: Table) -> str:
         return ""
     beside = f"robot.yaml has {described:g} kg" if described > 0 else f"the body would be twice as long under {carried:.3g} kg"
     return f"{table.place(heaviest)}, column tip_mass: {mass:g} kg, {beside}: looks like g; masses are in kg: divide by 1000"
+
+
+def complete(table: Table) -> Mask:
+    """(n,) states of stiffness trials with a force and the deflection it belongs to."""
+    return np.asarray(table.pushed & np.isfinite(table.get("force")) & np.isfinite(table.get("deflection")))
+
+
+def of_body(given: Table) -> Mask:
+    return np.asarray(given.get("specimen") == "body")
+
+
+def cantilevers(robot: Robot, given: Table) -> Array:
+    """(n,) m of the cantilevers."""
+    return np.where(of_body(given), robot.length, given.spine_length)
+
+
+def require_plausible_pushes(robot: Robot, pushes: Table) -> None:
+    """Raises `BadCase` for states that no stiffness trial of this robot gives."""
+    length, deflection = cantilevers(robot, pushes), pushes.get("deflection")
+    if robot.spine is None and (of_spine := np.flatnonzero(~of_body(pushes))).size:
+        raise BadCase(
+            f"{pushes.place(of_spine[0])}: a stiffness trial of a spine, but robot {robot.name!r} has none: add the spine's "
+            "moduli to robot.yaml"
+        )
+    for i in np.flatnonzero(length < SHORTEST)[:1].tolist():
+        raise BadCase(
+            f"{pushes.place(i)}: a stiffness trial of a spine of {length[i]:g} m: check spine_length (m), or write specimen body"
+        )
+    for i in np.flatnonzero(np.abs(deflection) > MOST_DEFLECTION * length)[:1].tolist():
+        looks = "looks like mm; deflections are in m: divide by 1000" if abs(deflection[i]) > length[i] else "check the unit (m)"
+        raise BadCase(
+            f"{pushes.place(i)}: deflection {deflection[i]:g} m of a cantilever of {length[i]:g} m; beam theory holds up to "
+            f"{MOST_DEFLECTION:g} of its length: {looks}, or leave the row out"
+        )
+
+
+def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
+    """All units whose `per_si` is within a factor of a ratio of numbers found to numbers expected; the nearest, even if it is
+    not, comes first."""
+    distance = {unit: abs(math.log(ratio / unit.per_si)) for unit in units}
+    first, *others = sorted(units, key=distance.__getitem__)
+    return [first, *(unit for unit in others if distance[unit] < math.log(within))]
+
+
+def nearest(ratio: float, units: Sequence[Unit], within: float) -> Unit | None:
+    """The unit whose `per_si` is nearest to a ratio; None beyond a factor `within`."""
+    if not ratio > 0:
+        return None
+    best = units_near(ratio, units, within)[0]
+    return best if abs(math.log(ratio / best.per_si)) < math.log(within) else None

@@ -14,7 +14,7 @@ from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_
 
 from ..arrays import Array, Ints
 from ..data.campaign import tip_masses
-from ..findings import Finding
+from ..findings import Finding, finding
 
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
 """What every hypothesis calibrates within `EDIT_USUAL`: logarithms of factors, rad, robot lengths."""
@@ -144,15 +144,28 @@ SEEN = ("tip", "orientation", "markers")
 """Those that were measured of it."""
 
 
+Says = Callable[[Robot, Array, Array, float, str], Sequence[Finding]]
+"""Robot as described, calibration (8,), own parameters, probability and what else it may be (text) -> findings; none where
+nothing is changed."""
+
+
+def stating(code: str, short: str, **values: Any) -> Says:
+    """State a finding with these values, whatever the parameters are; `short`: what is changed, in the robot's words."""
+
+    def says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
+        words = robot.actuators.words
+        return [finding(code, words, **values, short=words.fill(short), p=p, rather=rather)]
+
+    return says
+
+
 @dataclass(frozen=True)
 class Edit:
     """One way in which a description is wrong. Edits of one `kind` are about the same thing and exclude each other."""
 
     kind: str
     prior: float
-    says: Callable[[Robot, Array, Array, float, str], Sequence[Finding]] = field(default=lambda *_: (), repr=False)
-    """Robot as described, calibration (8,), own parameters, probability and what else it may be (text) -> findings; none where
-    nothing is changed."""
+    says: Says = field(default=lambda *_: (), repr=False)
     apply: Callable[[Variants, Array], Variants] = field(default=lambda v, _: v, repr=False)
     """What would be written without the mistake, of own parameters (v, k)."""
     starts: tuple[tuple[float, ...], ...] = ((),)

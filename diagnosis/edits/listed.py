@@ -6,7 +6,7 @@ exists for each chamber, pair or trial, the share is divided by their number.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations, product
@@ -24,9 +24,9 @@ from recordings.trials import TIP, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.units import LENGTH_UNITS, PRESSURE_UNITS
+from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS
 from ..findings import Finding, finding
-from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Variants
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
 from .misfit import Fit, Sample
 
 QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
@@ -62,16 +62,16 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     yield Edit("order", 0.05, _azimuth, starts=QUARTERS, widens={AZIMUTH: np.pi})
     yield Edit("order", 0.03, _counted, _mirrored, starts=QUARTERS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
-    yield Edit("gravity", 0.03, partial(gravity_says, turned_round), partial(_gravity, turned_round))
+    yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(_gravity, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
         if min(np.linalg.norm(down - other) for other in (robot.gravity, turned_round)) > 0.1 * size:
-            yield Edit("gravity", 0.005, partial(gravity_says, down), partial(_gravity, down))
+            yield Edit("gravity", 0.005, gravity_says(robot, down), partial(_gravity, down))
     around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
     widest = np.radians(25)
     yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})
     half = ((-0.9, 0.9), (-0.9, 0.9))
     yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], half)
-    yield Edit("length", 0.03, _length_says, _length, ((-0.05,), (0.05,)), ((-0.25, 0.35),))
+    yield Edit("length", 0.03, _length, _stretched, ((-0.05,), (0.05,)), ((-0.25, 0.35),))
     yield Edit("origin", 0.03, _origin, starts=((0.0, 0.0, 0.0),), widens={5: 0.3, 6: 0.3, 7: 0.3})
 
 
@@ -121,9 +121,9 @@ def _gravity(down: Array, v: Variants, own: Array) -> Variants:
     return replace(v, gravity=np.broadcast_to(down, v.gravity.shape))
 
 
-def gravity_says(down: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    given = listed(robot.gravity)
-    return [finding("gravity_elsewhere", found=listed(down), given=given, short="gravity", p=p, rather=rather)]
+def gravity_says(robot: Robot, down: Array) -> Says:
+    """State that gravity points along `down` (m/s^2)."""
+    return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
 
 
 def listed(vector: Any) -> str:
@@ -154,11 +154,11 @@ def _tilt_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) ->
     return [finding("base_tilted", about=about, given=given, short="tilt of the base", p=p, rather=rather)]
 
 
-def _length(v: Variants, own: Array) -> Variants:
+def _stretched(v: Variants, own: Array) -> Variants:
     return replace(v, stretch=v.stretch * (1 + own))
 
 
-def _length_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _length(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     given, words = 1e3 * robot.length, robot.actuators.words
     found = given * (1 + float(own[0]))
     return [finding("length_differs", words, given=given, found=found, unit="mm", short="length", p=p, rather=rather)]
@@ -183,12 +183,13 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             sign = np.array([1.0, 1.0, handed])
             quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
-            yield Edit("frame", 0.006, partial(axes_say, axes), partial(_axes, quaternion, sign))
+            yield Edit("frame", 0.006, axes_say(axes), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
-            yield Edit("unit", 0.01, partial(_unit_says, factor, unit), partial(_unit, factor))
+            says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
+            yield Edit("unit", 0.01, says, partial(_unit, factor))
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
@@ -200,21 +201,9 @@ def _unit(factor: float, v: Variants, own: Array) -> Variants:
     return replace(v, tip=factor * v.tip, markers=factor * v.markers)
 
 
-def _unit_says(factor: float, unit: str, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("places_in_unit", unit=unit, factor=factor, short="unit of the positions", p=p, rather=rather)]
-
-
 def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
     """Places along other axes of the file, which are turned and mirrored to be the base's."""
     return v.turned(np.broadcast_to(quaternion, (len(own), 4)), sign)
-
-
-def axes_say(axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    mirrored = np.linalg.det(axes) < 0
-    angle, about, line = _turned_says(Rotation.from_matrix(-axes if mirrored else axes), axes)
-    if mirrored:
-        return [finding("frame_mirrored", line=line, short="the cameras' frame", p=p, rather=rather)]
-    return [finding("frame_turned", angle=angle, about=about, line=line, short="the cameras' frame", p=p, rather=rather)]
 
 
 def _turn(v: Variants, own: Array) -> Variants:
@@ -222,28 +211,28 @@ def _turn(v: Variants, own: Array) -> Variants:
     return v.turned(from_vector(-own))
 
 
-def _turn_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _turn_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
     turn = Rotation.from_rotvec(own)
     if turn.magnitude() < np.radians(judgement.EDIT_LEAST_TILT):
         return []
-    angle, about, line = _turned_says(turn.inv(), turn.inv().as_matrix())
-    return [finding("frame_turned", angle=angle, about=about, line=line, short="the cameras' frame", p=p, rather=rather)]
+    return axes_say(turn.inv().as_matrix(), turn.inv())(robot, theta, own, p, rather)
 
 
-def _turned_says(turn: Rotation, axes: Array) -> tuple[float, str, str]:
-    """Angle (deg) and axis by which the frame is turned, and the line to correct; `turn` and `axes` (3, 3) lead to the base."""
-    back = turn.inv().as_rotvec()
+def axes_say(axes: Array, turn: Rotation | None = None) -> Says:
+    """State the frame's angle and axis, and the line to correct; `axes` (3, 3), and `turn` without a mirror, lead to the base."""
+    handed = np.round(np.linalg.det(axes))
+    back = (turn or Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
     named = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in nearest]
     aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
-    map_line = (
-        f"frame in map.yaml (in its present axes, x: {named[0]}, y: {named[1]}, z: {named[2]})"
-        if aligned
-        else "the cameras' axes"
-    )
+    line, short = "the cameras' axes", "the cameras' frame"
+    if aligned:
+        line = f"frame in map.yaml (in its present axes, x: {named[0]}, y: {named[1]}, z: {named[2]})"
+    if handed < 0:
+        return stating("frame_mirrored", short, line=line)
     about = listed(back / max(angle, 1e-12))
-    return float(np.degrees(angle)), about, map_line
+    return stating("frame_turned", short, angle=float(np.degrees(angle)), about=about, line=line)
 
 
 def _steps(sample: Sample, missed: Array) -> list[int]:
@@ -284,8 +273,9 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
-    words, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
-    yield Edit("attitude", 0.03, partial(_attitudes_say, words), partial(_attitude, way))
+    remedy, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
+    says = stating("attitudes_elsewhere", "the tip's orientation", remedy=remedy)
+    yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=way(v.orientation)))
 
 
 def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
@@ -305,14 +295,6 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
     return multiply(multiply(left, orientation), right)
 
 
-def _attitude(way: Callable[[Array], Array], v: Variants, own: Array) -> Variants:
-    return replace(v, orientation=way(v.orientation))
-
-
-def _attitudes_say(words: str, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("attitudes_elsewhere", remedy=words, short="the tip's orientation", p=p, rather=rather)]
-
-
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
     pressures = sample.table.pressures
@@ -322,13 +304,15 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     for i, j in pairs:
         order = list(range(len(highest)))
         order[i], order[j] = j, i
-        yield Edit("order", 0.04 / len(pairs), partial(_order_says, i, j), partial(_order, order))
+        says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
+        yield Edit("order", 0.04 / len(pairs), says, partial(_order, order))
     for k in np.flatnonzero(highest > 0).tolist():
         small = highest[k] < 0.02 * highest.max()
         factors = (1e3, 6895.0) if small else (6.895, 1 / 6.895, 2.0)
         share = 1 / np.count_nonzero(highest > 0)
         if not small:
-            yield Edit(f"gain {k}", 0.04 * share, partial(_dead_says, k), partial(_gain, k, 0.0))
+            dead = stating("actuator_dead", f"{{actuator}} {k + 1}", number=k + 1)
+            yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, k, 0.0))
         for factor in factors:
             bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
             apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
@@ -339,40 +323,22 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             yield Edit("pressures", 0.03, _all_say, _all, starts, (bounds,))
     if low := sample.ambient:
-        yield Edit("zero", 0.03, partial(_ambient_says, low), partial(_ambient, low))
-
+        says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
+        yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
-        yield Edit("roll", 0.03, _roll_says, _roll)
-
-
-def _roll(v: Variants, own: Array) -> Variants:
-    return replace(v, roll=np.degrees(v.roll))
-
-
-def _roll_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("roll_in_rad", short="column roll_deg", p=p, rather=rather)]
+        says = stating("roll_in_rad", "column roll_deg")
+        yield Edit("roll", 0.03, says, lambda v, _: replace(v, roll=np.degrees(v.roll)))
 
 
 def _order(order: list[int], v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure[:, :, order])
 
 
-def _order_says(i: int, j: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    words = robot.actuators.words
-    short = words.fill("order of the {actuators}")
-    return [finding("actuators_exchanged", words, first=i + 1, second=j + 1, short=short, p=p, rather=rather)]
-
-
 def _gain(k: int, factor: float, v: Variants, own: Array) -> Variants:
     pressure = v.pressure.copy()
     pressure[:, :, k] *= factor * np.exp(own.sum(axis=1, keepdims=True))
     return replace(v, pressure=pressure)
-
-
-def _dead_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    words = robot.actuators.words
-    return [finding("actuator_dead", words, number=k + 1, short=f"{words.actuator} {k + 1}", p=p, rather=rather)]
 
 
 def _gain_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
@@ -394,15 +360,6 @@ def _all_say(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> l
     unit = min(PRESSURES, key=lambda ratio: abs(np.log(ratio / factor)))
     short = words.fill("unit of the {pressures}")
     return [finding("pressures_in_unit", words, factor=unit, looks=PRESSURES[unit], short=short, p=p, rather=rather)]
-
-
-def _ambient(ambient: float, v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure - ambient)
-
-
-def _ambient_says(ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    words, short = robot.actuators.words, "gauge or absolute pressures"
-    return [finding("pressures_absolute", words, ambient=float(ambient), short=short, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

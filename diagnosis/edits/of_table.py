@@ -17,9 +17,9 @@ from model.rotation import CONJUGATE, multiply
 from recordings.trials import Table
 
 from ..arrays import Array, Mask
-from ..data.units import PRESSURE_UNITS, Unit
-from ..findings import Finding, finding
-from .edit import Edit, Variants
+from ..data.plausible import PRESSURE_UNITS, Unit
+from ..findings import Finding
+from .edit import Edit, Says, Variants, stating
 from .listed import FRAMES, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
@@ -32,18 +32,24 @@ PLAINEST = 0.02
 def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     """The edits that this table can have."""
     table, robot = sample.table, sample.robot
-    yield Edit("origin", 0.01, _displacements_say, _displacements)
+    says = stating("displacements", "columns x, y, z", length=robot.length)
+    yield Edit("origin", 0.01, says, lambda v, _: v.moved(np.full((len(v.tip), 1, 3), (0.0, 0.0, v.robot.length))))
+    number, given, unit = "youngs_modulus", robot.youngs_modulus / 1e3, "kPa"
+    if robot.bending_stiffness:
+        number, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
     for factor in (1e-3, 1e3):
-        yield Edit("modulus", 0.01, partial(_stiffness_says, factor), partial(_stiffness, factor))
-    for unit in PRESSURE_UNITS if robot.chambers is not None else ():
-        if AMBIENT[0] < (ambient := float(table.pressures.min() / unit.per_si)) < AMBIENT[1]:
-            yield Edit("zero", 0.01, partial(_absolute_says, unit, ambient), partial(_absolute, unit, ambient))
+        says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
+        yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
+    for of in PRESSURE_UNITS if robot.chambers is not None else ():
+        if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
+            yield Edit("zero", 0.01, partial(_absolute_says, of, ambient), partial(_absolute, of, ambient))
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
     for k in range(markers):
+        says = stating("points_exchanged", "tip and markers", number=k + 1)
         for about_rest in (True, False):
-            yield Edit("points", 0.02 / markers, partial(_exchanged_say, k), partial(_exchanged, k, about_rest))
+            yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
@@ -51,9 +57,9 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
-            kind, says = ("frame", axes_say) if whole else ("points", partial(_axes_of_one_say, bodies[0]))
+            kind, says = ("frame", axes_say(axes)) if whole else ("points", _axes_of_one_say(bodies[0], axes))
             turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
-            yield Edit(kind, 0.02 / len(every), partial(says, axes), partial(_about_rest, axes, bodies, turn))
+            yield Edit(kind, 0.02 / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
 def _at_rest(table: Table) -> Mask:
@@ -73,7 +79,7 @@ def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
     )
     for down, *shift in list(zip(downs, tip, markers, strict=True))[1:]:
         if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):
-            yield Edit("gravity", 0.005, partial(gravity_says, down), partial(_gravity_from_rest, down, shift))
+            yield Edit("gravity", 0.005, gravity_says(sample.robot, down), partial(_gravity_from_rest, down, shift))
 
 
 def _gravity_from_rest(down: Array, shift: Sequence[Array], v: Variants, own: Array) -> Variants:
@@ -120,43 +126,26 @@ def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Varia
     return replace(v, tip=tip, markers=markers, orientation=orientation)
 
 
-def _axes_of_one_say(
-    body: int, axes: Array, robot: Robot, theta: Array, own: Array, p: float, rather: str
-) -> list[Finding]:  # fmt: skip
+def _axes_of_one_say(body: int, axes: Array) -> Says:
     point = "the tip" if body < 0 else f"marker {body + 1}"
     named = [f"{a}: {'-' * bool(row.sum() < 0)}{'xyz'[int(np.abs(row).argmax())]}" for a, row in zip("xyz", axes, strict=True)]
-    return [finding("axes_of_point", point=point, axes=", ".join(named), short=f"columns of {point}", p=p, rather=rather)]
+    return stating("axes_of_point", f"columns of {point}", point=point, axes=", ".join(named))
 
 
 def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
     return replace(v, modulus=factor * v.modulus)
 
 
-def _stiffness_says(factor: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    name, given, unit = "youngs_modulus", robot.youngs_modulus / 1e3, "kPa"
-    if robot.bending_stiffness:
-        name, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
-    return [finding("refitted", name=name, given=given, found=factor * given, unit=unit, short=name, p=p, rather=rather)]
-
-
-def _displacements(v: Variants, own: Array) -> Variants:
-    return v.moved(np.broadcast_to([0.0, 0.0, v.robot.length], (len(own), 1, 3)))
-
-
-def _displacements_say(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("displacements", length=robot.length, short="columns x, y, z", p=p, rather=rather)]
-
-
 def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure / unit.per_si - ambient)
 
 
-def _absolute_says(unit: Unit, ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    words, short, factor = robot.actuators.words, "gauge or absolute pressures", 1 / unit.per_si
-    return [
-        finding("pressures_in_unit", words, factor=factor, looks=unit.name, short=short, p=p, rather=""),
-        finding("pressures_absolute", words, ambient=ambient, short=short, p=p, rather=rather),
-    ]
+def _absolute_says(
+    unit: Unit, ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str
+) -> list[Finding]:  # fmt: skip
+    short = "gauge or absolute pressures"
+    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name)(robot, theta, own, p, "")
+    return [*in_unit, *stating("pressures_absolute", short, ambient=ambient)(robot, theta, own, p, rather)]
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
@@ -165,7 +154,3 @@ def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
     apart = _mean((tip - marker)[:, _at_rest(v.table) & about_rest])
     markers[:, :, k] = tip - apart
     return replace(v, tip=marker + apart, markers=markers)
-
-
-def _exchanged_say(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    return [finding("points_exchanged", number=k + 1, short="tip and markers", p=p, rather=rather)]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from model.effects.laws.actuation import ORDERS, orders
-from model.effects.shows import sides_apart
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
@@ -63,8 +62,3 @@ def reordered(robot: Robot, place: int) -> Finding:
     azimuths = robot.actuators.azimuths_deg
     held = " ".join(str(k + 1) for k in orders(azimuths)[place])
     return finding("reordered", robot.actuators.words, count=len(azimuths), order=held, effect=ORDER)
-
-
-def can_name_order(robot: Robot, states: Campaign, effects: Collection[str]) -> bool:
-    """Whether the effect is among those that are weighed and chambers were inflated that bend to several sides."""
-    return ORDER in effects and sides_apart(robot, states.pressure[~states.pushed])

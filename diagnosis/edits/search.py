@@ -15,6 +15,7 @@ from itertools import groupby
 import numpy as np
 from scipy.special import softmax
 
+from model.effects.shows import sides_apart
 from model.robot import Robot
 from recordings.trials import Table, pressure_columns
 
@@ -27,7 +28,7 @@ from .edit import AZIMUTH, Edit, Variants
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described
 from .of_table import of_table
-from .order import can_name_order, place_of, reordered, with_order
+from .order import ORDER, place_of, reordered, with_order
 
 
 def _unloaded(v: Variants, own: Array) -> Variants:
@@ -238,7 +239,9 @@ def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
 def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:
     """Robot and states with the edits of a fit."""
     theta = _beyond_usual(fit)
-    place = _place(robot, fit, theta) if can_name_order(robot, states, effects) else None
+    # without chambers inflated that bend to several sides, nothing tells one order from another
+    weighed = ORDER in effects and sides_apart(robot, states.pressure[~states.pushed])
+    place = _place(robot, fit, theta) if weighed else None
     if place is not None:
         theta[AZIMUTH] = 0.0
     made = Variants.of(robot, states.trials).calibrated(theta[None])

@@ -15,10 +15,9 @@ import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import UNCONVERGED
-from .columns import Columns
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import SizePrior
 from .problem import MaskedForward, Problem
 
@@ -42,28 +41,6 @@ class CrossValidation:
     def __init__(self, problem: Problem, fold: Ints, executor: Executor = SINGLE_THREAD) -> None:
         """`fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN)."""
         self._problem, self._fold, self._executor = problem, fold, executor
-        self._parts = [int(part) for part in np.unique(fold[fold >= 0])]
-        self._folds = _Folds(problem, fold)
-
-    def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
-        """Start all refits; the function that is returned waits for them and returns measured minus predicted (n,) by model."""
-        wanted = [(model, part) for model in models for part in self._parts]
-        left_out = self._executor.ahead(self._folds.left_out, wanted, step)
-
-        def residuals() -> list[Array]:
-            missed = [np.full(len(self._problem.observed), np.nan) for _ in models]
-            for k, residual in enumerate(left_out()):
-                missed[k // len(self._parts)][self._fold == self._parts[k % len(self._parts)]] = residual
-            return missed
-
-        return residuals
-
-
-class _Folds:
-    """The parts of one problem's values."""
-
-    def __init__(self, problem: Problem, fold: Ints) -> None:
-        self._problem, self._fold = problem, fold
         self._known: tuple[Model, Array, Jacobian] | None = None
         self._without: dict[int, Problem] = {}
         """Number of a part -> the problem of all values but its own."""
@@ -72,7 +49,20 @@ class _Folds:
         """Without what was made here."""
         return vars(self) | {"_known": None, "_without": {}}
 
-    def left_out(self, wanted: tuple[Model, int]) -> Array:
+    def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
+        """Start all refits; the function that is returned waits for them and returns measured minus predicted (n,) by model."""
+        parts = [int(part) for part in np.unique(self._fold[self._fold >= 0])]
+        left_out = self._executor.ahead(self._left_out, [(model, part) for model in models for part in parts], step)
+
+        def residuals() -> list[Array]:
+            missed = [np.full(len(self._problem.observed), np.nan) for _ in models]
+            for k, residual in enumerate(left_out()):
+                missed[k // len(parts)][self._fold == parts[k % len(parts)]] = residual
+            return missed
+
+        return residuals
+
+    def _left_out(self, wanted: tuple[Model, int]) -> Array:
         """Measured minus predicted (r,) of the r values of one part, by a fit to all others; `wanted`: a model, and the number of
         the part."""
         model, part = wanted

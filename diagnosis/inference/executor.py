@@ -1,10 +1,8 @@
-"""Runs the fits of a diagnosis on threads or on other machines, and reports progress."""
+"""Runs the fits of a diagnosis here or in other processes, and reports progress."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import wraps
@@ -14,10 +12,7 @@ from threadpoolctl import threadpool_limits
 
 A = TypeVar("A")
 B = TypeVar("B")
-
 RemoteMap = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[Any]]
-
-
 P = ParamSpec("P")
 
 
@@ -56,12 +51,8 @@ class DiagnosisStep(IntEnum):
 
 @dataclass(frozen=True)
 class Executor:
-    """Threads (the rod's kernels release the interpreter lock), and a callback that gets the step and its share done.
+    """Runs fits here or in other processes, and reports the step and its share done. Pickled it runs them there, silently."""
 
-    Pickled to another process it is one thread without progress.
-    """
-
-    threads: int = 1
     progress: Progress = no_progress
     remote_map: RemoteMap | None = None
     """Maps a function over items in other processes or on other machines, results in order; None: here."""
@@ -77,31 +68,18 @@ class Executor:
     def ahead(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> Callable[[], list[B]]:
         """Start `map` in other processes; the function that is returned waits for the results, or computes them here: call it
         once."""
-        remote = None if self.remote_map is None else self.remote_map(do, items)
+        computed = map(do, items) if self.remote_map is None else self.remote_map(do, items)
 
         def results() -> list[B]:
             finished = []
-            with self._threads(do, items) if remote is None else nullcontext(remote) as computed:
-                for result in computed:
-                    finished.append(result)
-                    if step is not None:
-                        self.progress(str(step), len(finished) / len(items))
+            for result in computed:
+                finished.append(result)
+                if step is not None:
+                    self.progress(str(step), len(finished) / len(items))
             return finished
 
         return results
 
-    @contextmanager
-    def _threads(self, do: Callable[[A], B], items: Sequence[A]) -> Iterator[Iterator[B]]:
-        if self.threads == 1:
-            yield map(do, items)
-            return
-        pool = ThreadPoolExecutor(self.threads)
-        try:
-            yield pool.map(do, items)
-        finally:
-            # After Ctrl-C, items that have not begun are dropped.
-            pool.shutdown(cancel_futures=True)
-
 
 SINGLE_THREAD = Executor()
-"""One thread, no progress."""
+"""Here, no progress."""

@@ -16,9 +16,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from model.prediction.box_minima import box_minima
 
-from ..arrays import Array, Ints, Mask
-from .columns import Columns
-from .jacobian import Jacobian
+from ..arrays import Array, Ints
+from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
 from .problem import FormError, Problem, linearise
 
@@ -83,12 +82,9 @@ class Fit:
 def refit(problem: Problem, prior: SizePrior, size: float, start: Fit) -> Fit:
     """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
     these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
-    known, none = start.derivatives(problem).flat, np.zeros(len(start.theta), bool)
-    here = replace(start, slope=known.shared)
-    return _search(
-        problem, prior, size, here, rounds=6, frozen=known, fresh=none, tolerance=0.0, least_promise=CHORD_PROMISE,
-        dampings=CHORD_DAMPINGS,
-    )  # fmt: skip
+    known, none = start.derivatives(problem).flat, np.zeros(0, np.int64)
+    descent = _Descent(problem, prior, size, known, none, CHORD_PROMISE, CHORD_DAMPINGS)
+    return descent.search(replace(start, slope=known.shared), rounds=6, tolerance=0.0)
 
 
 def fit(
@@ -112,50 +108,47 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _search(problem, prior, size, start, rounds, frozen, fresh, 0.05, least_promise, dampings)
-
-
-def _search(
-    problem: Problem, prior: SizePrior, size: float, start: Array | Fit, rounds: int, frozen: Jacobian | None,
-    fresh: Mask, tolerance: float, least_promise: float, dampings: Sequence[float] = DAMPINGS,
-) -> Fit:  # fmt: skip
-    """Minimise the cost, half the squared misfit and distance from the prior, discrepancy integrated out, until the minimum of
-    the linear problem is within `tolerance` (prior sd) or promises too little; derivatives by `fresh` (k,) are taken anew."""
-    descent = _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings)
-    local = descent.begin(start)
-    if rounds:
-        descent.go_to(local.theta)
-    level = 0  # index among the dampings
-    for _ in range(rounds):
-        away = np.abs((local.optimum - local.theta) / problem.parameters.sd) if np.isfinite(local.cost) else np.array([np.inf])
-        if away.max(initial=0.0) < tolerance:
-            break
-        step = descent.step_down(local, level)
-        if step is None:
-            break
-        theta, cost, level = step
-        descent.go_to(theta)
-        next_local = descent.local(theta, cost)
-        if next_local is None:  # a trial took a state for one in equilibrium that has none
-            break
-        decrease, local = local.cost - cost, next_local
-        if decrease < max(LEAST_GAIN, least_promise):
-            break
-        level = max(level - 2, 0)
-    return Fit(local.theta, local.predicted, local.slope, local.cost, descent.promise(local))
+    return _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings).search(start, rounds, 0.05)
 
 
 class _Descent:
-    """The cost of one problem, and steps that lower it."""
+    """Minimises the cost of one problem: half the squared misfit and distance from the prior, discrepancy integrated out."""
 
     def __init__(
         self, problem: Problem, prior: SizePrior, size: float, frozen: Jacobian | None, fresh: Ints,
         least_promise: float, dampings: Sequence[float],
     ) -> None:  # fmt: skip
+        """Derivatives by `fresh` parameters are taken anew, the others are those of `frozen`."""
         self._p, self._forward, self._misfit = problem.parameters, problem.forward, _FitMisfit(problem, size)
         self._scale, self._mean = problem.parameters.scaled(prior)
         self._frozen, self._fresh, self._least, self._dampings = frozen, fresh, least_promise, dampings
         self._problem = problem
+
+    def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
+        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or promises too little."""
+        local = self.begin(start)
+        if rounds:
+            self.go_to(local.theta)
+        level = 0  # index among the dampings
+        for _ in range(rounds):
+            away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
+            if away.max(initial=0.0) < tolerance:
+                break
+            step = self.step_down(local, level)
+            if step is None:
+                break
+            theta, cost, level = step
+            self.go_to(theta)
+            next_local = self.local(theta, cost)
+            if next_local is None:  # a trial took a state for one in equilibrium that has none
+                break
+            decrease, local = local.cost - cost, next_local
+            if decrease < max(LEAST_GAIN, self._least):
+                break
+            level = max(level - 2, 0)
+        # what the linear problem still promises
+        promise = max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
+        return Fit(local.theta, local.predicted, local.slope, local.cost, promise)
 
     def go_to(self, theta: Array) -> None:
         """Predictions are asked for near parameters (k,) from now on."""
@@ -232,10 +225,6 @@ class _Descent:
 
     def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
         return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)
-
-    def promise(self, local: _Local) -> float:
-        """By how much the linear problem promises to lower the cost."""
-        return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
 
 class _FitMisfit:

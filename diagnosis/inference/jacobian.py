@@ -3,6 +3,10 @@
 Most searches take anew the derivatives by what they name alone; all others are those of one point, the base. Those are kept once,
 whitened once, and go to another process once; a fit keeps what it took anew. Derivatives are made by
 `ForwardModel.linearise` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
+
+Many columns are zero but for few rows: what belongs to one trial (its spine as it was inserted, how it was mounted) moves the
+values of that trial alone. The more trials, the more such columns there are, each with as few numbers as before: as a whole they
+would grow with the square of the trials.
 """
 
 from __future__ import annotations
@@ -12,9 +16,96 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array, hstack
 
-from ..arrays import Array, Ints
-from .columns import Columns
+from ..arrays import Array, Ints, Mask
+from ..data.noise import Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A matrix A (n, c), in two parts."""
+
+    dense: Array
+    """(n, d)"""
+    at: Ints
+    """(d,) which of the c columns they are."""
+    sparse: csr_array
+    """(n, s)"""
+    rest: Ints
+    """(s,) which of the c columns they are."""
+
+    @classmethod
+    def of(cls, whole: Array) -> Columns:
+        """From a matrix (n, c)."""
+        # a column with more zeros is kept by its other numbers
+        few = np.count_nonzero(whole, axis=0) < 0.25 * len(whole)
+        at, rest = np.flatnonzero(~few), np.flatnonzero(few)
+        return cls(np.ascontiguousarray(whole[:, at]), at, csr_array(whole[:, rest]), rest)
+
+    @classmethod
+    def nothing(cls, rows: int, count: int) -> Columns:
+        """Zeros (rows, count)."""
+        return cls(np.zeros((rows, 0)), np.zeros(0, np.int64), csr_array((rows, count)), np.arange(count))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n, c)."""
+        return len(self.dense), self.at.size + self.rest.size
+
+    @property
+    def whole(self) -> Array:
+        """(n, c)."""
+        out = np.empty(self.shape)
+        out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
+        return out
+
+    def along(self, step: Array) -> Array:
+        """(n,) A x of a step x (c,)."""
+        return np.asarray(self.dense @ step[self.at] + self.sparse @ step[self.rest])
+
+    def against(self, values: Array) -> Array:
+        """(c,) or (c, m) A^T x of values x (n,) or (n, m)."""
+        out = np.empty((self.shape[1], *values.shape[1:]))
+        out[self.at], out[self.rest] = self.dense.T @ values, self.sparse.T @ values
+        return out
+
+    def times(self, other: Columns) -> Array:
+        """(c, b) A^T B."""
+        out = np.empty((self.shape[1], other.shape[1]))
+        for at, own in ((self.at, self.dense.T), (self.rest, self.sparse.T)):
+            out[np.ix_(at, other.at)] = own @ other.dense
+            across = own @ other.sparse
+            out[np.ix_(at, other.rest)] = across if isinstance(across, np.ndarray) else across.toarray()
+        return out
+
+    def take(self, chosen: Mask) -> Columns:
+        """Some of the columns (c,)."""
+        place = np.cumsum(chosen) - 1
+        dense, sparse = chosen[self.at], chosen[self.rest]
+        kept = self.sparse[:, np.flatnonzero(sparse)]
+        return Columns(self.dense[:, dense], place[self.at[dense]], kept, place[self.rest[sparse]])
+
+    def rows(self, chosen: Mask) -> Columns:
+        """Some of the rows (n,)."""
+        return Columns(self.dense[chosen], self.at, self.sparse[np.flatnonzero(chosen)], self.rest)
+
+    def replaced(self, at: Ints, by: Columns) -> Columns:
+        """The same with columns `at` (b,) replaced by others (n, b)."""
+        kept = np.ones(self.shape[1], bool)
+        kept[at] = False
+        dense, sparse = kept[self.at], kept[self.rest]
+        return Columns(
+            np.hstack([self.dense[:, dense], by.dense]), np.concatenate([self.at[dense], at[by.at]]),
+            csr_array(hstack([self.sparse[:, np.flatnonzero(sparse)], by.sparse], format="csr")),
+            np.concatenate([self.rest[sparse], at[by.rest]]),
+        )  # fmt: skip
+
+    def whitened(self, noise: Noise, scale: Array) -> Columns:
+        """The same times `scale` (c,), as they would look with independent noise of standard deviation 1."""
+        dense = noise.whiten(self.dense * scale[self.at])
+        return Columns(dense, self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
+
 
 Whiten = Callable[[Columns, Ints], Columns]
 """Columns by some of the parameters, as `Problem.white` makes them of noise 1 and prior standard deviation 1."""
@@ -109,3 +200,20 @@ class Jacobian:
     def _filled(self, known: Columns | None, own: Columns) -> Columns:
         """(n, k) of what the columns of the base, and its own, have become."""
         return (known or Columns.nothing(own.shape[0], self.parameters)).replaced(self.at, own)
+
+
+def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
+    """Columns (n, c) times `scale` (c,), whitened. A column that is zero in all values of a block of the noise stays so there, so
+    only pairs of a block and a column with numbers are whitened: block by block, side by side in few dense columns (`packed`)."""
+    if not columns.nnz:
+        return columns
+    n, count = columns.shape
+    row = np.repeat(np.arange(n), np.diff(columns.indptr))
+    pair, pair_of = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
+    block, column = np.divmod(pair, count)
+    place = np.arange(len(pair)) - np.searchsorted(block, block)
+    width = int(place.max()) + 1
+    packed, column_at = np.zeros((n, width)), np.zeros((int(noise.block.max()) + 1, width), np.int64)
+    packed[row, place[pair_of]], column_at[block, place] = columns.data * scale[columns.indices], column
+    white = noise.whiten(packed)
+    return csr_array((white.ravel(), column_at[noise.block].ravel(), np.arange(0, n * width + 1, width)), shape=columns.shape)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Mask
-from .columns import Columns
+from .jacobian import Columns
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 """Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
@@ -58,13 +58,6 @@ class Linear:
     effect_size: Array | None = None
     """(p,) see `Parameters.effect_size`; None where no parameter is a shape parameter."""
 
-    def __post_init__(self) -> None:
-        n = len(self.observed)
-        for name in ("effects", "nuisance", "discrepancy", "form_error"):
-            shape: tuple[int, ...] = getattr(self, name).shape
-            if len(shape) != 2 or shape[0] != n:
-                raise ValueError(f"{name}: shape {shape}, must be ({n}, columns)")
-
     def discrepancy_size(self, size: float, form_error: float) -> float:
         """Size of the discrepancy, the leakage of a model-form error of size `form_error` included."""
         return float(np.hypot(size, form_error * self.leakage))
@@ -95,20 +88,16 @@ class Linear:
             scale = np.repeat([smooth, form_error], [m, r])[used]
             gram = error_gram[used, used] * np.outer(scale, scale)
             half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[used])
-            return self._reduced(x_gram - half.T @ half, half_log_det + log_det)
+            n, p = self.effects.shape
+            left = x_gram - half.T @ half  # X^T C^-1 X, C the covariance of y given theta
+            base = -0.5 * (left[p, p] + n * np.log(2 * np.pi)) - (half_log_det + log_det) - self.log_noise
+            return Reduced(0.5 * (left[:p, :p] + left[:p, :p].T), left[:p, p].copy(), float(base))
 
         return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]
 
     def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""
         return self.reductions(np.array([size]), np.array([form_error]))[0][0]
-
-    def _reduced(self, x_gram: Array, half_log_det: float) -> Reduced:
-        """From X^T C^-1 X (p + 1, p + 1), X = [A y], C the covariance of y given theta, and half the log determinant of C."""
-        n, p = self.effects.shape
-        chi_square = x_gram[p, p]
-        base = -0.5 * (chi_square + n * np.log(2 * np.pi)) - half_log_det - self.log_noise
-        return Reduced(0.5 * (x_gram[:p, :p] + x_gram[:p, :p].T), x_gram[:p, p].copy(), float(base), float(chi_square), n)
 
 
 def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
@@ -140,20 +129,13 @@ class Reduced:
     """(p,) g."""
     base: float
     """log p(y | theta = 0)."""
-    misfit: float
-    """chi-square at theta = 0."""
-    n: int
-
-    def score_at(self, theta: Array) -> Array:
-        """Slope (..., p) of log p(y | theta) at theta (..., p)."""
-        return np.asarray(self.score - theta @ self.information)
 
     def update(self, prior: SizePrior) -> tuple[Array, Array, Array]:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
         inner = np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :]
         factor = _factor(inner)
-        left = self.score_at(prior.mean)
+        left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
         half = np.linalg.inv(factor) * root[..., None, :]
         pulled = (half @ left[..., None])[..., 0]
@@ -162,11 +144,3 @@ class Reduced:
         turned = half.swapaxes(-1, -2)
         mean = prior.mean + (turned @ pulled[..., None])[..., 0]
         return np.asarray(there - log_det + 0.5 * (pulled**2).sum(axis=-1)), mean, turned @ half
-
-    def log_evidence(self, prior: SizePrior) -> Array:
-        """log p(y) (...) for priors (..., p) of theta."""
-        return self.update(prior)[0]
-
-    def posterior(self, prior: SizePrior) -> tuple[Array, Array]:
-        """Mean (..., p) and covariance (..., p, p) of theta under priors (..., p)."""
-        return self.update(prior)[1:]

@@ -14,7 +14,7 @@ differs from the rod's is part of the effect's law error; a factor common to all
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,12 +25,10 @@ from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec, Law, Parameter
 from model.robot import Robot
+from recordings.trials import Table
 
-from ..arrays import Array
-from ..data.baseline import Baseline
+from ..arrays import Array, Ints
 from ..errors import BadCase
-
-Table = Mapping[str, NDArray[np.generic]]
 
 SIMULATOR_DIFFERENCE = EffectSpec(
     id="simulator_difference",
@@ -45,6 +43,24 @@ SHARE = "simulator_difference.share"
 ROUNDS, ENOUGH = 12, 1e-6
 """Of Gauss-Newton for the area factor; step below which it is found."""
 LEAST_AREA_EXCESS, MOST_AREA_EXCESS = -0.85, 7.5
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What another simulator predicts of n states, in the order of the case's table."""
+
+    name: str
+    """Of the simulator, or of the file of its predictions."""
+    predicted: Table
+    """Tip, orientation and markers, NaN where there are none, at spine lengths and pressures that may differ a little from the
+    measured ones."""
+    varied: Mapping[str, tuple[float, Baseline]] = field(default_factory=dict)
+    """Parameter -> a small step in its unit, and what the simulator predicts that far from the robot as it is described."""
+
+    def take(self, own: Ints) -> Baseline:
+        """The predictions of some states, by their rows in the table (m,)."""
+        varied = {name: (step, there.take(own)) for name, (step, there) in self.varied.items()}
+        return replace(self, predicted=self.predicted.take(own), varied=varied)
 
 
 @dataclass(frozen=True)
@@ -96,14 +112,18 @@ class OnBaseline:
 
 
 def on_baseline(
-    robot: Robot, design: States, table: Table, catalogue: Mapping[str, EffectSpec], baseline: Baseline
+    robot: Robot,
+    design: States,
+    table: Mapping[str, NDArray[np.generic]],
+    catalogue: Mapping[str, EffectSpec],
+    baseline: Baseline,
 ) -> OnBaseline:
     """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in.
 
     A simulator may have been asked for settings a little off those measured: its difference from the rod is taken there
     (`shifted`), and added to the rod at what was measured.
     """
-    at_simulator = dict(table) | baseline.columns()
+    at_simulator = {**table, **baseline.predicted.values}
     shifted = design_from_columns(robot, at_simulator, design.channels)
     factor = _nearest_area_factor(robot, shifted, at_simulator, baseline.name)
     effects = {**catalogue, SIMULATOR_DIFFERENCE.id: SIMULATOR_DIFFERENCE}
@@ -116,11 +136,11 @@ def on_baseline(
     varied = {}
     for k, column in zip(varied_by_both, slope.T, strict=True):
         step, predictions = baseline.varied[names[k]]
-        varied[k] = (rod.observe(dict(table) | predictions.columns()) - simulator_values) / step - column
+        varied[k] = (rod.observe({**table, **predictions.predicted.values}) - simulator_values) / step - column
     return OnBaseline(baseline.name, forward, simulator_values - predicted, varied, factor)
 
 
-def _nearest_area_factor(robot: Robot, design: States, simulator_table: Table, name: str) -> float:
+def _nearest_area_factor(robot: Robot, design: States, simulator_table: Mapping[str, NDArray[np.generic]], name: str) -> float:
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())

@@ -21,18 +21,16 @@ from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 
 from ..arrays import Array, Mask
-from ..data.baseline import Baseline
-from ..data.campaign import Campaign, Labels
+from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .budget import BudgetPart
 from .discrepancy import bases, settings
-from .on_baseline import SHARE, OnBaseline, on_baseline
+from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem
-from .reading_noise import floor_of, noise_of, pressure_response, with_vented_at_zero
-from .stiffness_trials import StiffnessTrials, stiffness_trials
+from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of what the modulus may be off."""
@@ -152,7 +150,10 @@ def prepare(
     whole: FitForward = on_simulator or forward
     predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     if states.pushed.all():
-        whole = forward = ForwardModel(robot, design, area, _effective(forward, slope), sized=sized)
+        # effects that change none of the values are left out
+        moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
+        effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
+        whole = forward = ForwardModel(robot, design, area, effects, sized=sized)
         predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
@@ -196,12 +197,6 @@ def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
     return tuple(found)
 
 
-def _effective(forward: ForwardModel, slope: Array) -> Mapping[str, EffectSpec]:
-    """The effects that change any of the values; the others are left out."""
-    moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
-    return {id: spec for id, spec in forward.catalogue.items() if id in moved}
-
-
 def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
     """A catalogue without the effects that such states cannot show."""
     return {id: spec for id, spec in catalogue.items() if spec.shown is None or spec.shown(robot, design)}
@@ -230,10 +225,8 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
 def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     row = forward.observations.row[kept]
     channel = forward.observations.channel[kept].astype(np.str_)
-    turn, marker = np.char.startswith(channel, "r"), np.char.startswith(channel, "m")
     axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
-    kind = np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
-    return Labels(row, channel, kind, axis, states.trial[row], states.kind[row])
+    return Labels(row, channel, kinds_of(channel), axis, states.trial[row], states.kind[row])
 
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:

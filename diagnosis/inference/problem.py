@@ -1,6 +1,6 @@
 """The non-linear problem: a forward model with named parameters, measured values and their noise.
 
-`Problem.at(theta)` makes the linear problem around a point; its evidence is the Laplace approximation there (Gauss-Newton
+`Problem.whitened` makes the linear problem around a point; its evidence is the Laplace approximation there (Gauss-Newton
 form), exact where the model is linear.
 """
 
@@ -16,8 +16,7 @@ import numpy as np
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
-from .columns import Columns
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
 
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
@@ -317,16 +316,9 @@ class Problem:
         """Derivatives (n, c) by the parameters at (c,), whitened by the noise, by one prior standard deviation of each."""
         return columns.whitened(self.noise, self.parameters.sd[at])
 
-    def at(self, theta: Array) -> Linear:
-        """The linear problem around parameters (k,), in units of their priors."""
-        return self.linear(theta, *self.linearise(theta))
-
-    def linear(self, theta: Array, predicted: Array, slope: Array) -> Linear:
-        """The same from a prediction (n,) and slope (n, k) that are known already."""
-        return self.whitened(theta, predicted, Jacobian.of(slope).white(self.white))
-
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
-        """As `linear`, from a slope (n, k) that is whitened, by one prior standard deviation of each parameter (`scaled`)."""
+        """The linear problem around parameters (k,), in units of their priors, from a prediction (n,) and a slope (n, k) that is
+        whitened, by one prior standard deviation of each parameter (`scaled`)."""
         p = self.parameters
         of_effect = p.of_effect
         shift = scaled.along((theta - p.mean) / p.sd)

@@ -1,9 +1,15 @@
-"""The noise of a campaign's readings: estimated from its repeats (`data.noise_components`), and laid over its values."""
+"""The noise of a campaign's readings: estimated from its repeats (`data.noise_components`), and laid over its values.
+
+Of stiffness trials a force error dF is expressed as the deflection dF / k, k the specimen's stiffness (N/m), so that specimens
+of all lengths are compared in the unit of the tip's gap. The noise comes from repeats as for the robot: white noise of the force,
+the error of the deflection (in place of the pressure's), and parameters of each trial: touch point, zero of the sensor, and the
+spine's length and stiffness.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +21,12 @@ from model.effects.parameters import ParameterInfo
 from model.effects.scales import STANDARD
 
 from ..arrays import Array, Ints, Mask
-from ..data.campaign import Campaign, Labels
+from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from ..judgement import MEMORY
 from .problem import FitParameters
-from .stiffness_trials import PUSH_SOURCES, StiffnessTrials
 
 TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker", "force")
@@ -39,6 +44,82 @@ OFFSET = "pressure_offset.offset"
 """The parameter by which readings change as they do with an error of the pressure."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
+PUSH_SOURCES = ("touch", "zero")
+"""Parameters of each stiffness trial besides its spine's."""
+DEFAULT_FORCE_NOISE = 0.03
+"""N, white noise of an averaged reading."""
+DEFAULT_DEFLECTION_NOISE = 0.02e-3
+"""m, how well an arm repeats a small step."""
+
+
+@dataclass(frozen=True)
+class StiffnessTrials:
+    """What is known of the stiffness trials of a case."""
+
+    noise_components: NoiseComponents
+    """`channel` holds force (N), `pressure` the standard deviation of a deflection's reading (m)."""
+    noise_floor: float
+    """m of deflection, rms distance of a single reading from its condition's average."""
+    stiffness: Array
+    """(states,) N/m of the specimen; NaN for states of the robot."""
+    unit: Array
+    """(states,) N, size 1 of the discrepancy: standard error of a single reading; NaN for states of the robot."""
+    names: frozenset[str]
+    """Names of the parameters of single stiffness trials."""
+
+    def load_level(self, states: Campaign) -> Array:
+        """(states,) how strongly each is loaded, as a pressure (Pa) where there are any: a push by its share of the largest
+        at this length."""
+        out = states.highest.copy()
+        top = max(float(out.max(initial=0.0)), 1.0)
+        for t in np.unique(states.trial[states.pushed]):
+            own = states.pushed & (states.trial == t)
+            out[own] = top * np.abs(states.deflection[own]) / max(float(np.abs(states.deflection[own]).max()), 1e-9)
+        return out
+
+
+def stiffness_trials(
+    states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
+) -> StiffnessTrials:
+    """Noise and stiffness of a campaign's stiffness trials, from the baseline's residuals `missed` (n,) of all values and their
+    derivatives `slope` (n, k), of which the forces are used."""
+    rows = np.flatnonzero(labels.kind == 3)
+    state, trial = labels.state[rows], labels.trial[rows]
+    by_source = {
+        source: slope[rows][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
+    }
+    stiffness = np.zeros(len(rows))  # N/m: derivative of the force by the place of contact
+    for t in np.unique(trial):
+        # Before contact there is no force; the specimen is the same.
+        stiffness[trial == t] = np.abs(by_source["touch"][trial == t]).max()
+    stiffness = np.maximum(stiffness, 1e-9)
+    data = Repeated(
+        missed[rows, None],
+        states.condition[state],
+        ("force",),
+        stiffness[:, None, None],
+        {source: Scatter(values[:, None, None], trial) for source, values in by_source.items()},
+        np.zeros(len(rows), bool),
+        np.zeros((len(rows), 1, 0)),
+        np.full(len(rows), -1),
+        np.zeros(len(rows)),
+    )
+    default = {source: next(p.sd for p in infos if p.source == source) for source in by_source}
+    noise = estimate_noise(data, NoiseComponents({"force": DEFAULT_FORCE_NOISE}, DEFAULT_DEFLECTION_NOISE, default, 1.0, 0))
+    reading_sd = np.hypot(noise.channel["force"], noise.pressure * stiffness)
+    total_sd = np.sqrt(reading_sd**2 + sum((noise.trial[k] * by_source[k]) ** 2 for k in by_source))
+    from_repeats = reading_rms(replace(data, residual=data.residual / stiffness[:, None]), np.ones(1, bool))
+    noise_floor = from_repeats if np.isfinite(from_repeats) else float(np.sqrt(np.mean((total_sd / stiffness) ** 2)))
+
+    def by_state(values: Array) -> Array:
+        out = np.full(len(states), np.nan)
+        out[state] = values
+        return out
+
+    trials = set(trial.tolist())
+    names = frozenset(p.name for p in infos if p.trial in trials)
+    return StiffnessTrials(noise, noise_floor, by_state(stiffness), by_state(total_sd), names)
 
 
 def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
@@ -62,11 +143,8 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
     `response` (n, r): of each value to the pressure readings of r regulators, per Pa.
     """
     row, channel = observed.row, observed.channel.astype(np.str_)
-    # rx, ry, rz are turns of the tip; m1x, m1y .. markers; x, y, z the tip
-    names = ("turn" if c.startswith("r") else "marker" if c.startswith("m") else "tip" for c in channel)
-    kind = np.array([KINDS.index(name) for name in names], np.int64)
     block = blocks(design.trial, design.t, LONGEST_BLOCK)[row]
-    white, lasting = _of_channels(noise, kind, channel, block, design.t[row])
+    white, lasting = _of_channels(noise, kinds_of(channel), channel, block, design.t[row])
     return Noise(row, white, noise.pressure * response, lasting)
 
 
@@ -150,7 +228,9 @@ def floor_of(
     noise = known or estimate_noise(data, replace(default, trial=trial_sd))
     tips = np.array([name in TIP for name in names])
     predictors = [by_readings(states)[:, None, :].repeat(len(names), axis=1), grid(observed - missed)[:, :, None]]
-    regular = each_channel(np.concatenate(predictors, axis=2)[complete])
+    # a coefficient of their own in each channel
+    each = np.einsum("ncm,cd->ncdm", np.concatenate(predictors, axis=2)[complete], np.eye(len(names)))
+    regular = each.reshape(len(each), len(names), -1)
     as_read = replace(data, residual=grid(observed)[complete], drift=np.concatenate([data.drift, regular], axis=2))
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
@@ -164,12 +244,6 @@ def by_readings(states: Campaign) -> Array:
     read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
     read = read / max(float(read.max()), 1.0)
     return np.hstack([read, read**2])
-
-
-def each_channel(columns: Array) -> Array:
-    """(n, c, c m) columns (n, c, m) with a coefficient of their own in each channel."""
-    n, c, m = columns.shape
-    return np.asarray(np.einsum("ncm,cd->ncdm", columns, np.eye(c)).reshape(n, c, c * m))
 
 
 def _usual(noise: NoiseComponents) -> float:

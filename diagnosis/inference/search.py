@@ -23,16 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
+from .. import judgement
 from ..arrays import Array
-from ..judgement import (
-    FIT_DISCREPANCY_SIZE,
-    FIT_TOLERATED_SIZE,
-    PRIOR_OF_NUMBER,
-    SEARCH_MARGIN,
-    SEARCHED_AT_ONCE,
-    TEMPERATURE,
-    UNCONVERGED,
-)
 from .candidate import Bases, Candidate, complete, light, without_derivatives
 from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
@@ -75,9 +67,9 @@ class Search:
         self._promised: dict[Key, float] = {}
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
-        calibrated = self._fit(NONE, False, FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
+        calibrated = self._fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
         self._begin_at(calibrated.with_all_derivatives(problem), False)
-        tolerant = self._weigh(NONE, self._fit(NONE, True, FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
+        tolerant = self._weigh(NONE, self._fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self._fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -109,7 +101,7 @@ class Search:
     def run(self, begun: Sequence[tuple[Hypothesis, Array]] = ()) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first; some are `begun` at parameters (k,) of their own, too."""
         first = self._first()
-        fits = ((named, self._fit(named, False, FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
+        fits = ((named, self._fit(named, False, judgement.FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
         first += [self._weigh(named, fitted, False) for named, fitted in fits]
         self._add(first)
         self._queue = first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
@@ -134,7 +126,7 @@ class Search:
         for c in (c for w in self._none for c in self._singles(w)):
             needs_own = self._starts.needs_own(c.named)
             # within its tolerance none may have moved to where it acts, and promises more then
-            if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + UNCONVERGED:
+            if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
                 out.append(c)
             both = not p.tolerable[p.mask(c.named)].any()
             if needs_own and (both or c.with_tolerances == better):
@@ -160,14 +152,14 @@ class Search:
 
     def _log_prior(self, named: Hypothesis) -> float:
         """In units of log evidence."""
-        return TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
+        return judgement.TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
 
     def _margin(self, c: Candidate) -> float:
         """How far below the best hypothesis a point may lie and still win by one effect more."""
         more = (*c.named, "")
-        if not c.turns or len(more) not in PRIOR_OF_NUMBER or len(c.named) == len(self.problem.parameters.ids):
-            return SEARCH_MARGIN
-        return SEARCH_MARGIN - self._log_prior(c.named) + self._log_prior(more)
+        if not c.turns or len(more) not in judgement.PRIOR_OF_NUMBER or len(c.named) == len(self.problem.parameters.ids):
+            return judgement.SEARCH_MARGIN
+        return judgement.SEARCH_MARGIN - self._log_prior(c.named) + self._log_prior(more)
 
     def _add(self, found: Iterable[Candidate]) -> None:
         """Keep the best of each hypothesis, and queue what is new or more probable by a factor e than any before."""
@@ -177,7 +169,7 @@ class Search:
             if known is None or (c.turns > 0, c.log_evidence) > (known.turns > 0, known.log_evidence):
                 self._tried[key] = c
             self._promised[key] = max(promised, c.laplace_log_evidence)
-            if not c.ended and (c.turns or c.laplace_log_evidence > promised + TEMPERATURE):
+            if not c.ended and (c.turns or c.laplace_log_evidence > promised + judgement.TEMPERATURE):
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
@@ -195,12 +187,12 @@ class Search:
 
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
-            gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + UNCONVERGED
+            gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + judgement.UNCONVERGED
             return gains and (promise(c) > best - self._margin(c) or self._first_alone(c, c.laplace_log_evidence))
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
         best_of_each = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
-        chosen = sorted(best_of_each.values(), key=promise, reverse=True)[:SEARCHED_AT_ONCE]
+        chosen = sorted(best_of_each.values(), key=promise, reverse=True)[: judgement.SEARCHED_AT_ONCE]
         self._queue = [c for c in self._queue if not any(c is x for x in chosen)]
         self._forget_derivatives()
         return chosen
@@ -209,7 +201,7 @@ class Search:
         """What is far behind is kept without derivatives: of a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
         for key, c in self._tried.items():
-            if c.log_evidence + self._log_prior(c.named) < self._standing.best - SEARCH_MARGIN and id(c) not in waiting:
+            if c.log_evidence + self._log_prior(c.named) < self._standing.best - judgement.SEARCH_MARGIN and id(c) not in waiting:
                 self._tried[key] = without_derivatives(c)
 
     # ------------------------------------------------------------------ one point
@@ -251,11 +243,11 @@ class Search:
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
         fitted = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
         weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
-        stalled = c.turns > 0 and weighed.log_evidence < c.log_evidence + UNCONVERGED
+        stalled = c.turns > 0 and weighed.log_evidence < c.log_evidence + judgement.UNCONVERGED
         weighed = replace(max(c, weighed, key=_evidence) if c.turns else weighed, turns=c.turns + 1)
         # A leading one takes all its derivatives anew, and has the discrepancy in which it is most probable.
         settled = not self._leads(weighed) or (frozen is None and weighed.grid_point.size == c.grid_point.size)
-        converged = weighed.fit.predicted_decrease <= UNCONVERGED and settled
+        converged = weighed.fit.predicted_decrease <= judgement.UNCONVERGED and settled
         return replace(weighed, ended=stalled or converged)
 
     def _next_to(self, c: Candidate) -> list[Candidate]:
@@ -277,7 +269,7 @@ class Search:
     def _with_one_more(self, named: Hypothesis) -> list[Hypothesis]:
         """Hypotheses that name one effect more; none where the prior knows no such number."""
         ids = self.problem.parameters.ids
-        if len(named) + 1 not in PRIOR_OF_NUMBER:
+        if len(named) + 1 not in judgement.PRIOR_OF_NUMBER:
             return []
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
@@ -337,7 +329,7 @@ class Search:
         frozen: Jacobian | None = None,
     ) -> Fit:  # fmt: skip
         p = self.problem.parameters
-        own = p.prior(p.mask(named), FIT_TOLERATED_SIZE * with_tolerances)
+        own = p.prior(p.mask(named), judgement.FIT_TOLERATED_SIZE * with_tolerances)
         return fit(self.problem, own, size, start, rounds, frozen)
 
     def _as_reference(self, f: Fit) -> Fit:

@@ -33,16 +33,10 @@ MOST_STATES, ROUNDS = 60, 30
 
 @dataclass(frozen=True)
 class SettledThrust:
-    """The robot with thrust on its side walls, and rms (m) of the tip with it on the cap and on the walls."""
+    """The robot with thrust on its side walls, and the note on it: rms of the tip with it on the cap and on the walls."""
 
     robot: Robot
-    cap: float
-    walls: float
-
-    @property
-    def finding(self) -> Finding:
-        """The note on it."""
-        return finding("thrust_settled", self.robot.actuators.words, walls_mm=1e3 * self.walls, cap_mm=1e3 * self.cap)
+    finding: Finding
 
 
 def settled_and_edited(
@@ -89,4 +83,5 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    return SettledThrust(with_walls, cap, walls)
+    note = finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)
+    return SettledThrust(with_walls, note)

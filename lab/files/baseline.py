@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.data.baseline import Baseline
+from diagnosis.inference.on_baseline import Baseline
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -19,6 +19,7 @@ from model.errors import ModelError, nearest
 from model.robot import Robot
 from model.simulators import GROUP, OWN, Forward, Readings
 from recordings.table_file import read_numbers
+from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
 from .config import ConfigError
 from .inputs import Case
@@ -34,7 +35,7 @@ TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
 BEHIND = len(TOGETHER) - 2
 """Numbers of a setting behind its pressures."""
 SETTING = ("spine_length", "tip_mass", "roll_deg")
-READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
+READ = (*TIP, *ORIENTATION)
 
 
 def from_table(path: Path, case: Case) -> Baseline:
@@ -98,26 +99,18 @@ def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
 
 def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
     """The columns of a file as a baseline: `place` (rows,) names its line for each row of the case's table, -1 for none (NaN)."""
-    table, chambers = case.table, len(case.robot.actuators.azimuths_deg)
-    seen = place >= 0
+    table, (setting, read) = case.table, _names(case)
+    measured = dict(zip(setting, (np.clip(table.spine_length, 0.0, None), *table.pressures.T), strict=True))
+    columns = measured | dict.fromkeys(read, np.full(len(table), np.nan))
+    for column in columns.keys() & predicted.keys():
+        columns[column] = np.where(place >= 0, np.asarray(predicted[column], float)[np.maximum(place, 0)], columns[column])
+    return Baseline(name, Table(columns))
 
-    def column(of: str, default: Array) -> Array:
-        if of not in predicted:
-            return default
-        return np.where(seen, np.asarray(predicted[of], float)[np.maximum(place, 0)], default)
 
-    nothing = np.full(len(table), np.nan)
-    markers = len(case.robot.markers)
-    return Baseline(
-        name,
-        column("spine_length", np.clip(table.spine_length, 0.0, None)),
-        np.column_stack([column(f"p{i + 1}", table.pressures[:, i]) for i in range(chambers)]),
-        np.column_stack([column(axis, nothing) for axis in "xyz"]),
-        np.column_stack([column(f"q{k}", nothing) for k in "wxyz"]),
-        np.stack([np.column_stack([column(f"m{k + 1}{axis}", nothing) for axis in "xyz"]) for k in range(markers)], axis=1)
-        if markers
-        else np.zeros((len(table), 0, 3)),
-    )
+def _names(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The columns of a case by which its states are known to a simulator, and those that it may predict."""
+    chambers, markers = len(case.robot.actuators.azimuths_deg), len(case.robot.markers)
+    return ("spine_length", *pressure_columns(chambers)), (*READ, *sum(marker_columns(markers), ()))
 
 
 def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
@@ -125,8 +118,8 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
     from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
 
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
-    predicted = dict(zip("xyz", made.tip.T, strict=True)) | {f"p{i}": p for i, p in enumerate(made.pressure.T, 1)}
-    states = replace(case.table, values=measured | predicted).take(np.asarray(np.isfinite(made.tip).all(axis=1)))
+    predicted = {n: c for n, c in made.predicted.values.items() if n[0] in "xyzp"}
+    states = replace(case.table, values=measured | predicted).take(made.predicted.with_tip)
     if refused := read(case.robot, states).refused:
         raise ConfigError("\n".join(f"{name}: {text}" for text in refused))
 
@@ -192,7 +185,7 @@ def from_simulator(
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
     baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
-        parts: list[list[Array]] = []
+        parts: list[Array] = []
         for i, part in enumerate(states):
             try:
                 mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
@@ -202,8 +195,8 @@ def from_simulator(
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
             parts.append(_arrays(name, read, len(part), len(case.robot.markers)))
             progress(v * len(states) + i + 1, len(variants) * len(states))
-        tip, orientation, markers = (np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))
-        baselines[parameter] = Baseline(name, distinct[place, 0], distinct[place, 1:-BEHIND], tip, orientation, markers)
+        columns = np.hstack([distinct[:, :-BEHIND], np.concatenate(parts)])[place].T
+        baselines[parameter] = Baseline(name, Table(dict(zip(sum(_names(case), ()), columns, strict=True))))
     _demand_plausible(f"simulator {name}", baselines[""], case)
     return replace(baselines[""], varied={p: (step, baselines[p]) for p, step in variants if p})
 
@@ -228,15 +221,15 @@ def _settings(case: Case) -> Array:
     return np.column_stack([np.clip(table.spine_length, 0.0, None), table.pressures, mass, roll, table.tip_force])
 
 
-def _arrays(name: str, read: Readings, n: int, markers: int) -> list[Array]:
-    """Tip, orientation and markers of n states that a simulator read, NaN what it did not; raises ConfigError."""
+def _arrays(name: str, read: Readings, n: int, markers: int) -> Array:
+    """(n, ..) tip, orientation and markers of n states that a simulator read, NaN what it did not; raises ConfigError."""
     if not isinstance(read, Readings):
         raise ConfigError(f"simulator {name}: predict gave {type(read).__name__}, must give model.simulators.Readings")
-    arrays = []
+    arrays: list[Array] = []
     for what, shape in (("tip", (n, 3)), ("orientation", (n, 4)), ("markers", (n, markers, 3))):
         given = getattr(read, what)
         values = np.full(shape, np.nan) if given is None else np.asarray(given, float)
         if values.shape != shape:
             raise ConfigError(f"simulator {name}: {what} has the shape {values.shape}, must be {shape}")
-        arrays.append(values)
-    return arrays
+        arrays.append(values.reshape(n, -1))
+    return np.hstack(arrays)

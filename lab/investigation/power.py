@@ -12,9 +12,7 @@ import numpy as np
 from rich.table import Table as Sheet
 
 from diagnosis.data.case import Case, states
-from diagnosis.power.foreseen import Addition, additions, foreseen, of_case
-from diagnosis.power.rates import OTHER_LAWS, Power, power
-from diagnosis.power.worlds import Planned
+from diagnosis.power import OTHER_LAWS, Addition, Planned, Power, additions, foreseen, of_case, power
 from model.effects.shows import possible
 from model.robot import Robot
 from protocols.planned import planned_rows

@@ -18,12 +18,12 @@ from diagnosis.answer.headline import LEAST_STATED, sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.answer.sentences import disorder, stands_for
 from diagnosis.compare_campaigns import compare_campaigns
-from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as diagnosed
 from diagnosis.errors import BadHoldout
 from diagnosis.findings import finding
 from diagnosis.inference.executor import Executor
+from diagnosis.inference.on_baseline import Baseline
 from diagnosis.inference.posterior import UNKNOWN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
@@ -168,7 +168,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
         name, forward = simulator(str(comparisons.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
             predicted = from_simulator(name, forward, case, weighed, screen.progress)
-    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.tip).all(axis=1)).sum())
+    lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.predicted.tip).all(axis=1)).sum())
     if lost:
         note([f"{predicted.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
     return predicted

@@ -65,7 +65,7 @@ def held_against(folder: Path) -> dict[str, Any]:
     case = read_case([folder])
     there = from_table(folder / "predicted.csv", case)
     measured = np.array([r.tip for r in case.table])
-    return {**always_none(folder), "missed_mm": float(np.linalg.norm(there.tip - measured, axis=1).max()) * 1e3}
+    return {**always_none(folder), "missed_mm": float(np.linalg.norm(there.predicted.tip - measured, axis=1).max()) * 1e3}
 
 
 def breaks(folder: Path) -> dict[str, Any]:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from diagnosis.data.case import states
 from diagnosis.data.noise import Lasting, Noise, blocks
 from diagnosis.data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts, reading_rms
-from diagnosis.data.noise_estimate import estimate_noise, lowest
-from diagnosis.data.noise_likelihood import Loss
+from diagnosis.data.noise_estimate import Loss, estimate_noise, lowest
 from diagnosis.inference.prepare import prepare
 from diagnosis.inference.reading_noise import regulators
 from diagnosis.judgement import COMPONENT_LOG_SD, DRIFT_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD

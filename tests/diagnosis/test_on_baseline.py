@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.data.baseline import Baseline
 from diagnosis.diagnose import diagnose
-from diagnosis.inference.on_baseline import SHARE
+from diagnosis.inference.on_baseline import SHARE, Baseline
 from diagnosis.inference.prepare import Prepared, prepare
 from model.effects import CATALOGUE
-from recordings.trials import Table
+from recordings.trials import ORIENTATION, Table, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
 
@@ -29,13 +28,10 @@ def rod_tips(case: Measured, **excess: float) -> NDArray[np.float64]:
 
 
 def baseline(case: Measured, tip: NDArray[np.float64], **varied: tuple[float, NDArray[np.float64]]) -> Baseline:
-    rows = case.table.rows
-    made = Baseline(
-        "theirs", np.array([r.spine_length for r in rows]), np.array([r.pressures for r in rows]), tip,
-        np.full((len(rows), 4), np.nan), np.zeros((len(rows), 0, 3)),
-    )  # fmt: skip
-    there = {name.replace("__", "."): (step, replace(made, tip=at)) for name, (step, at) in varied.items()}
-    return replace(made, varied=there)
+    setting = ("spine_length", *pressure_columns(len(ROBOT.actuators.azimuths_deg)))
+    unseen = dict.fromkeys(ORIENTATION, np.full(len(tip), np.nan))
+    made = Baseline("theirs", Table({name: case.table[name] for name in setting} | unseen | dict(zip("xyz", tip.T, strict=True))))
+    return replace(made, varied={name.replace("__", "."): (step, baseline(case, at)) for name, (step, at) in varied.items()})
 
 
 def bent_otherwise(case: Measured, by: float) -> NDArray[np.float64]:
@@ -90,11 +86,10 @@ def test_states_it_does_not_predict_are_left_out_and_it_may_have_been_asked_besi
     made = baseline(case, tips)
     lost = tips.copy()
     lost[4] = np.nan
-    assert len(prepared(case, replace(made, tip=lost)).problem.observed) == len(prepared(case, made).problem.observed) - 3
+    assert len(prepared(case, baseline(case, lost)).problem.observed) == len(prepared(case, made).problem.observed) - 3
     rows = tuple(replace(r, pressures=tuple(p + 2e3 * (p > 0) for p in r.pressures)) for r in case.table)
     beside = replace(case, table=Table.of(rows))
-    there = replace(made, pressure=np.array([r.pressures for r in rows]), tip=rod_tips(beside))
-    p = prepared(case, there)
+    p = prepared(case, baseline(beside, rod_tips(beside)))
     assert p.tip(p.given) == pytest.approx(tips, abs=2e-6)
 
 

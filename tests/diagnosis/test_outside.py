@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from diagnosis.criticism.gaussian import Gaussian
-from diagnosis.criticism.misfit import MisfitDiagnostics, misfit_diagnostics
+from diagnosis.criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
 from diagnosis.criticism.outside import Related, alike, odds_outside, related
 from diagnosis.criticism.relatives import RELATIVES
 from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain

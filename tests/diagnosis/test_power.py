@@ -9,9 +9,7 @@ from diagnosis.answer.experiments import columns
 from diagnosis.data.case import Case
 from diagnosis.inference.evidence import KNOWN, NONE, weigh
 from diagnosis.judgement import PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE
-from diagnosis.power.foreseen import additions, foreseen, of_case
-from diagnosis.power.rates import power
-from diagnosis.power.worlds import Planned, drawn, probabilities
+from diagnosis.power import Planned, additions, drawn, foreseen, of_case, power, probabilities
 from model.effects.catalogue import CATALOGUE
 from tests.diagnosis.test_case import ROBOT
 

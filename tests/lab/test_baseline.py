@@ -65,21 +65,23 @@ def there(case: Case, spine_length: float, pressure: float) -> np.ndarray:
 
 def test_rows_are_matched_by_trial_and_step(case: Case, tmp_path: Path) -> None:
     made = from_table(written(tmp_path / "p.csv", by_step(case)[::-1]), case)
-    assert made.tip == pytest.approx(np.array([r.tip for r in case.table]))
-    assert np.isnan(made.orientation).all() and made.name == "p.csv"
-    assert made.pressure == pytest.approx(np.array([r.pressures for r in case.table]))
+    assert made.predicted.tip == pytest.approx(np.array([r.tip for r in case.table]))
+    assert np.isnan(made.predicted.orientation).all() and made.name == "p.csv"
+    assert made.predicted.pressures == pytest.approx(np.array([r.pressures for r in case.table]))
 
 
 def test_or_by_the_nearest_state_which_is_kept(case: Case, tmp_path: Path) -> None:
     made = from_table(written(tmp_path / "p.csv", by_state(case)), case)
     measured = np.array([r.pressures[0] for r in case.table])
-    assert made.pressure[:, 0] == pytest.approx(measured, abs=5e3) and set(made.pressure[:, 0]) == set(PRESSURES)
-    assert made.tip == pytest.approx(np.array([there(case, r.spine_length, r.pressures[0]) for r in case.table]))
+    assert made.predicted.pressures[:, 0] == pytest.approx(measured, abs=5e3) and set(made.predicted.pressures[:, 0]) == set(
+        PRESSURES
+    )
+    assert made.predicted.tip == pytest.approx(np.array([there(case, r.spine_length, r.pressures[0]) for r in case.table]))
 
 
 def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_path: Path) -> None:
     made = from_table(written(tmp_path / "p.csv", [r for r in by_state(case) if r["p1"] != PRESSURES[-1]]), case)
-    lost = np.isnan(made.tip).any(axis=1)
+    lost = np.isnan(made.predicted.tip).any(axis=1)
     assert lost.any() and np.array([r.pressures[0] for r in case.table])[lost].min() > 150e3
 
 
@@ -129,7 +131,7 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
     assert sum(own.asked) == 2 * len(LENGTHS) * len(PRESSURES) and max(own.asked) <= 8
     assert steps[-1][0] == steps[-1][1] == len(own.asked)
     step, there = made.varied["youngs_modulus.excess"]
-    assert step == pytest.approx(0.002) and np.abs(there.tip - made.tip).max() > 1e-5
+    assert step == pytest.approx(0.002) and np.abs(there.predicted.tip - made.predicted.tip).max() > 1e-5
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:

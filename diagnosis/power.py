@@ -1,0 +1,319 @@
+"""What a plan can tell before it is measured: worlds drawn under it, how often each cause would be named, and what a further
+experiment would bring.
+
+A case is foreseen as the plan would give it. Worlds are drawn under its design, and weighed.
+
+Worlds are linear about the robot as it is described,
+
+    y = A theta + N u + g D w + sum_e f_e r_e o (B z_e) + e,    r_e = A_e theta_e,
+
+with at most one cause at 0.5 to 1.5 plausible scales; every other effect in clutter, heavy-tailed; each law wrong by a smooth
+share f_e of what its effect does there; the rest as the prior has it. Each world is weighed under none and every single effect
+with the evidence of the diagnosis (`inference.evidence`), and named by the largest probability. Pairs and causes outside the
+catalogue are not drawn. Source: simulation-based calibration (Talts et al. 2018).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp, softmax
+
+from model.effects.catalogue import CATALOGUE
+from model.effects.design import design_from_columns
+from model.effects.forward import ForwardModel
+from model.effects.spec import EffectSpec
+from model.robot import Robot
+from recordings.trials import Table
+
+from .answer.experiments import CandidateExperiment, candidate_experiments, columns
+from .arrays import Array
+from .data.case import Case, CaseLike, states
+from .errors import BadCase
+from .inference.budget import BudgetPart, after_calibration
+from .inference.candidate import Candidate
+from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
+from .inference.linear import Linear
+from .inference.posterior import hypothesis_prior
+from .inference.prepare import Prepared, parts, prepare
+from .inference.problem import Problem, leading
+from .inference.reading_noise import DEFAULT_NOISE
+from .inference.search import Search
+from .judgement import CAUSE_PROBABILITY, PRIOR_OF_NUMBER, SAME_ODDS, TEMPERATURE, TOLERATED_SIZES
+
+CAUSE = (0.5, 1.5)
+"""Plausible scales of a cause."""
+CLUTTER = (0.0, 0.05, 0.1, 0.2)
+"""Standard deviation of every other effect, plausible scales; one of them in each world."""
+FREEDOM = 3
+"""Degrees of freedom of Student's t, of the clutter."""
+TOLERATED = float(TOLERATED_SIZES[TOLERATED_SIZES > 0].mean())
+SIZES = ("small", "medium", "large")
+"""Thirds of the range of sizes."""
+OTHER_LAWS = {"clean": 0.82, "cluttered": 0.71}
+"""Of what such worlds promise, the share that sealed robots of other laws kept: 61 of 80 told exactly where 74.5 were promised,
+46 of 106 where 65.1 were (in-sample: ten worlds without thrust on the walls, whole sweep, read while ramping)."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The linear problem of a design, without any effect."""
+
+    problem: Problem
+    none: Candidate
+    where: tuple[BudgetPart, ...]
+    effects: tuple[str, ...]
+    """That can be drawn."""
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> Planned:
+        """Of a campaign."""
+        none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
+        p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
+        # a shorter whitened response cannot be drawn
+        seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
+        return cls(prepared.problem, none, parts(prepared), tuple(seen))
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Around the calibrated robot."""
+        return self.none.linear(self.problem)
+
+    def sizes(self, effect: str) -> NDArray[np.intp]:
+        """Indices of its parameters that are sizes."""
+        p = self.problem.parameters
+        return np.flatnonzero(p.mask((effect,)) & p.sizes)
+
+    def floors(self, white: Array) -> float:
+        """Noise floors that a whitened response (n,) carries after calibration."""
+        done = self.problem.noise.colour(white)[:, None]
+        left = after_calibration(self.problem, self.where, self.none.fit.derivatives(self.problem).whole, done)
+        return max(float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True))
+
+    def form_errors(self, named: Hypothesis) -> Array:
+        """Columns of what may be wrong with the laws: of what is named at its plausible scale, of all else at its tolerance."""
+        found = []
+        for effect in self.effects:
+            own = self.sizes(effect)
+            size = 1 / np.sqrt(len(own)) if effect in named else TOLERATED
+            size *= self.problem.parameters.law_error[effect]
+            found += [size * self.linear.effects[:, j] for j in own]
+        return leading(np.hstack([self.problem.form_error_of(self.problem.noise.colour(c)) for c in found]))
+
+
+@dataclass(frozen=True)
+class World:
+    """One robot that was drawn."""
+
+    readings: Array
+    """(n,) whitened."""
+    cause: str
+    """Empty: none."""
+    size: float
+    """Plausible scales."""
+    done: Mapping[str, Array]
+    """Effect -> its whitened response (n,)."""
+
+
+def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[float]) -> World:
+    """One world with a cause (empty: none), by the equation at the top of the file; `clutter`: standard deviations of all other
+    effects in plausible scales, one of which this world has."""
+    linear, p, noise = d.linear, d.problem.parameters, d.problem.noise
+    y = rng.standard_normal(len(linear.observed)) + linear.nuisance.along(rng.standard_normal(linear.nuisance.shape[1]))
+    discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
+    y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
+    clutter_sd, cause_size, responses = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
+    basis = d.problem.form_error_basis
+    for effect in d.effects:
+        columns = d.sizes(effect)
+        direction = rng.standard_normal(len(columns))
+        direction /= np.linalg.norm(direction)
+        clutter_size = clutter_sd * rng.standard_t(FREEDOM) / np.sqrt(FREEDOM / (FREEDOM - 2))
+        theta = direction * (cause_size if effect == cause else clutter_size)
+        theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
+        response = noise.colour(linear.effects[:, columns] @ theta)
+        law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (basis @ rng.standard_normal(basis.shape[1]))
+        responses[effect] = noise.whiten(response * (1 + law_error))
+        y += responses[effect]
+    return World(y, cause, cause_size, responses)
+
+
+def probabilities(d: Planned, readings: Array) -> tuple[tuple[Hypothesis, ...], Array]:
+    """None and every single effect, and their probabilities (worlds, hypotheses) for whitened readings (worlds, n).
+
+    As `inference.evidence.weigh`, for many worlds at once: what is common to all is factorised once. Bounds cut what is named.
+    """
+    linear, p = d.linear, d.problem.parameters
+    named: tuple[Hypothesis, ...] = (NONE, *((e,) for e in d.effects))
+    k = linear.effects.shape[1]
+    # Readings as further columns: X^T C^-1 X holds the information, and the score and misfit of each world.
+    with_readings = replace(linear, effects=np.hstack([linear.effects, readings.T]), observed=np.zeros(len(linear.observed)))
+    evidence = np.empty((len(named), len(readings)))
+    for i, h in enumerate(named):
+        mask, terms = p.mask(h), []
+        for g, row in enumerate(replace(with_readings, form_error=d.form_errors(h)).reductions(KNOWN.sizes, KNOWN.form_errors)):
+            for f, accumulated in enumerate(row):
+                gram, misfit = accumulated.information, np.diag(accumulated.information)[k:]
+                of_worlds = replace(accumulated, information=gram[:k, :k], score=gram[k:, :k])
+                for s, spike in enumerate(KNOWN.spikes):
+                    prior = p.prior(mask, float(spike), linear.effect_size)
+                    log_p, mean, covariance = of_worlds.update(prior)
+                    cut = replace(prior, variance=np.where(mask, prior.variance, 0.0))
+                    within_bounds = log_allowed_share(mean, np.diag(covariance)[None], cut, p)
+                    within_bounds = within_bounds - log_allowed_share(prior.mean[None], prior.variance[None], cut, p)
+                    terms.append(log_p - 0.5 * misfit + within_bounds + KNOWN.log_weights[s, g, f])
+        evidence[i] = logsumexp(terms, axis=0)
+    score = evidence.T / TEMPERATURE + np.log([hypothesis_prior(h, len(d.effects)) for h in named])
+    return named, softmax(score, axis=1) / (1 + SAME_ODDS)
+
+
+@dataclass(frozen=True)
+class EffectPower:
+    """What becomes of worlds with one cause; its floor of scatter is the repeats'."""
+
+    effect: str
+    carries: float
+    """Noise floors that it carries after calibration at its plausible size, median."""
+    right: Mapping[str, float | None]
+    """By size (thirds of 0.5 to 1.5 plausible scales): share in which it, and nothing else, is most probable."""
+    sure: float
+    """Share in which it is named with p > 0.9."""
+    taken_for: tuple[tuple[str, float], ...]
+    """Others that are named instead, with their share."""
+
+
+@dataclass(frozen=True)
+class Power:
+    """What a plan can tell."""
+
+    worlds: int
+    right: float
+    """Share of all worlds whose cause, or that there is none, is most probable."""
+    right95: tuple[float, float]
+    stated: float
+    """Mean probability of what is most probable: as honest as it comes near `right`."""
+    effects: tuple[EffectPower, ...]
+    unseen: tuple[str, ...]
+    """Effects that change nothing here that could be seen."""
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str, float], ...]:
+        """Effect, what it is taken for, and in which share; most first."""
+        found = [(e.effect, other, share) for e in self.effects for other, share in e.taken_for if share >= 0.1]
+        return tuple(sorted(found, key=lambda x: -x[2]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {"schema": "power/1", **asdict(self), "pairs": [list(p) for p in self.pairs]}
+
+
+def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1, clutter: Sequence[float] = CLUTTER) -> Power:
+    """What the plan can tell, from worlds drawn under its design and weighed: `each` of none and of every effect it can draw.
+
+    Shares of all worlds count each world with the prior probability of its cause, as the diagnosis has it.
+    """
+    rng = np.random.default_rng(seed)
+    worlds = [drawn(plan, rng, cause, clutter) for cause in ("", *plan.effects) for _ in range(each)]
+    hypotheses, p = probabilities(plan, np.array([w.readings for w in worlds]))
+    cause, size = np.array([w.cause for w in worlds]), np.array([w.size for w in worlds])
+    named, probability = np.array(["".join(h) for h in hypotheses])[p.argmax(axis=1)], p.max(axis=1)
+    right = cause == named
+    weight = np.where(cause == "", PRIOR_OF_NUMBER[0], (1 - PRIOR_OF_NUMBER[0]) / len(plan.effects))
+    weight /= weight.sum()
+    size_class = np.clip(np.digitize(size, np.linspace(*CAUSE, len(SIZES) + 1)) - 1, 0, len(SIZES) - 1)
+
+    def rates_of(effect: str) -> EffectPower:
+        with_cause = cause == effect
+        floors = [plan.floors(w.done[effect]) / w.size for w in worlds if w.cause == effect]
+        right_by_size = {name: right[with_cause & (size_class == k)] for k, name in enumerate(SIZES)}
+        taken_for = Counter(str(n) or "none" for n in named[with_cause & ~right])
+        return EffectPower(
+            effect,
+            carries=float(np.median(floors)),
+            right={name: float(part.mean()) if part.size else None for name, part in right_by_size.items()},
+            sure=float(np.mean((right & (probability > CAUSE_PROBABILITY))[with_cause])),
+            taken_for=tuple((n, count / int(with_cause.sum())) for n, count in taken_for.most_common()),
+        )
+
+    share, sd = float(weight @ right), float(np.sqrt(weight**2 @ (right - weight @ right) ** 2))
+    interval = (max(share - 1.96 * sd, 0.0), min(share + 1.96 * sd, 1.0))
+    unseen = tuple(e for e in catalogue if e not in plan.effects)
+    return Power(len(worlds), share, interval, float(weight @ probability), tuple(map(rates_of, plan.effects)), unseen)
+
+
+@dataclass(frozen=True)
+class Addition:
+    """An experiment more, and what it would bring."""
+
+    experiment: CandidateExperiment
+    right: float
+    """Share of the same causes told right with it."""
+    gained: float
+    """Over what the plan tells in as many worlds."""
+
+    @property
+    def per_hour(self) -> float:
+        """Gain an hour."""
+        return self.gained / max(self.experiment.minutes / 60, 1e-3)
+
+
+def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int = 1) -> Case:
+    """A case as the planned columns would give it, of a robot as it is described, read with the usual noise and scatter of
+    trials. Raises `BadCase` where the rod has no equilibrium."""
+    design = design_from_columns(robot, table)
+    forward = ForwardModel(robot, design, area="one", catalogue={})
+    rng = np.random.default_rng(seed)
+    # what recurs (with trials, repeats, mountings) is drawn, all else is as described
+    theta = np.array([p.sd * rng.standard_normal() if p.recurs else 0.0 for p in forward.parameters])
+    low, high = np.array([[p.low, p.high] for p in forward.parameters]).T
+    values = forward.predict(np.clip(theta, low, high))
+    if not np.isfinite(values).all():
+        raise BadCase("the rod model has no equilibrium at a planned state: check pressures, and robot.yaml's stiffness")
+    columns_read, observed = {name: np.array(column) for name, column in table.items()}, forward.observations
+    for name in "xyz":
+        rows = observed.channel == name
+        columns_read[name][observed.row[rows]] = values[rows] + DEFAULT_NOISE["tip"] * rng.standard_normal(int(rows.sum()))
+    n = len(design)
+    return Case(robot, Table({"step": np.arange(1, n + 1), "protocol": np.full(n, "bending"), **columns_read}))
+
+
+def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
+    """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
+    return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
+
+
+def additions(
+    case: Case,
+    catalogue: Mapping[str, EffectSpec] = CATALOGUE,
+    each: int = 12,
+    seed: int = 2,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[Addition, ...]:
+    """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
+    right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
+    menu = candidate_experiments(case.robot, states(case)[0])
+    brought = []
+    for k, e in enumerate(menu):
+        progress((k + 1) / (len(menu) + 1))
+        try:
+            extended = _with(case, e, seed)
+        except BadCase:
+            continue
+        right_after = power(of_case(extended, catalogue), tuple(catalogue), each, seed).right
+        brought.append(Addition(e, right_after, right_after - right_before))
+    progress(1.0)
+    return tuple(sorted(brought, key=lambda a: -a.per_hour))
+
+
+def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:
+    """The case with an experiment behind it."""
+    chambers = len(case.robot.actuators.azimuths_deg)
+    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
+    later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
+    return Case(case.robot, Table.joined([case.table, later]))
