@@ -258,15 +258,6 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Level:
-    """rms after each step at one level of a factor, as given first."""
-
-    value: float
-    n: int
-    left_mm: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class Absorbed:
     """What an area factor for each spine length would hide, on unseen states."""
 
@@ -289,8 +280,6 @@ class Waterfall:
     """Number of states."""
     given_mm: float
     steps: tuple[Step, ...]
-    by: Mapping[str, tuple[Level, ...]]
-    """spine_length (m) and pressure (Pa) -> levels."""
     absorbed: Absorbed | None
     """None with a single spine length."""
 

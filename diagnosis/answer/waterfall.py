@@ -31,7 +31,7 @@ from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
-from .result import Absorbed, Level, Shrink, Step, StepName, Waterfall
+from .result import Absorbed, Shrink, Step, StepName, Waterfall
 from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
 
 
@@ -93,7 +93,7 @@ def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Calla
         with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
         by_causes = {frozenset[str](): errors.before.distance}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
-        return _Steps(p, by_causes, tolerant, with_smooth, _simulator_as_it_is(p)).waterfall(named, held_out.how, absorbed())
+        return replace(_steps(p, named, by_causes, (tolerant, with_smooth), held_out.how), absorbed=absorbed())
 
     return finish
 
@@ -126,70 +126,44 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
 
 
-class _Steps:
-    """Errors (states,) m of all models, and their rms as the data are and with trials drawn anew."""
+def _steps(
+    p: Prepared, named: Hypothesis, by_causes: Mapping[frozenset[str], Array], after: Sequence[Array], how: str
+) -> Waterfall:
+    """The waterfall of errors (states,) m: `by_causes` of the models with some of the causes and no tolerance, `after` of those
+    with tolerances and with a smooth discrepancy. Each step is the rms before it less the rms after it; the last two end at the
+    noise floor and at 0."""
+    given, as_it_is = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1), _simulator_as_it_is(p)
+    before = [given, *([] if as_it_is is None else [as_it_is])]
+    seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
+    again = resampled(p.states.trial[seen])
+    weights = np.vstack([np.ones(again.shape[1]), again])
 
-    def __init__(
-        self, p: Prepared, by_causes: Mapping[frozenset[str], Array], tolerant: Array, smooth: Array, simulator: Array | None
-    ) -> None:
-        self._p, self._by_causes = p, by_causes
-        self._before = [("as given", np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1))]
-        self._before += [("simulator", simulator)] if simulator is not None else []
-        self._after: list[tuple[StepName, Array]] = [("tolerances", tolerant), ("regular", smooth)]
-        every = [*by_causes.values(), *(e for _, e in (*self._before, *self._after))]
-        self._seen: Mask = np.asarray(np.isfinite(every).all(axis=0))
-        """(states,) predicted by every model."""
-        again = resampled(p.states.trial[self._seen])
-        self._weights = np.vstack([np.ones(again.shape[1]), again])
-
-    def waterfall(self, named: Hypothesis, how: str, absorbed: Absorbed | None) -> Waterfall:
-        """Each step is the rms (draws,) m before it less the rms after it; the last two end at the noise floor and at 0."""
-        order = self._largest_first(named)
-        causes = [self._with(order[:k]) for k in range(len(order) + 1)]
-        columns = [*(e for _, e in self._before), *causes, *(e for _, e in self._after)]
-        draws = len(self._weights)
-        rms_after = [*map(self._rms, columns), np.full(draws, self._p.noise_floor), np.zeros(draws)]
-        titles: list[tuple[StepName, str | None]] = [("calibration", None)]
-        titles += [("simulator", None)] if len(self._before) > 1 else []
-        titles += [("cause", e) for e in order]
-        titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
-        steps = []
-        for (name, effect), before, after in zip(titles, rms_after[:-1], rms_after[1:], strict=True):
-            decrease = before - after
-            low, high = np.quantile(decrease if effect is None else self._in_any_order(effect, named), [0.025, 0.975])
-            steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, after[0]))))
-        s = self._p.states
-        by = {
-            "spine_length": self._by(s.spine_length, SPINE_GAP, columns),
-            "pressure": self._by(s.highest, s.pressure_gap, columns),
-        }
-        return Waterfall(how, int(self._seen.sum()), 1e3 * float(rms_after[0][0]), tuple(steps), by, absorbed)
-
-    def _rms(self, errors: Array) -> Array:
+    def rms_of(errors: Array) -> Array:
         """(draws,) m, the data as they are first."""
-        squares = self._weights @ errors[self._seen] ** 2
-        return np.asarray(np.sqrt(squares / self._weights.sum(axis=1)))
+        return np.asarray(np.sqrt(weights @ errors[seen] ** 2 / weights.sum(axis=1)))
 
-    def _largest_first(self, named: Hypothesis) -> tuple[str, ...]:
-        """Each cause the one that takes most of what the causes before it leave."""
-        order: tuple[str, ...] = ()
-        while rest := [e for e in named if e not in order]:
-            order = (*order, min(rest, key=lambda e: float(self._rms(self._with((*order, e)))[0])))
-        return order
+    of_causes = {causes: rms_of(errors) for causes, errors in by_causes.items()}
+    order: Hypothesis = ()  # each cause the one that takes most of what the causes before it leave
+    while rest := [e for e in named if e not in order]:
+        order = (*order, min(rest, key=lambda e: float(of_causes[frozenset((*order, e))][0])))
 
-    def _in_any_order(self, effect: str, named: Hypothesis) -> Array:
+    def in_any_order(effect: str) -> Array:
         """(..,) m that a cause takes: over draws, and over which others were added before it."""
-        before = [s for s in [NONE, *_subsets(named)] if effect not in s]
-        return np.concatenate([self._rms(self._with(s)) - self._rms(self._with((*s, effect))) for s in before])
+        others = [causes for causes in of_causes if effect not in causes]
+        return np.concatenate([of_causes[causes] - of_causes[causes | {effect}] for causes in others])
 
-    def _by(self, values: Array, gap: float, columns: Sequence[Array]) -> tuple[Level, ...]:
-        """rms by level of a factor (states,)."""
-        level = levels(values, gap)
-        parts = [np.flatnonzero(self._seen & (level == k)) for k in np.unique(level[self._seen])]
-        return tuple(Level(float(np.round(values[i].mean(), 6)), len(i), tuple(1e3 * rms(c[i]) for c in columns)) for i in parts)
-
-    def _with(self, causes: Sequence[str]) -> Array:
-        return self._by_causes[frozenset(causes)]
+    titles: list[tuple[StepName, str | None]] = [("calibration", None)]
+    titles += [("simulator", None)] * (len(before) - 1)
+    titles += [("cause", e) for e in order]
+    titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
+    levels_m = [*map(rms_of, before), *(of_causes[frozenset(order[:k])] for k in range(len(order) + 1)), *map(rms_of, after)]
+    levels_m += [np.full(len(weights), p.noise_floor), np.zeros(len(weights))]
+    steps = []
+    for (name, effect), higher, lower in zip(titles, levels_m[:-1], levels_m[1:], strict=True):
+        decrease = higher - lower
+        low, high = np.quantile(decrease if effect is None else in_any_order(effect), [0.025, 0.975])
+        steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, lower[0]))))
+    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps), None)
 
 
 def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
