@@ -34,7 +34,7 @@ from .answer.verdict import doubts
 from .answer.waterfall import Unseen, UnseenStates
 from .data.baseline import Baseline
 from .data.campaign import Campaign
-from .data.case import CaseLike, lacking, states
+from .data.case import CaseLike, states
 from .edits.order import ORDER
 from .edits.search import Edited
 from .errors import BadCase
@@ -129,57 +129,45 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good, follows_law))
         causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
     doubtful = bool(far or edited.numbers or tense)
-    section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)
-    facts = sentences.Facts(
-        causes.decision, section.conclusion, location, carries, unseen.shrink, unseen.waterfall, section.rivals,
-        next((x.do for x in proposals if x.separates), None), causes.best.named, causes.asking, causes.misfit.outlier_trial,
-        tuple(map(words.fill, lacking(edited.states))), simulator(causes), calibrated, edited.named, names, words, fitted,
-    )  # fmt: skip
+    answer = Diagnosis(
+        statement="",
+        data=assemble.data_section(prepared, case.table),
+        locate=location,
+        attribute=assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful),
+        shrink=unseen.shrink,
+        next_experiment=proposals,
+        findings=(
+            *edited.concerns,
+            *findings,
+            *([settled.finding] if settled is not None else ()),
+            *reasons,
+            *far,
+            *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
+            *sentences.scatter(prepared.noise_components.excess_scatter),
+            *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
+            *([finding("residual_ignored")] if case.robot.residual is not None else ()),
+        ),
+        detail=details | ({"first_calibration": edited.detail()} if edited.changes else {}),
+        budget=carries,
+        waterfall=unseen.waterfall,
+        calibration=calibrated,
+        simulator=simulator(causes),
+        fitted=fitted,
+    )
     # what was settled before the diagnosis comes before its statement, and is a cause, too
-    text = sentences.statement(facts)
+    text, section = sentences.statement(answer), answer.attribute
     if edited.changes:
-        details["first_calibration"] = edited.detail()
         text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
-    if "stiffness" in details and location.of == "tip":
-        text += f" {sentences.stiffness_sentence(details['stiffness'], causes.decision)}"
     if edited.with_order:
         section = assemble.beside(section, ORDER, edited.robot)
     if settled is not None and section.verdict == "none":
         section, text = assemble.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
-    findings = (
-        *edited.concerns,
-        *findings,
-        *([settled.finding] if settled is not None else ()),
-        *reasons,
-        *far,
-        *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
-        *sentences.scatter(prepared.noise_components.excess_scatter),
-        *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
-        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
-    )
-    changed = edited.named or sentences.changed_by(facts)
+    answer = replace(answer, statement=text, attribute=section)
+    changed = edited.named or sentences.changed_by(answer)
     beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
-    by_calibration = sentences.closed_by_calibration(facts)
-    closed = None if unseen.shrink is None else unseen.shrink.share_closed
-    answer = Diagnosis(
-        statement=text + (f" {details['holdout']['statement']}" if holdout is not None else ""),
-        data=assemble.data_section(prepared, case.table),
-        locate=location,
-        attribute=section,
-        shrink=unseen.shrink,
-        next_experiment=proposals,
-        findings=findings,
-        detail=details,
-        budget=facts.budget,
-        waterfall=unseen.waterfall,
-        calibration=calibrated,
-        fitted=fitted,
-        headline=edited.headline
-        or headline(
-            section, options.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), edited.robot
-        ),
-    )
-    return Examined(answer, rivals, edited)
+    by_calibration = sentences.closed_by_calibration(answer)
+    line = edited.headline or headline(answer, options.catalogue, edited.robot, by_calibration, changed, beyond, bool(alone))
+    return Examined(replace(answer, headline=line), rivals, edited)
 
 
 def _prepared(

@@ -11,6 +11,7 @@ import numpy as np
 from model.robot import Robot
 from recordings.trials import Table
 
+from ..data.case import lacking
 from ..findings import Finding
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN
@@ -62,10 +63,16 @@ def attribute_section(
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else probability
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     return Attribute(
-        d.verdict, d.effects, d.probability, f.posterior.credible_set, tuple(ranked), f.cannot_tell_apart, f.asking,
-        conclude(d, significant, f.asking, doubtful or bool(why)), rivals(d, f.posterior), d.relatives, d.second,
-        tuple(map(str, why)),
-    )  # fmt: skip
+        **vars(d),
+        credible_set=f.posterior.credible_set,
+        ranking=tuple(ranked),
+        cannot_tell_apart=f.cannot_tell_apart,
+        stage_errors=f.asking,
+        conclusion=conclude(d, significant, f.asking, doubtful or bool(why)),
+        rivals=rivals(d, f.posterior),
+        doubts=tuple(map(str, why)),
+        missing=tuple(map(f.prepared.robot.actuators.words.fill, lacking(f.prepared.states))),
+    )
 
 
 def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:

@@ -19,7 +19,6 @@ from ..inference.problem import FitParameters
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
-from .calibration import simulator
 from .holdout import Holdout
 from .result import FittedRobot
 from .shrink import HeldOutErrors, rms
@@ -46,8 +45,6 @@ def detail(
         "states": _states(p, calibrated, explained, unseen),
         "names": names,
     }
-    if (difference := simulator(f)) is not None:
-        section["baseline"] = asdict(difference)
     specs = [p.forward.catalogue[e] for e in f.decision.effects if e in p.forward.catalogue]
     factors = [by_actuator(p.robot, spec, values(named_sizes)) for spec in specs]
     section["by_actuator"] = [asdict(e) for e in factors if e is not None]

@@ -18,7 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity, finding
-from .decision import Verdict
+from .decision import Decision
 
 SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
@@ -179,27 +179,22 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class Attribute:
+class Attribute(Decision):
     """Which effect."""
 
-    verdict: Verdict
-    effects: tuple[str, ...]
-    probability: float
-    credible_set: tuple[tuple[str, ...], ...]
-    ranking: tuple[Ranked, ...]
-    cannot_tell_apart: tuple[tuple[str, ...], ...]
+    credible_set: tuple[tuple[str, ...], ...] = ()
+    ranking: tuple[Ranked, ...] = ()
+    cannot_tell_apart: tuple[tuple[str, ...], ...] = ()
     stage_errors: tuple[StageError, ...] = ()
     """Largest first: where the readings ask for an error that no effect of the catalogue makes."""
     conclusion: Conclusion | None = None
     """None in answers of earlier versions."""
     rivals: tuple[str, ...] = ()
     """Effects of the 95 % set beside what is named."""
-    relatives: tuple[str, ...] = ()
-    """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
-    second: Mapping[str, float] = field(default_factory=dict)
-    """Effects of which one acts together with what is named, and the probability of each."""
     doubts: tuple[str, ...] = ()
     """Why what is named with a high probability is not certain."""
+    missing: tuple[str, ...] = ()
+    """What the table lacks to name a cause."""
 
 
 @dataclass(frozen=True)
@@ -334,6 +329,8 @@ class Diagnosis:
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
     """What calibration changed; None in answers of earlier versions."""
+    simulator: Simulator | None = None
+    """What takes the rod's place; None: nothing does."""
     fitted: FittedRobot | None = None
     """The robot with what is named; None where nothing is, or another simulator takes the rod's place."""
     headline: str = ""
@@ -347,6 +344,16 @@ class Diagnosis:
     def concerns(self) -> list[str]:
         """Texts of all findings; diagnosis.json has them, too, for readers of earlier versions."""
         return self.texts(*get_args(Severity))
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """Effect -> plain name."""
+        return dict(self.detail["names"])
+
+    @property
+    def calibrated_first(self) -> bool:
+        """Whether a number of robot.yaml was changed before the diagnosis."""
+        return bool(self.detail.get("first_calibration", {}).get("adjusted"))
 
     @property
     def words(self) -> Words:
