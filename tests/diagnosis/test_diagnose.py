@@ -47,7 +47,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
     wanted = {
         "verdict", "effects", "probability", "credible_set", "ranking", "cannot_tell_apart", "stage_errors", "conclusion",
-        "rivals", "relatives", "second", "doubts",
+        "rivals", "relatives", "second", "doubts", "outside", "enough", "too_small", "missing",
     }  # fmt: skip
     assert set(d["attribute"]) == wanted
     ranked = d["attribute"]["ranking"][0]
