@@ -116,7 +116,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         fitted = confirmed(causes, edited, options.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
-    details = detail(causes, fitted, unseen.errors, holdout, names)
+    details = detail(causes, fitted, unseen.errors, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
@@ -150,6 +150,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         detail=details | ({"first_calibration": edited.detail()} if edited.changes else {}),
         budget=carries,
         waterfall=unseen.waterfall,
+        holdout=holdout,
         calibration=calibrated,
         simulator=simulator(causes),
         fitted=fitted,

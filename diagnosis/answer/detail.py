@@ -19,15 +19,12 @@ from ..inference.problem import FitParameters
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
-from .holdout import Holdout
 from .result import FittedRobot
 from .shrink import HeldOutErrors, rms
 from .size import as_fitted, by_actuator, sizes, values
 
 
-def detail(
-    f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
-) -> dict[str, Any]:
+def detail(f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, names: Mapping[str, str]) -> dict[str, Any]:
     """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
@@ -50,8 +47,6 @@ def detail(
     section["by_actuator"] = [asdict(e) for e in factors if e is not None]
     if p.pushes is not None:
         section["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
-    if holdout is not None:
-        section["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
     return section
 
 

@@ -234,6 +234,22 @@ class Shrink:
     by_spine_length: tuple[LengthShrink, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Holdout(Shrink):
+    """The same on a campaign that the fit never sees."""
+
+    states: int
+    trials: int
+    unsolved: int
+    """States left out because one of the models has no equilibrium there."""
+    hypothesis: tuple[str, ...]
+    """The effects that `after_mm` has; none where no effect leads."""
+    named: bool
+    """Whether the diagnosis names them as the cause; else they are only what comes nearest."""
+    verdict: Literal["confirmed", "contradicted", "open"]
+    """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
+
+
 StepName = Literal["calibration", "simulator", "cause", "tolerances", "regular", "irregular", "noise"]
 
 
@@ -325,6 +341,8 @@ class Diagnosis:
     """Largest first within named, present and unseen."""
     waterfall: Waterfall | None = None
     """On unseen states; None where nothing can be left out, or it was not asked for."""
+    holdout: Holdout | None = None
+    """On a campaign that is not fitted, where one was given."""
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None

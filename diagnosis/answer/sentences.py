@@ -57,10 +57,9 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
 def statement(d: Diagnosis) -> str:
     """The answer in a few sentences, the verdict first."""
     present = also_present(d.budget, lambda effect: with_id(effect, d.names), _what(d)[1])
-    held_out = d.detail["holdout"]["statement"] if "holdout" in d.detail else ""
     parts = (
         _verdict(d), _gap(d), _alike(d), _simulator(d), _moved(d), _closing(d), _robot(d), _absorbed(d), present, _odd(d),
-        _pushed(d), held_out,
+        _pushed(d), held_out(d),
     )  # fmt: skip
     return " ".join(filter(None, parts))
 
@@ -415,6 +414,33 @@ def _pushed(d: Diagnosis) -> str:
     if d.attribute.verdict != "effect":
         return f"{text}."
     return f"{text}; with the cause, by {'as much' if after == before else f'{after} mm'}."
+
+
+def held_out(d: Diagnosis) -> str:
+    """What became of the gap on a campaign that was not fitted; empty where none was given."""
+    h = d.holdout
+    if h is None:
+        return ""
+    lost = f", {h.unsolved} more without equilibrium" if h.unsolved else ""
+    errors = (
+        f"On the held-out campaign ({h.trials} trials, {h.states} states{lost}) the tip error is {h.before_mm:.2f} mm rms "
+        f"before, {h.after_mm:.2f} mm after"
+    )
+    if not h.hypothesis:
+        return f"{errors}; no effect leads, so nothing is tested."
+    if h.share_closed is None:
+        return f"{errors}: hardly above the noise floor of {h.floor_mm:.2f} mm, so there is no gap to close."
+    named = _named(h.hypothesis, d)
+    interval = "" if h.ci95 is None else f" (95 %: {percent(h.ci95[0])} .. {percent(h.ci95[1])} %)"
+    closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
+    if not h.named:
+        return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
+    verdict = {
+        "confirmed": f"{named} confirmed",
+        "contradicted": f"{named} contradicted: it makes the prediction worse",
+        "open": f"this neither confirms nor contradicts {named}",
+    }[h.verdict]
+    return f"{closed}; {verdict}."
 
 
 def disorder(ranking: Sequence[Ranked]) -> str:

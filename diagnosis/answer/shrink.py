@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array, Ints
+from ..data.campaign import Campaign
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
@@ -85,24 +86,16 @@ class HeldOut:
         return lambda: [missed(residual) for residual in residuals()]
 
 
-def shrink(p: Prepared, how: str, errors: HeldOutErrors) -> Shrink:
-    """The section `shrink`, from errors of states that the fits did not see; `how` they were left out."""
-    before, after = errors.before.distance, errors.after.distance
-    seen = np.isfinite(before) & np.isfinite(after)
-    before, after, own = before[seen], after[seen], p.states.take(seen)
-    share, interval = closed_with_interval(before, after, p.noise_floor, own.trial)
-    by = by_length(own.spine_length, before, after)
-    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * p.noise_floor, share, interval, by)
-
-
-def by_length(spine_length: Array, before: Array, after: Array) -> tuple[LengthShrink, ...]:
-    """Errors (n,) m of states by their spine length (n,) m."""
-    level = levels(spine_length, SPINE_GAP)
-    parts = (level == k for k in np.unique(level))
-    return tuple(
-        LengthShrink(float(np.round(spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
-        for i in parts
+def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:
+    """The section `shrink`, from errors (n,) m of states that the fits did not see; `how` they were left out. Its interval draws
+    trials anew, see `closed_with_interval`."""
+    share, interval = closed_with_interval(before, after, floor, states.trial, kind)
+    level = levels(states.spine_length, SPINE_GAP)
+    by_length = tuple(
+        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
+        for i in (level == k for k in np.unique(level))
     )
+    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
 
 
 def share_closed(before: float, after: float, floor: float) -> float | None:

@@ -32,7 +32,7 @@ from ..inference.prepare import Prepared, prepare
 from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
 from .result import Absorbed, Shrink, Step, StepName, Waterfall
-from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, resampled, rms, shrink
+from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, closed, resampled, rms
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,10 @@ class UnseenStates:
         def finish() -> Unseen:
             errors_of = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, refits(), strict=True))}
             rms_mm = {h: 1e3 * rms(errors_of[h].distance) for h in leading}
-            return Unseen(shrink(p, held_out.how, errors), errors, rms_mm, step_by_step())
+            before, after = errors.before.distance, errors.after.distance
+            seen = np.isfinite(before) & np.isfinite(after)
+            shrunk = closed(held_out.how, before[seen], after[seen], p.noise_floor, p.states.take(seen))
+            return Unseen(shrunk, errors, rms_mm, step_by_step())
 
         return finish
 

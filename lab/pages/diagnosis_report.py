@@ -13,8 +13,17 @@ import numpy as np
 
 from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
-from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import also_present, closed_alone, disorder, hypothesis_name, plain_name, stands_for, with_id
+from diagnosis.answer.result import Diagnosis, Holdout
+from diagnosis.answer.sentences import (
+    also_present,
+    closed_alone,
+    disorder,
+    held_out,
+    hypothesis_name,
+    plain_name,
+    stands_for,
+    with_id,
+)
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -78,8 +87,8 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             _where(report.section("Where it is"), d, folder)
         _next(report.section("What to do next"), d, protocols)
         _which(report.section("Evidence: which cause"), d, folder)
-        if "holdout" in d.detail:
-            _held_out(report.section("Evidence: a campaign that was not fitted"), d.detail["holdout"], spine)
+        if d.holdout is not None:
+            _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, held_out(d), spine)
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
@@ -228,19 +237,19 @@ def _sensors(s: PageSection, table: Table, words: Words, folder: Path) -> None:
     s.table(*sensor_numbers(table))
 
 
-def _held_out(s: PageSection, found: Mapping[str, Any], spine: bool) -> None:
-    """Write how both models do on a campaign that was not fitted, `found` by the diagnosis; `spine`: by spine length, too."""
-    s.text(found["statement"])
+def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
+    """Write how both models do on a campaign that was not fitted; `spine`: by spine length, too."""
+    s.text(statement)
     s.text(
         "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
         "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign"
         f"{', within each spine length' if spine else ''}."
     )
     rows = [
-        [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
-        for x in (found["by_spine_length"] if spine else ())
+        [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
+        for x in (h.by_spine_length if spine else ())
     ]
-    rows.append(["all", str(found["states"]), f"{found['before_mm']:.2f}", f"{found['after_mm']:.2f}"])
+    rows.append(["all", str(h.states), f"{h.before_mm:.2f}", f"{h.after_mm:.2f}"])
     s.table(("spine", "states", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
 
 
