@@ -18,20 +18,19 @@ from model.effects.spec import EffectSpec
 from model.robot import THRUST
 from model.stated import AREA_FACTOR
 
-from .answer import assemble, sentences
+from .answer import sentences, verdict
 from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
-from .answer.holdout import evaluate_holdout, unseen_states
+from .answer.holdout import evaluate_holdout, other_campaign
 from .answer.locate import locate
 from .answer.result import Diagnosis, FittedRobot, Value
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import doubts
-from .answer.waterfall import Unseen, UnseenStates
+from .answer.unseen import Unseen, unseen_states
 from .data.baseline import Baseline
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
@@ -98,7 +97,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     stages = {e: spec.stage for e, spec in options.catalogue.items()}
     begun = begin(prepared, options.executor)
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
-    unseen_states_of = UnseenStates(prepared, begun, options.executor).of if options.quantify else lambda f: Unseen
+    unseen_states_of = unseen_states(prepared, begun, options.executor) if options.quantify else lambda f: Unseen
     causes = attribute(prepared, stages, begun)
     predict_unseen = unseen_states_of(causes)
     rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
@@ -121,19 +120,19 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
     alone, named_sizes = alone_as_good(calibrated, causes), sizes(prepared, causes.best)
-    carries = assemble.budget_section(causes)
+    carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
-    as_good = [sentences.with_id(e, names) for e in alone]
     reasons: tuple[Finding, ...] = ()
     if named:
-        reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good, follows_law))
+        floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
+        reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
     doubtful = bool(far or edited.numbers or tense)
     answer = Diagnosis(
         statement="",
-        data=assemble.data_section(prepared, case.table),
+        data=verdict.data_section(prepared, case.table),
         locate=location,
-        attribute=assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful),
+        attribute=verdict.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful),
         shrink=unseen.shrink,
         next_experiment=proposals,
         findings=(
@@ -160,9 +159,9 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if edited.changes:
         text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
     if edited.with_order:
-        section = assemble.beside(section, ORDER, edited.robot)
+        section = verdict.beside(section, ORDER, edited.robot)
     if settled is not None and section.verdict == "none":
-        section, text = assemble.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
+        section, text = verdict.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
     answer = replace(answer, statement=text, attribute=section)
     changed = edited.named or sentences.changed_by(answer)
     beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
@@ -177,7 +176,7 @@ def _prepared(
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)
-    held_out = unseen_states(case, options.holdout) if options.holdout is not None else None
+    held_out = other_campaign(case, options.holdout) if options.holdout is not None else None
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:

@@ -27,8 +27,7 @@ from model.stated import AREA_FACTOR, Stated
 
 from .answer.attribute import calibrated
 from .answer.sentences import beyond_tolerance
-from .answer.shrink import rms
-from .arrays import Array
+from .arrays import Array, rms
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states

@@ -19,8 +19,7 @@ from model.effects.design import design_from_columns
 from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
-from .answer.shrink import rms
-from .arrays import Array
+from .arrays import Array, rms
 from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase

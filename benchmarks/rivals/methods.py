@@ -26,7 +26,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from benchmarks.blind.folder import SetFolder
 from diagnosis.answer.attribute import calibrated
-from diagnosis.answer.shrink import rms, share_closed
+from diagnosis.answer.unseen import share_closed
+from diagnosis.arrays import rms
 from diagnosis.data.case import states
 from diagnosis.data.levels import SPINE_GAP, levels
 from diagnosis.inference.cross_validation import only

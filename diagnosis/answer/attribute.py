@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from ..arrays import rms
 from ..criticism.gaussian import Gaussian
 from ..criticism.misfit import MisfitDiagnostics, misfit_diagnostics
 from ..criticism.outside import Related, alike, odds_outside, related
@@ -24,7 +25,6 @@ from ..inference.prepare import Prepared, parts
 from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
-from .shrink import rms
 from .size import sizes
 
 

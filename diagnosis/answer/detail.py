@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, rms
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
 from ..inference.problem import FitParameters
@@ -20,11 +20,11 @@ from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .result import FittedRobot
-from .shrink import HeldOutErrors, rms
 from .size import as_fitted, by_actuator, sizes, values
+from .unseen import Errors
 
 
-def detail(f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, names: Mapping[str, str]) -> dict[str, Any]:
+def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Mapping[str, str]) -> dict[str, Any]:
     """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
@@ -50,7 +50,7 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | N
     return section
 
 
-def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErrors | None) -> dict[str, Any]:
+def _states(p: Prepared, calibrated: Array, explained: Array, unseen: Errors) -> dict[str, Any]:
     """Settings and tips, measured and predicted, of the states with a tip; the predictions are of all values (n,)."""
     of_robot = ~p.states.pushed
     s = p.states.take(of_robot)
@@ -58,8 +58,8 @@ def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErr
     if unseen is not None and not p.pushes_only:
         tips |= {
             "given": p.tip(p.given),
-            "calibrated_unseen": p.states.tip - unseen.before.vector,
-            "explained_unseen": p.states.tip - unseen.after.vector,
+            "calibrated_unseen": p.states.tip - unseen[0].vector,
+            "explained_unseen": p.states.tip - unseen[1].vector,
         }
     return {
         "spine_length": s.spine_length.tolist(),
@@ -102,14 +102,12 @@ def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict
     ]
 
 
-def _stiffness(
-    p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: HeldOutErrors | None
-) -> dict[str, Any]:
+def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Errors) -> dict[str, Any]:
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
     pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
     if unseen is not None:
-        errors |= {"unseen: calibrated": unseen.before.deflection, "unseen: explained": unseen.after.deflection}
+        errors |= {"unseen: calibrated": unseen[0].deflection, "unseen: explained": unseen[1].deflection}
     forces = {"force": p.problem.observed, **predicted}
     return {
         "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},

@@ -22,10 +22,10 @@ from ..inference.prepare import Prepared, table_columns
 from ..judgement import CONFIRMED_SHARE
 from .attribute import Attribution
 from .result import Holdout
-from .shrink import closed
+from .unseen import closed
 
 
-def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
+def other_campaign(diagnosed: CaseLike, other: CaseLike) -> Campaign:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(

@@ -18,14 +18,13 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rms
 from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import Prepared
 from ..judgement import FALSE_DISCOVERY_RATE
 from .attribute import Attribution
 from .result import FACTORS, STAGES, Cell, Locate
-from .shrink import rms
 
 
 def locate(f: Attribution, stages: Mapping[str, str]) -> Locate:

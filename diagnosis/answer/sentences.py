@@ -19,8 +19,8 @@ from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, stated
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, Shrink, Waterfall
-from .shrink import share_closed
 from .size import Size
+from .unseen import share_closed
 from .verdict import stage
 
 NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"

@@ -1,4 +1,7 @@
-"""The gap on states that the fits did not see: how far it shrinks, and step by step, in mm rms where it is looked for.
+"""The gap on states that no fit saw: how far it shrinks, and step by step, in mm rms where it is looked for.
+
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within the
+tolerance that the data ask for. The share closed counts from the noise floor, its interval comes from drawing trials anew.
 
     as given          the model of robot.yaml, nothing fitted
     calibration       one area factor, and the tolerances of geometry, frames and trials
@@ -18,21 +21,38 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Ints, Mask, rms
+from ..data.campaign import Campaign
 from ..data.levels import SPINE_GAP, levels
-from ..inference.cross_validation import Model
+from ..inference.candidate import Candidate
+from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.fit import fit
+from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared, prepare
-from ..judgement import RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
+from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
-from .result import Absorbed, Shrink, Step, StepName, Waterfall
-from .shrink import HeldOut, HeldOutErrors, baseline_model, candidate_model, closed, resampled, rms
+from .result import Absorbed, LengthShrink, Shrink, Step, StepName, Waterfall
+
+
+class Missed(NamedTuple):
+    """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
+
+    distance: Array
+    """(states,) length of `vector`."""
+    vector: Array
+    """(states, 3) measured minus predicted where the gap is looked for, see `Prepared.gap`."""
+    deflection: Array
+    """(states,) magnitude, of stiffness trials; NaN elsewhere."""
+
+
+Errors = tuple[Missed, Missed] | None
+"""By the calibrated baseline, and by the best hypothesis; None where no state was held out."""
 
 
 @dataclass(frozen=True)
@@ -40,44 +60,83 @@ class Unseen:
     """What states say that no fit saw; nothing where no state was held out."""
 
     shrink: Shrink | None = None
-    errors: HeldOutErrors | None = None
+    errors: Errors = None
     rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
     """By which leading hypotheses miss them."""
     waterfall: Waterfall | None = None
 
 
-class UnseenStates:
-    """Held-out states, as the baseline and what leads predict them; refits of all else once the answer is known."""
+def baseline_model(p: Prepared, calibrated: Fit) -> Model:
+    """The calibrated baseline without any effect."""
+    return Model(p.problem.parameters.no_effects(), 0.0, calibrated.theta)
 
-    def __init__(self, p: Prepared, begun: Begun, executor: Executor) -> None:
-        self._p, self._held_out = p, HeldOut.of(p, executor)
-        if self._held_out is not None:
-            models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
-            self._errors = HeldOutErrors(*self._held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)())
 
-    def of(self, f: Attribution) -> Callable[[], Unseen]:
-        """Start the refits that an answer needs: of its rivals and for its waterfall; the function returned waits for them."""
-        p, held_out = self._p, self._held_out
-        if held_out is None:
-            return Unseen
-        errors, leading = self._errors, [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
+def candidate_model(p: Prepared, c: Candidate) -> Model:
+    """The model of a hypothesis: named effects wide, the others within their tolerance."""
+    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
+
+
+class HeldOut:
+    """States in parts, each of which is predicted by fits to the others."""
+
+    def __init__(self, p: Prepared, part: Ints, how: str, executor: Executor = SINGLE_THREAD) -> None:
+        """`part` (states,) is left out together; `how` names it."""
+        self.how, self.executor, self._p = how, executor, p
+        self._parts = CrossValidation(p.problem, part[p.labels.state], executor)
+
+    @classmethod
+    def of(cls, p: Prepared, executor: Executor) -> HeldOut | None:
+        """By spine length, where there are three, else by pressure, else by trial; None where there is but one part."""
+        length = levels(p.states.spine_length, SPINE_GAP)
+        if len(np.unique(length)) >= 3:
+            return cls(p, length, "leave one spine length out", executor)
+        pressure = levels(p.states.highest, p.states.pressure_gap)
+        if len(np.unique(pressure[~p.states.pushed])) >= 3:
+            return cls(p, pressure, f"leave one {p.robot.actuators.words.pressure} out", executor)
+        trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
+        return cls(p, trial, "leave one trial out", executor) if trial.any() else None
+
+    def errors(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Missed]]:
+        """Start all refits; the function that is returned waits for them and returns the errors of each model."""
+        p, residuals = self._p, self._parts.residuals(models, step)
+
+        def missed(residual: Array) -> Missed:
+            vector = p.gap(residual)
+            return Missed(np.asarray(np.linalg.norm(vector, axis=1)), vector, np.abs(p.deflection(residual)))
+
+        return lambda: [missed(residual) for residual in residuals()]
+
+
+def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
+    """Predict held-out states by the baseline and by what leads. Call the result with the answer to start the refits of its
+    rivals and for its waterfall, and what that returns to wait for them."""
+    held_out = HeldOut.of(p, executor)
+    if held_out is None:
+        return lambda f: Unseen
+    models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
+    before, after = held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)()
+
+    def of(f: Attribution) -> Callable[[], Unseen]:
+        leading = [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
         others = [h for h in leading if h not in (NONE, f.best.named)]
         refits = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
-        step_by_step = waterfall(f, held_out, errors)
+        step_by_step = waterfall(f, held_out, before.distance, after.distance)
 
         def finish() -> Unseen:
-            errors_of = {NONE: errors.before, f.best.named: errors.after, **dict(zip(others, refits(), strict=True))}
+            errors_of = {NONE: before, f.best.named: after, **dict(zip(others, refits(), strict=True))}
             rms_mm = {h: 1e3 * rms(errors_of[h].distance) for h in leading}
-            before, after = errors.before.distance, errors.after.distance
-            seen = np.isfinite(before) & np.isfinite(after)
-            shrunk = closed(held_out.how, before[seen], after[seen], p.noise_floor, p.states.take(seen))
-            return Unseen(shrunk, errors, rms_mm, step_by_step())
+            seen = np.isfinite(before.distance) & np.isfinite(after.distance)
+            shrunk = closed(held_out.how, before.distance[seen], after.distance[seen], p.noise_floor, p.states.take(seen))
+            return Unseen(shrunk, (before, after), rms_mm, step_by_step())
 
         return finish
 
+    return of
 
-def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Callable[[], Waterfall]:
-    """Start the refits that the section `waterfall` needs besides the held-out `errors`; the function returned waits for them.
+
+def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) -> Callable[[], Waterfall]:
+    """Start the refits that the section `waterfall` needs besides the errors (states,) m `before` and `after`; the function
+    returned waits for them.
 
     Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
@@ -91,10 +150,10 @@ def waterfall(f: Attribution, held_out: HeldOut, errors: HeldOutErrors) -> Calla
 
     def finish() -> Waterfall:
         in_order = (missed.distance for missed in refits())
-        tolerant = errors.after.distance if tolerant_is_known else next(in_order)
+        tolerant = after if tolerant_is_known else next(in_order)
         # the size that predicts best; none where a smooth function predicts worse than no function
         with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
-        by_causes = {frozenset[str](): errors.before.distance}
+        by_causes = {frozenset[str](): before}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
         return replace(_steps(p, named, by_causes, (tolerant, with_smooth), held_out.how), absorbed=absorbed())
 
@@ -189,3 +248,66 @@ def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | Non
         return Absorbed(how, 1e3 * rms(one_factor[finite]), 1e3 * rms(per_length.distance[finite]), of_causes)
 
     return absorbed
+
+
+def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:
+    """The section `shrink`, from errors (n,) m of states that the fits did not see; `how` they were left out. Its interval draws
+    trials anew, see `closed_with_interval`."""
+    share, interval = closed_with_interval(before, after, floor, states.trial, kind)
+    level = levels(states.spine_length, SPINE_GAP)
+    by_length = tuple(
+        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
+        for i in (level == k for k in np.unique(level))
+    )
+    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
+
+
+def share_closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
+    if before <= REDUCIBLE_RATIO * floor:
+        return None
+    return 1 - (after**2 - floor**2) / (before**2 - floor**2)
+
+
+def closed_with_interval(
+    before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+
+    Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
+    """
+    share = share_closed(rms(before), rms(after), floor)
+    if share is None:
+        return None, None
+    names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
+    if len(names) < 2:
+        return share, None
+    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
+    n = np.bincount(index)[drawn].sum(axis=1)
+    # m^2 above the floor in each draw, before and after, as in `share_closed`
+    reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
+    shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
+    if not shares.size:
+        return share, None
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return share, (float(low), float(high))
+
+
+def resampled(trial: Ints) -> Array:
+    """(draws, n) how often each state counts when its trials (n,) are drawn anew."""
+    _, index = np.unique(trial, return_inverse=True)
+    drawn = _drawn_anew(np.zeros(int(index.max(initial=-1)) + 1, np.int64))
+    counts = np.array([np.bincount(row, minlength=drawn.shape[1]) for row in drawn], float)
+    return np.asarray(counts[:, index])
+
+
+def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
+    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
+    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alone = count[kind] < 2
+    rng = np.random.default_rng(seed)
+    out = np.empty((draws, len(kind)), np.int64)
+    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
+        if group.size:
+            out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
+    return out
