@@ -6,7 +6,7 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,7 +17,7 @@ from recordings.json_text import read_json
 
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
-from ..findings import Finding, Severity, finding
+from ..findings import Finding, Severity
 from .decision import Decision
 
 SCHEMA = "diagnosis/1"
@@ -360,7 +360,7 @@ class Diagnosis:
 
     @property
     def concerns(self) -> list[str]:
-        """Texts of all findings; diagnosis.json has them, too, for readers of earlier versions."""
+        """Texts of all findings, which stand in diagnosis.json too."""
         return self.texts(*get_args(Severity))
 
     @property
@@ -406,8 +406,6 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            if "findings" not in data:
-                data["findings"] = [asdict(finding("earlier_version", text=text)) for text in data.get("concerns", ())]
             return _adapter().validate_python(data)
         except BadCase:
             raise

@@ -11,19 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.answer import sentences
 from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, percent, stated
 from diagnosis.answer.result import Diagnosis, Holdout
-from diagnosis.answer.sentences import (
-    also_present,
-    closed_alone,
-    disorder,
-    held_out,
-    hypothesis_name,
-    plain_name,
-    stands_for,
-    with_id,
-)
+from diagnosis.answer.sentences import hypothesis_name, plain_name, with_id
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -88,7 +80,7 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         _next(report.section("What to do next"), d, protocols)
         _which(report.section("Evidence: which cause"), d, folder)
         if d.holdout is not None:
-            _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, held_out(d), spine)
+            _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, sentences.held_out(d), spine)
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
@@ -139,7 +131,7 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
             rows.append((WITH_CAUSE, d.shrink.after_mm))
     robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
-    alone = closed_alone(d.waterfall, d.shrink)
+    alone = sentences.closed_alone(d.waterfall, d.shrink)
     notes = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {basis}{notes.get(name, '')}") for name, mm in rows), *robot, floor]
 
@@ -152,7 +144,7 @@ def explained(d: Diagnosis) -> str:
 def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
-    present = also_present(d.budget, lambda effect: plain_name(effect, d.names), 2)
+    present = sentences.also_present(d.budget, lambda effect: plain_name(effect, d.names), 2)
     return f"{present and present + ' '}{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
 
 
@@ -205,7 +197,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         for x in w.steps
     ]
     s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
-    if origins := stands_for(d.calibration, d.words):
+    if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
@@ -220,7 +212,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
-        alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
+        alone = sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
         by_itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
         s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{by_itself}.")
 
@@ -347,7 +339,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := disorder(d.attribute.ranking):
+    if why := sentences.disorder(d.attribute.ranking):
         s.text(why)
 
 

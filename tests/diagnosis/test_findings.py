@@ -68,9 +68,3 @@ def test_the_file_of_an_answer_holds_code_severity_values_and_text() -> None:
     assert first["values"] == {"numbers": [asdict(parts[0])]} and "density 12 % above robot.yaml (5 %)" in first["text"]
     assert stored["concerns"] == [f["text"] for f in stored["findings"]]
     assert Diagnosis.from_json(answer.to_json()).texts("warning") == [str(finding("no_unload"))]
-
-
-def test_an_answer_of_an_earlier_version_keeps_its_concerns() -> None:
-    stored = json.loads(ANSWER.to_json()) | {"concerns": ["only one pressure"]}
-    del stored["findings"]
-    assert Diagnosis.from_json(json.dumps(stored)).concerns == ["only one pressure"]
