@@ -184,7 +184,7 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
 
 def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
     """What each rival predicts for the states of a proposal."""
-    predictions = rivals.predict(planned(rivals.prepared, proposal.protocol)) or ()
+    predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
     made = [
         RivalPrediction(c.named, float(w), _mm(p.tip[0]), _mm(p.tip[1]))
         for c, w, p in zip(rivals.candidates, rivals.weight, predictions, strict=False)

@@ -307,7 +307,9 @@ class Proposal:
     protocol: Mapping[str, Any] = field(default_factory=dict)
     """Protocol parameters as `lab run` takes them."""
     hands_min: float = 0.0
-    """Of the time, minutes of a person's work."""
+    """Of the time, minutes of a person's work before it can run."""
+    channels: tuple[str, ...] = ()
+    """Channels that are measured in addition to those of the campaign."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..answer.experiments import CandidateExperiment, candidate_experiments, columns
+from ..answer.experiments import candidate_experiments, columns
+from ..answer.result import Proposal
 from ..data.case import Case, CaseLike, states
 from ..errors import BadCase
 from ..inference.prepare import prepare
@@ -30,7 +31,7 @@ Columns = Mapping[str, NDArray[np.generic]]
 class Addition:
     """An experiment more, and what it would bring."""
 
-    experiment: CandidateExperiment
+    experiment: Proposal
     right: float
     """Share of the same causes told right with it."""
     gained: float
@@ -39,7 +40,7 @@ class Addition:
     @property
     def per_hour(self) -> float:
         """Gain an hour."""
-        return self.gained / max(self.experiment.minutes / 60, 1e-3)
+        return self.gained / max(self.experiment.cost_min / 60, 1e-3)
 
 
 def foreseen(robot: Robot, table: Columns, seed: int = 1) -> Case:
@@ -90,9 +91,9 @@ def additions(
     return tuple(sorted(brought, key=lambda a: -a.per_hour))
 
 
-def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:
+def _with(case: Case, e: Proposal, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
-    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
+    more = foreseen(case.robot, columns(e.protocol, chambers, ("x", "y", "z", *e.channels)), seed)
     later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
     return Case(case.robot, Table.joined([case.table, later]))
