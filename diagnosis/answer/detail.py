@@ -15,7 +15,6 @@ import numpy as np
 from ..arrays import Array, rms
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
-from ..inference.problem import FitParameters
 from ..inference.stiffness_trials import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
@@ -136,32 +135,23 @@ def _separations(f: Attribution) -> dict[str, Any]:
 
 
 def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
-    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length."""
+    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length.
+
+    1 - |e - P e|^2 / |e|^2, e the displacement of the tips by the effect at its plausible scale, P the projection onto the
+    columns of the calibration; 1 for an effect that moves no tip.
+    """
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}
-    weight = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
-    slope = weight * p.problem.forward.linearise(parameters.mean)[1]
-    area = slope[:, [parameters.names.index(AREA)]]
+    moved = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None] * p.problem.forward.linearise(parameters.mean)[1]
+    area = moved[:, [parameters.names.index(AREA)]]
     length = np.round(p.states.spine_length[p.labels.state], 2)
-    per_length = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
-    return {"one": _absorbed(parameters, slope, area), "per_length": _absorbed(parameters, slope, per_length)}
-
-
-def _absorbed(parameters: FitParameters, slope: Array, calibration: Array) -> dict[str, float]:
-    """Share 1 - |e - P e|^2 / |e|^2 of each effect; 1 for an effect that moves no tip.
-
-    e is the effect's displacement of the tips at its plausible scale, P the projection onto the columns of `calibration` (n, c);
-    `slope` (n, k): derivatives by all parameters.
-    """
-    basis, singular, _ = np.linalg.svd(calibration, full_matrices=False)
-    # P = basis basis^T; columns that only rounding makes differ from zero span nothing
-    basis = basis[:, singular > 1e-10 * max(float(singular.max(initial=0.0)), 1e-300)]
-    out = {}
-    for effect in parameters.ids:
-        columns = [i for i, e in enumerate(parameters.effects) if e == effect]
-        moved = slope[:, columns] * parameters.sd[columns]
-        squared = float((moved**2).sum())
-        beyond = moved - basis @ (basis.T @ moved)
-        out[effect] = 1.0 - float((beyond**2).sum()) / squared if squared > 0 else 1.0
-    return out
+    calibrations = {"one": area, "per_length": np.hstack([area * (length == x)[:, None] for x in np.unique(length)])}
+    shares: dict[str, dict[str, float]] = {}
+    for name, columns in calibrations.items():
+        # columns that only rounding makes differ from zero take nothing over
+        beyond = parameters.sd * (moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-10)[0])
+        of_effect = {e: [i for i, own in enumerate(parameters.effects) if own == e] for e in parameters.ids}
+        whole = {e: float(((moved * parameters.sd)[:, k] ** 2).sum()) for e, k in of_effect.items()}
+        shares[name] = {e: 1.0 - float((beyond[:, k] ** 2).sum()) / whole[e] if whole[e] else 1.0 for e, k in of_effect.items()}
+    return shares

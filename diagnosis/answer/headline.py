@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from model.actuators import Chambers, Words
@@ -40,6 +40,37 @@ def for_people(value: float, unit: str, words: Words = Chambers.words) -> tuple[
         return math.exp(value), "times"
     factor, name = UNITS.get(unit, (1.0, unit))
     return factor * value, name
+
+
+NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
+
+
+def plain_name(effect: str, names: Mapping[str, str]) -> str:
+    """Name of an effect or of a parameter of one, as effect.parameter.
+
+    >>> plain_name("spine_slip.yield_moment", {"spine_slip": "friction in the spine"}), plain_name("unknown", {})
+    ('friction in the spine, yield moment', 'a cause outside the catalogue')
+    """
+    own, _, parameter = effect.partition(".")
+    if own == UNKNOWN[0]:
+        return OUTSIDE
+    name = names.get(own) or own.replace("_", " ")
+    return f"{name}, {parameter.replace('_', ' ')}" if parameter else name
+
+
+def with_id(effect: str, names: Mapping[str, str]) -> str:
+    """The plain name, followed by the identifier in square brackets.
+
+    >>> with_id("spine_slip", {"spine_slip": "friction in the spine"})
+    'friction in the spine [spine_slip]'
+    """
+    name = plain_name(effect, names)
+    return name if name == OUTSIDE else f"{name} [{effect}]"
+
+
+def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
+    """Name of a hypothesis, with or without the identifiers of its effects."""
+    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
 LEAST_STATED = 0.005
@@ -92,7 +123,7 @@ def headline(
     `by_calibration`: share of the reducible gap that calibration closes where that is most of it, `calibrated` what it changed,
     `beyond` whether it reached its limit and `alone` whether one effect in its place leaves no more than what is named does.
     """
-    a, speech = d.attribute, Speech(catalogue, d.words, robot)
+    a, speech = d.attribute, Speech(d, catalogue, robot)
     closed = None if d.shrink is None else d.shrink.share_closed
     p = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
@@ -138,8 +169,8 @@ def _short_enough(*texts: str) -> str:
 class Speech:
     """What a sentence takes its words from."""
 
+    d: Diagnosis
     catalogue: Mapping[str, EffectSpec]
-    words: Words = Chambers.words
     robot: Robot | None = None
 
 
@@ -160,11 +191,7 @@ def _tied(a: Attribute, speech: Speech) -> str:
 
 
 def _name_all(effects: Sequence[str], speech: Speech) -> str:
-    if tuple(effects) == UNKNOWN:
-        return "a cause outside the catalogue"
-    known = speech.catalogue
-    names = [known[e].name(speech.words) if e in known else e.replace("_", " ") for e in effects]
-    return " and ".join(names) or "no effect"
+    return " and ".join(plain_name(e, speech.d.names) for e in effects) or NO_EFFECT
 
 
 def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
@@ -188,9 +215,9 @@ def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech
 
 def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
     """What one effect does, with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
-    spec, words = speech.catalogue.get(effect), speech.words
+    spec, words = speech.catalogue.get(effect), speech.d.words
     if spec is None or not spec.says:
-        return f"{effect.replace('_', ' ') if spec is None else spec.name(words)} is at work"
+        return f"{_name_all((effect,), speech)} is at work"
     by_number = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
     if by_number is not None:
         return by_number.says(words, spread)

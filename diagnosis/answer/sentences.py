@@ -17,41 +17,11 @@ from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
-from .headline import LEAST_STATED, for_people, percent, stated
+from .headline import LEAST_STATED, OUTSIDE, for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
 from .verdict import stage
-
-NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
-
-
-def plain_name(effect: str, names: Mapping[str, str]) -> str:
-    """Name of an effect or of a parameter of one, as effect.parameter.
-
-    >>> plain_name("spine_slip.yield_moment", {"spine_slip": "friction in the spine"}), plain_name("unknown", {})
-    ('friction in the spine, yield moment', 'a cause outside the catalogue')
-    """
-    own, _, parameter = effect.partition(".")
-    if own == UNKNOWN[0]:
-        return OUTSIDE
-    name = names.get(own) or own.replace("_", " ")
-    return f"{name}, {parameter.replace('_', ' ')}" if parameter else name
-
-
-def with_id(effect: str, names: Mapping[str, str]) -> str:
-    """The plain name, followed by the identifier in square brackets.
-
-    >>> with_id("spine_slip", {"spine_slip": "friction in the spine"})
-    'friction in the spine [spine_slip]'
-    """
-    name = plain_name(effect, names)
-    return name if name == OUTSIDE else f"{name} [{effect}]"
-
-
-def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
-    """Name of a hypothesis, with or without the identifiers of its effects."""
-    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
 def statement(d: Diagnosis) -> str:

@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
+from diagnosis.answer.headline import hypothesis_name
 from diagnosis.answer.result import Proposal
-from diagnosis.answer.sentences import hypothesis_name
 from diagnosis.diagnose import Options
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN

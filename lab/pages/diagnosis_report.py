@@ -13,9 +13,8 @@ import numpy as np
 
 from diagnosis.answer import sentences
 from diagnosis.answer.experiments import to_apply
-from diagnosis.answer.headline import for_people, percent, stated
+from diagnosis.answer.headline import for_people, hypothesis_name, percent, plain_name, stated, with_id
 from diagnosis.answer.result import Diagnosis, Holdout
-from diagnosis.answer.sentences import hypothesis_name, plain_name, with_id
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING

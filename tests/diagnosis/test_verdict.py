@@ -387,8 +387,9 @@ def attribute(
 
 def line(a: Attribute, closed: float | None = None, words: Words = Chambers.words, **known: Any) -> str:
     """The headline where what is named closes this share of the gap on unseen states."""
+    names = {e: spec.name(words) for e, spec in CATALOGUE.items()}
     shrunk = None if closed is None else Shrink("", 3.0, 3.0, 0.5, closed, None, ())
-    return headline(replace(answer(a), shrink=shrunk, detail={"actuators": words.kind}), CATALOGUE, **known)
+    return headline(replace(answer(a), shrink=shrunk, detail={"actuators": words.kind, "names": names}), CATALOGUE, **known)
 
 
 @pytest.mark.parametrize(
