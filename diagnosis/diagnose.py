@@ -27,7 +27,7 @@ from .answer.experiments import propose
 from .answer.headline import headline
 from .answer.holdout import evaluate_holdout, other_campaign
 from .answer.locate import locate
-from .answer.result import Diagnosis, FittedRobot, Value
+from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
 from .answer.size import sizes
 from .answer.unseen import Unseen, unseen_states
@@ -204,5 +204,4 @@ def confirmed(f: Attribution, edited: Edited, catalogue: Mapping[str, EffectSpec
     start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
     noise = p.noise_components
     fit = fit_described(edited.robot, edited.states, f.decision.effects, catalogue, start=start, noise_components=noise)
-    values = {n: Value(s.value, s.sd, s.unit, n not in fit.undetermined) for n, s in fit.parameters.items()}
-    return FittedRobot(fit.effects, values, fit.fitted_mm, fit.calibrated_mm)
+    return FittedRobot(fit.effects, fit.parameters, fit.left_mm, fit.calibrated_mm)

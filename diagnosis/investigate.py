@@ -173,23 +173,15 @@ def investigate(
 
 def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Foretold, CaseLike]:
     """What was foretold, and the campaign with the experiment; raises `NotDone`, also where fewer `minutes` are left."""
-    why = laboratory.refusal(proposal)
-    if not why and proposal.cost_min > minutes:
-        why = f"takes {proposal.cost_min:g} min, {minutes:.0f} are left"
-    if why:
+    if why := laboratory.refusal(proposal):
         raise NotDone(why)
-    foretold = foretell(rivals, proposal)
-    return foretold, laboratory.perform(foretold)
-
-
-def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
-    """What each rival predicts for the states of a proposal."""
+    if proposal.cost_min > minutes:
+        raise NotDone(f"takes {proposal.cost_min:g} min, {minutes:.0f} are left")
     predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
-    made = [
-        RivalPrediction(c.named, float(w), _mm(p.tip[0]), _mm(p.tip[1]))
-        for c, w, p in zip(rivals.candidates, rivals.weight, predictions, strict=False)
-    ]
-    return Foretold(proposal, tuple(made))
+    of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
+    made = tuple(RivalPrediction(c.named, float(w), *(_mm(values) for values in q.tip)) for c, w, q in of_rivals)
+    foretold = Foretold(proposal, made)
+    return foretold, laboratory.perform(foretold)
 
 
 def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:
