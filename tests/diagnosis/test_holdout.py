@@ -8,7 +8,6 @@ import pytest
 from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.decision import Decision
 from diagnosis.answer.holdout import evaluate_holdout, other_campaign
-from diagnosis.answer.result import Holdout
 from diagnosis.answer.sentences import held_out
 from diagnosis.answer.unseen import closed_with_interval
 from diagnosis.data.case import states
@@ -19,7 +18,7 @@ from tests.diagnosis.small_campaigns import FEW, SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.diagnosis.test_findings import ANSWER
 
-AZIMUTH = np.radians(8)
+AZIMUTH, NAMELESS = np.radians(8), replace(ANSWER, detail={"names": {}})
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +33,6 @@ def found(diagnosed: Measured) -> Attribution:
     return attribute(prepared, {effect: spec.stage for effect, spec in three.items()}, begin(prepared))
 
 
-def said(h: Holdout) -> str:
-    return held_out(replace(ANSWER, holdout=h, detail={"names": {}}))
-
-
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:
     held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
     assert held.hypothesis == ("chamber_azimuth",) and held.named and held.verdict == "confirmed"
@@ -49,19 +44,19 @@ def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diag
 def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, diagnosed: Measured) -> None:
     held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=-AZIMUTH)))
     assert held.verdict == "contradicted" and held.ci95 is not None and held.ci95[1] < 0
-    assert held.after_mm > held.before_mm and "contradicted" in said(held)
+    assert held.after_mm > held.before_mm and "contradicted" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
     held = evaluate_holdout(right, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
-    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in said(held)
+    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
     doubtful = replace(found, decision=Decision("unknown", (), 0.3, 0.3))
     held = evaluate_holdout(doubtful, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
-    assert held.verdict == "open" and "not named, so nothing is confirmed" in said(held)
+    assert held.verdict == "open" and "not named, so nothing is confirmed" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:

@@ -17,7 +17,6 @@ from diagnosis.answer.result import (
     Calibration,
     Carries,
     Conclusion,
-    Data,
     Diagnosis,
     FittedRobot,
     Locate,
@@ -40,6 +39,7 @@ from lab.files.robot_file import paper_robot
 from model.actuators import Chambers, Tendons, Words
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
+from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
 WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
@@ -59,18 +59,18 @@ def weighed(**p: float) -> EffectPosterior:
     return EffectPosterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
+Errors = tuple[StageError, ...]
+
+
 def answer(a: Attribute) -> Diagnosis:
     detail = {"names": NAMES, "best_hypothesis": ["base_tilt"], "misfit": {"outlier_trial": None}}
     budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in a.effects)
-    return Diagnosis("", Data(9, 3, (), 0.1, ""), WHERE, a, None, (), detail=detail, budget=budget)
+    return replace(ANSWER, locate=WHERE, attribute=a, detail=detail, budget=budget)
 
 
-def facts(
-    posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL
-) -> Diagnosis:
+def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: Errors = MATERIAL) -> Diagnosis:
     d = decide(posterior, enough)
-    conclusion, others = conclude(d, gap, asking), rivals(d, posterior)
-    return answer(Attribute(**vars(d), conclusion=conclusion, rivals=others, stage_errors=asking))
+    return answer(Attribute(**vars(d), stage_errors=asking, conclusion=conclude(d, gap, asking), rivals=rivals(d, posterior)))
 
 
 def attributed(d: Diagnosis, **changed: object) -> Diagnosis:
@@ -124,9 +124,7 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "no less" not in text
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
     assert "no less" not in worse
-    worse = statement(
-        replace(found, waterfall=replace(gap, given_mm=0.59), attribute=replace(found.attribute, conclusion="none"))
-    )
+    worse = statement(attributed(replace(found, waterfall=replace(gap, given_mm=0.59)), conclusion="none"))
     assert "by 0.60 mm on states that the fit did not see, no less: no area factor makes up" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
