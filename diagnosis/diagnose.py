@@ -42,6 +42,7 @@ from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.thrust import SettledThrust, settled_and_edited
+from .judgement import USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         causes = replace(causes, decision=doubted(causes.decision, reasons, len(alone)))
-    doubtful = bool(far or edited.numbers or tense)
+    doubtful, excess = bool(far or edited.numbers or tense), prepared.noise_components.excess_scatter
     answer = Diagnosis(
         statement="",
         data=verdict.data_section(prepared, case.table),
@@ -142,7 +143,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *reasons,
             *far,
             *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
-            *sentences.scatter(prepared.noise_components.excess_scatter),
+            *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
         ),

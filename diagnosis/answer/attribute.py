@@ -61,12 +61,8 @@ class Attribution:
         if fitted is not None:
             alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
             own = {i: value for i, value in alone.items() if i in own}
-        return {**p.tense(self.calibrated.theta), **own} if self._calibration_suffices else own
-
-    @property
-    def _calibration_suffices(self) -> bool:
-        p = self.prepared
-        return rms(p.gap(p.problem.observed - self.calibrated.predicted)) < REDUCIBLE_RATIO * p.noise_floor
+        left = rms(self.prepared.gap(self.prepared.problem.observed - self.calibrated.predicted))
+        return {**p.tense(self.calibrated.theta), **own} if left < REDUCIBLE_RATIO * self.prepared.noise_floor else own
 
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:

@@ -235,12 +235,6 @@ def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
 
-def scatter(excess: float) -> Iterator[Finding]:
-    """A finding where repeats scatter `excess` times more than usual."""
-    if excess >= judgement.USUAL_EXCESS:
-        yield finding("scatter_of_repeats", factor=excess)
-
-
 def against(
     sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
 ) -> Iterator[Finding]:

@@ -144,7 +144,10 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
     p, named = f.prepared, f.decision.effects
     with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
     tolerant_is_known = bool(named) or f.best.named == NONE
-    smooth = [_smooth(p, with_tolerances, size) for size in SMOOTH_SIZES]
+    smooth = []
+    for size in SMOOTH_SIZES:
+        refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
+        smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
     models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
     refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
 
@@ -162,12 +165,6 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
 
 def _subsets(named: Hypothesis) -> list[Hypothesis]:
     return [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
-
-
-def _smooth(p: Prepared, model: Model, size: float) -> Model:
-    """The same model with a smooth discrepancy that predicts too."""
-    theta = fit(p.problem, model.prior, size, model.theta, 4, least_promise=UNCONVERGED).theta
-    return replace(model, size=size, theta=theta, smooth=True)
 
 
 def _only(f: Attribution, named: Hypothesis) -> Model:
