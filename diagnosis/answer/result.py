@@ -371,11 +371,6 @@ class Diagnosis:
         return dict(self.detail["names"])
 
     @property
-    def calibrated_first(self) -> bool:
-        """Whether a number of robot.yaml was changed before the diagnosis."""
-        return bool(self.detail.get("first_calibration", {}).get("adjusted"))
-
-    @property
     def words(self) -> Words:
         """How people speak of the robot's actuators; of chambers in answers of earlier versions."""
         return (Tendons if self.detail.get("actuators") == Tendons.words.kind else Chambers).words

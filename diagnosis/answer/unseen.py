@@ -142,7 +142,8 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
     """
     p, named = f.prepared, f.decision.effects
-    with_tolerances, subsets = candidate_model(p, f.best if named else f.none), _subsets(named)
+    with_tolerances = candidate_model(p, f.best if named else f.none)
+    subsets = [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
     tolerant_is_known = bool(named) or f.best.named == NONE
     smooth = []
     for size in SMOOTH_SIZES:
@@ -161,10 +162,6 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
         return replace(_steps(p, named, by_causes, (tolerant, with_smooth), held_out.how), absorbed=absorbed())
 
     return finish
-
-
-def _subsets(named: Hypothesis) -> list[Hypothesis]:
-    return [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
 
 
 def _only(f: Attribution, named: Hypothesis) -> Model:
