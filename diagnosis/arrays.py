@@ -1,4 +1,4 @@
-"""Arrays by the type of what they hold."""
+"""Arrays by the type of what they hold, and their root mean square."""
 
 from __future__ import annotations
 
@@ -8,3 +8,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+
+def rms(values: Array) -> float:
+    """Root mean square of the finite values, of rows (n, k) that of their lengths; NaN of nothing."""
+    distance = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+    known = distance[np.isfinite(distance)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -20,9 +20,8 @@ from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 
 from .answer.attribute import weighed
-from .answer.headline import for_people
+from .answer.headline import OUTSIDE, for_people, plain_name, with_id
 from .answer.result import Change
-from .answer.sentences import OUTSIDE, plain_name, with_id
 from .arrays import Array
 from .criticism.gaussian import misfit_diagnostics
 from .criticism.outside import odds_outside

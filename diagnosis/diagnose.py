@@ -18,22 +18,21 @@ from model.effects.spec import EffectSpec
 from model.robot import THRUST
 from model.stated import AREA_FACTOR
 
-from .answer import assemble, sentences
+from .answer import sentences, verdict
 from .answer.attribute import Attribution, attribute, begin
 from .answer.calibration import alone_as_good, calibration, simulator
 from .answer.decision import behaves_like, doubted
 from .answer.detail import detail
 from .answer.experiments import propose
 from .answer.headline import headline
-from .answer.holdout import evaluate_holdout, unseen_states
+from .answer.holdout import evaluate_holdout, other_campaign
 from .answer.locate import locate
-from .answer.result import Diagnosis, FittedRobot, Value
+from .answer.result import Diagnosis, FittedRobot
 from .answer.rivals import Rivals
 from .answer.size import sizes
-from .answer.verdict import doubts
-from .answer.waterfall import Unseen, UnseenStates
+from .answer.unseen import Unseen, unseen_states
 from .data.campaign import Campaign
-from .data.case import CaseLike, lacking, states
+from .data.case import CaseLike, states
 from .edits.order import ORDER
 from .edits.search import Edited
 from .errors import BadCase
@@ -43,6 +42,7 @@ from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.on_baseline import Baseline
 from .inference.prepare import AREA, Prepared, prepare
 from .inference.thrust import SettledThrust, settled_and_edited
+from .judgement import USUAL_EXCESS
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     stages = {e: spec.stage for e, spec in options.catalogue.items()}
     begun = begin(prepared, options.executor)
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
-    unseen_states_of = UnseenStates(prepared, begun, options.executor).of if options.quantify else lambda f: Unseen
+    unseen_states_of = unseen_states(prepared, begun, options.executor) if options.quantify else lambda f: Unseen
     causes = attribute(prepared, stages, begun)
     predict_unseen = unseen_states_of(causes)
     rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
@@ -116,70 +116,60 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         fitted = confirmed(causes, edited, options.catalogue)
         values = {name: v.value for name, v in fitted.parameters.items()}
         values[AREA] = prepared.area_parameter(values[AREA_FACTOR])
-    details = detail(causes, fitted, unseen.errors, holdout, names)
+    details = detail(causes, fitted, unseen.errors, names)
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
     alone, named_sizes = alone_as_good(calibrated, causes), sizes(prepared, causes.best)
-    carries = assemble.budget_section(causes)
+    carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
-    as_good = [sentences.with_id(e, names) for e in alone]
     reasons: tuple[Finding, ...] = ()
     doubtful = bool(far or edited.numbers or tense)
     if named:
-        reasons = tuple(doubts(named, named_sizes, carries, unseen.shrink, fitted, location.noise_floor_mm, as_good, follows_law))
+        floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
+        reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *[True] * doubtful), len(alone)))
-    section = assemble.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful)
-    facts = sentences.Facts(
-        causes.decision, section.conclusion, location, carries, unseen.shrink, unseen.waterfall, section.rivals,
-        next((x.do for x in proposals if x.separates), None), causes.best.named, causes.asking, causes.misfit.outlier_trial,
-        tuple(map(words.fill, lacking(edited.states))), simulator(causes), calibrated, edited.named, names, words, fitted,
-    )  # fmt: skip
-    # what was settled before the diagnosis comes before its statement, and is a cause, too
-    text = sentences.statement(facts)
-    if edited.changes:
-        details["first_calibration"] = edited.detail()
-        text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
-    if "stiffness" in details and location.of == "tip":
-        text += f" {sentences.stiffness_sentence(details['stiffness'], causes.decision)}"
-    if edited.with_order:
-        section = assemble.beside(section, ORDER, edited.robot)
-    if settled is not None and section.verdict == "none":
-        section, text = assemble.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
-    findings = (
-        *edited.concerns,
-        *findings,
-        *([settled.finding] if settled is not None else ()),
-        *reasons,
-        *far,
-        *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
-        *sentences.scatter(prepared.noise_components.excess_scatter),
-        *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
-        *([finding("residual_ignored")] if case.robot.residual is not None else ()),
-    )
-    changed = edited.named or sentences.changed_by(facts)
-    beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
-    by_calibration = sentences.closed_by_calibration(facts)
-    closed = None if unseen.shrink is None else unseen.shrink.share_closed
+    excess = prepared.noise_components.excess_scatter
     answer = Diagnosis(
-        statement=text + (f" {details['holdout']['statement']}" if holdout is not None else ""),
-        data=assemble.data_section(prepared, case.table),
+        statement="",
+        data=verdict.data_section(prepared, case.table),
         locate=location,
-        attribute=section,
+        attribute=verdict.attribute_section(causes, location.significant, unseen.rms_mm, reasons, fitted, doubtful),
         shrink=unseen.shrink,
         next_experiment=proposals,
-        findings=findings,
-        detail=details,
-        budget=facts.budget,
-        waterfall=unseen.waterfall,
-        calibration=calibrated,
-        fitted=fitted,
-        headline=edited.headline
-        or headline(
-            section, options.catalogue, words, facts.missing, by_calibration, closed, changed, beyond, bool(alone), edited.robot
+        findings=(
+            *edited.concerns,
+            *findings,
+            *([settled.finding] if settled is not None else ()),
+            *reasons,
+            *far,
+            *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
+            *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
+            *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
+            *([finding("residual_ignored")] if case.robot.residual is not None else ()),
         ),
+        detail=details | ({"first_calibration": edited.detail()} if edited.changes else {}),
+        budget=carries,
+        waterfall=unseen.waterfall,
+        holdout=holdout,
+        calibration=calibrated,
+        simulator=simulator(causes),
+        fitted=fitted,
     )
-    return Examined(answer, rivals, edited)
+    # what was settled before the diagnosis comes before its statement, and is a cause, too
+    text, section = sentences.statement(answer), answer.attribute
+    if edited.changes:
+        text = f"Calibrated first: {'; '.join(map(str, edited.changes))}. {'Beyond that: ' if edited.with_order else ''}{text}"
+    if edited.with_order:
+        section = verdict.beside(section, ORDER, edited.robot)
+    if settled is not None and section.verdict == "none":
+        section, text = verdict.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
+    answer = replace(answer, statement=text, attribute=section)
+    changed = edited.named or sentences.changed_by(answer)
+    beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
+    by_calibration = sentences.closed_by_calibration(answer)
+    line = edited.headline or headline(answer, options.catalogue, edited.robot, by_calibration, changed, beyond, bool(alone))
+    return Examined(replace(answer, headline=line), rivals, edited)
 
 
 def _prepared(
@@ -188,7 +178,7 @@ def _prepared(
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)
-    held_out = unseen_states(case, options.holdout) if options.holdout is not None else None
+    held_out = other_campaign(case, options.holdout) if options.holdout is not None else None
     baseline = options.baseline.take(campaign.row) if options.baseline is not None else None
     settled, edited = None, Edited(case.robot, campaign)
     if baseline is None:
@@ -216,5 +206,4 @@ def confirmed(f: Attribution, edited: Edited, catalogue: Mapping[str, EffectSpec
     start = dict(zip(p.problem.parameters.names, theta.tolist(), strict=True)) | {AREA_FACTOR: p.area_factor(theta)}
     noise = p.noise_components
     fit = fit_described(edited.robot, edited.states, f.decision.effects, catalogue, start=start, noise_components=noise)
-    values = {n: Value(s.value, s.sd, s.unit, n not in fit.undetermined) for n, s in fit.parameters.items()}
-    return FittedRobot(fit.effects, values, fit.fitted_mm, fit.calibrated_mm)
+    return FittedRobot(fit.effects, fit.parameters, fit.left_mm, fit.calibrated_mm)

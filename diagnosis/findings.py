@@ -121,7 +121,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "cause_or_calibration": "the cause is not certain: {effect} alone would do the same without calibration",
         "law_of_another_form": "the cause is not certain: known laws of {effect} do not act exactly like this, another cause may",
         "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
-        "earlier_version": "{text}",
     },
     "note": {
         "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",
@@ -211,5 +210,5 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "not_considered": "not considered: {why}",
     },
 }
-"""Severity -> code -> text. `earlier_version`: a concern of an answer that was written without codes."""
+"""Severity -> code -> text."""
 SEVERITY = {code: severity for severity, texts in TEMPLATES.items() for code in texts}

@@ -23,12 +23,12 @@ from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
 from model.robot import THRUST, Robot, robot_from_dict
-from model.stated import AREA_FACTOR, Stated
+from model.stated import AREA_FACTOR
 
 from .answer.attribute import calibrated
+from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance
-from .answer.shrink import rms
-from .arrays import Array
+from .arrays import Array, rms
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
@@ -58,42 +58,34 @@ FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
 
 
-@dataclass(frozen=True)
-class Fitted:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Fitted(FittedRobot):
     """A robot with effects, and how well it describes the states it was fitted to (in-sample)."""
 
     robot: Robot
     """With effects, tolerances, area factor and posterior."""
-    effects: tuple[str, ...]
-    parameters: Mapping[str, Stated]
-    """area_factor, the effects' parameters, the tolerances."""
     states: int
     trials: int
-    calibrated_mm: float
-    """rms of the tip with one area factor and tolerances, no effect: the calibrated model of a diagnosis."""
     calibrated_area_factor: float
-    """The area factor of that model."""
-    fitted_mm: float
-    """The same with the effects."""
+    """The area factor of the calibrated robot without effects."""
     findings: tuple[Finding, ...]
-    undetermined: tuple[str, ...] = ()
-    """Parameters of the effects of which the data say no more than was assumed."""
     left_out_mm: float | None = None
-    """With effects and learnt residual, on trials that the residual did not learn from."""
+    """rms of the tip with effects and learnt residual, on trials that the residual did not learn from."""
 
     def __repr__(self) -> str:
         sizes = [f"{n} = {p.value:.4g} ± {p.sd:.2g}{'' if p.unit == '1' else f' {p.unit}'}" for n, p in self.parameters.items()]
         return (
             f"<Fitted: {self.robot.name} with {', '.join(self.effects) or 'no effect'}, {self.states} states in {self.trials} "
-            f"trials: {self.fitted_mm:.3g} mm rms, {self.calibrated_mm:.3g} mm without (in-sample); {'; '.join(sizes[:8])}>"
+            f"trials: {self.left_mm:.3g} mm rms, {self.calibrated_mm:.3g} mm without (in-sample); {'; '.join(sizes[:8])}>"
         )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-able; lengths in mm."""
-        posterior, plain = self.robot.posterior, ("effects", "undetermined", "states", "trials", "calibrated_mm", "fitted_mm")
+        posterior = self.robot.posterior
         return {
-            **{name: getattr(self, name) for name in plain},
-            "parameters": {n: p.model_dump() for n, p in self.parameters.items()},
+            **{name: getattr(self, name) for name in ("effects", "states", "trials", "calibrated_mm")},
+            "fitted_mm": self.left_mm,
+            "parameters": {n: asdict(p) for n, p in self.parameters.items()},
             "in_sample": True,
             "findings": [asdict(f) for f in self.findings],
             "noise_floor_mm": 1e3 * posterior.noise.floor if posterior else None,
@@ -171,7 +163,7 @@ def fit_described(
         p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), lasting)
     )
     rms_after = rms(missed)
-    stated, posterior, undetermined = _posterior(p, fitted, rms_after)
+    stated, posterior = _posterior(p, fitted, rms_after)
     described, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
@@ -180,8 +172,9 @@ def fit_described(
     parameters = p.problem.parameters
     findings = tuple(beyond_tolerance(parameters, parameters.tense(fitted.fit.theta), robot))
     return Fitted(
-        described, named, stated, len(campaign), len(np.unique(campaign.trial)), 1e3 * rms(before),
-        p.area_factor(baseline.theta), 1e3 * rms_after, findings, undetermined, None if left_out is None else 1e3 * left_out,
+        named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
+        trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
+        left_out_mm=None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
 
@@ -196,8 +189,8 @@ def _point(p: Prepared, start: Mapping[str, float]) -> Array:
     return theta
 
 
-def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Stated], dict[str, Any], tuple[str, ...]]:
-    """Written parameters, robot.yaml's `posterior`, and names of what the data do not determine; `rms_after` (m) the fit."""
+def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:
+    """Written parameters and robot.yaml's `posterior`; `rms_after` (m) of the fit."""
     parameters = p.problem.parameters
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
@@ -206,12 +199,13 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, S
     sd = parameters.sd * np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
     index_of = _lasting(p, c.named)
-    stated = {}
+    stated: dict[str, Value] = {}
     for name, i in index_of.items():
         value, value_sd = float(c.fit.theta[i]), float(sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
-        stated[name] = Stated(value=_rounded(value), sd=_rounded(value_sd), unit=parameters.infos[i].unit)
+        undetermined = parameters.effects[i] in c.named and sd[i] > UNDETERMINED_SHARE * parameters.sd[i]
+        stated[name] = Value(_rounded(value), _rounded(value_sd), parameters.infos[i].unit, not undetermined)
     columns = list(index_of.values())
     scale = np.sqrt(np.diag(covariance))[columns]
     # rounding must leave the correlations positive definite
@@ -224,8 +218,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, S
         "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, rms_after) / 3)))),
         "noise": _noise(p),
     }
-    undetermined = sd > UNDETERMINED_SHARE * parameters.sd
-    return stated, posterior, tuple(n for n, i in index_of.items() if parameters.effects[i] in c.named and undetermined[i])
+    return stated, posterior
 
 
 def _beyond_noise(p: Prepared, left: float) -> float:
@@ -272,15 +265,17 @@ def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tu
     )
 
 
-def _written(
-    robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Stated], posterior: Mapping[str, Any]
-) -> Robot:
+def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[str, Value], posterior: Mapping[str, Any]) -> Robot:
     """The robot with what was fitted (`stated`) as effects where `named`, else as tolerances, and with its posterior."""
     tables: dict[str, dict[str, dict[str, Any]]] = {"effects": {}, "tolerances": {}}
     for name, s in stated.items():
         id, _, parameter = name.partition(".")
         if parameter:
-            tables["effects" if id in named else "tolerances"].setdefault(id, {})[parameter] = s.model_dump()
+            tables["effects" if id in named else "tolerances"].setdefault(id, {})[parameter] = {
+                "value": s.value,
+                "sd": s.sd,
+                "unit": s.unit,
+            }
     data = robot.model_dump()
     if "contact" in named:
         x, y = p.forward.plane_direction.tolist()

@@ -18,8 +18,7 @@ from model.prediction.residual import covariance, kernel, section_sums
 from model.robot import Robot
 from model.stated import Residual
 
-from .answer.shrink import rms
-from .arrays import Array, Ints, Mask
+from .arrays import Array, Ints, Mask, rms
 from .errors import BadCase
 
 LEAST_STATES = 6

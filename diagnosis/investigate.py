@@ -19,8 +19,7 @@ from model.effects.design import design_from_columns
 from .answer.experiments import planned
 from .answer.result import Diagnosis, Proposal
 from .answer.rivals import Rivals
-from .answer.shrink import rms
-from .arrays import Array
+from .arrays import Array, rms
 from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
@@ -174,23 +173,15 @@ def investigate(
 
 def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Foretold, CaseLike]:
     """What was foretold, and the campaign with the experiment; raises `NotDone`, also where fewer `minutes` are left."""
-    why = laboratory.refusal(proposal)
-    if not why and proposal.cost_min > minutes:
-        why = f"takes {proposal.cost_min:g} min, {minutes:.0f} are left"
-    if why:
+    if why := laboratory.refusal(proposal):
         raise NotDone(why)
-    foretold = foretell(rivals, proposal)
+    if proposal.cost_min > minutes:
+        raise NotDone(f"takes {proposal.cost_min:g} min, {minutes:.0f} are left")
+    predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
+    of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
+    made = tuple(RivalPrediction(c.named, float(w), *(_mm(values) for values in q.tip)) for c, w, q in of_rivals)
+    foretold = Foretold(proposal, made)
     return foretold, laboratory.perform(foretold)
-
-
-def foretell(rivals: Rivals, proposal: Proposal) -> Foretold:
-    """What each rival predicts for the states of a proposal."""
-    predictions = rivals.predict(planned(rivals.prepared, proposal.protocol)) or ()
-    made = [
-        RivalPrediction(c.named, float(w), _mm(p.tip[0]), _mm(p.tip[1]))
-        for c, w, p in zip(rivals.candidates, rivals.weight, predictions, strict=False)
-    ]
-    return Foretold(proposal, tuple(made))
 
 
 def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:

@@ -32,7 +32,8 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from recordings.trials import Table
 
-from .answer.experiments import CandidateExperiment, candidate_experiments, columns
+from .answer.experiments import candidate_experiments, columns
+from .answer.result import Proposal
 from .arrays import Array
 from .data.case import Case, CaseLike, states
 from .errors import BadCase
@@ -251,7 +252,7 @@ def power(plan: Planned, catalogue: Sequence[str], each: int = 40, seed: int = 1
 class Addition:
     """An experiment more, and what it would bring."""
 
-    experiment: CandidateExperiment
+    experiment: Proposal
     right: float
     """Share of the same causes told right with it."""
     gained: float
@@ -260,7 +261,7 @@ class Addition:
     @property
     def per_hour(self) -> float:
         """Gain an hour."""
-        return self.gained / max(self.experiment.minutes / 60, 1e-3)
+        return self.gained / max(self.experiment.cost_min / 60, 1e-3)
 
 
 def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int = 1) -> Case:
@@ -311,9 +312,9 @@ def additions(
     return tuple(sorted(brought, key=lambda a: -a.per_hour))
 
 
-def _with(case: Case, e: CandidateExperiment, seed: int) -> Case:
+def _with(case: Case, e: Proposal, seed: int) -> Case:
     """The case with an experiment behind it."""
     chambers = len(case.robot.actuators.azimuths_deg)
-    more = foreseen(case.robot, columns(e.parameters, chambers, ("x", "y", "z", *e.channels)), seed)
+    more = foreseen(case.robot, columns(e.protocol, chambers, ("x", "y", "z", *e.channels)), seed)
     later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
     return Case(case.robot, Table.joined([case.table, later]))

@@ -19,14 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from benchmarks.blind.folder import SetFolder
 from diagnosis.answer.attribute import calibrated
-from diagnosis.answer.shrink import rms, share_closed
+from diagnosis.answer.unseen import share_closed
+from diagnosis.arrays import Array, Ints, Mask, rms
 from diagnosis.data.case import states
 from diagnosis.data.levels import SPINE_GAP, levels
 from diagnosis.inference.cross_validation import only
@@ -38,8 +38,6 @@ from diagnosis.inference.starts import Starts
 from lab.files.inputs import read_case
 from model.prediction.residual import section_sums
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Hypothesis = tuple[str, ...]
 
 PENALTIES = np.geomspace(1.0, 1e-3, 30)
@@ -166,7 +164,7 @@ def inputs(p: Prepared) -> Array:
     return every / np.maximum(np.ptp(every, axis=0), 1e-12)
 
 
-def predicted(x: Array, missed: Array, seen: NDArray[np.bool_]) -> Array:
+def predicted(x: Array, missed: Array, seen: Mask) -> Array:
     """(n, 3) m that a process trained on the states marked `seen` (n,) expects the model to miss, of inputs (n, c)."""
     own = seen & np.isfinite(missed).all(axis=1)
     varied = np.ptp(x[own], axis=0) > 0

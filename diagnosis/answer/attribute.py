@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from ..arrays import rms
 from ..criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
 from ..criticism.outside import Related, alike, odds_outside, related
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
@@ -23,7 +24,6 @@ from ..inference.prepare import Prepared, parts
 from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
-from .shrink import rms
 from .size import sizes
 
 
@@ -60,12 +60,8 @@ class Attribution:
         if fitted is not None:
             alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
             own = {i: value for i, value in alone.items() if i in own}
-        return {**p.tense(self.calibrated.theta), **own} if self._calibration_suffices else own
-
-    @property
-    def _calibration_suffices(self) -> bool:
-        p = self.prepared
-        return rms(p.gap(p.problem.observed - self.calibrated.predicted)) < REDUCIBLE_RATIO * p.noise_floor
+        left = rms(self.prepared.gap(self.prepared.problem.observed - self.calibrated.predicted))
+        return {**p.tense(self.calibrated.theta), **own} if left < REDUCIBLE_RATIO * self.prepared.noise_floor else own
 
     @property
     def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:

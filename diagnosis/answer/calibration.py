@@ -14,14 +14,13 @@ from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 
-from ..arrays import Array
+from ..arrays import Array, rms
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, Simulator
-from .shrink import rms
 
 AT_BOUND = 1e-3
 """Share of the area factor within which it has reached a limit of the fit."""

@@ -32,7 +32,7 @@ class Decision:
     effects: tuple[str, ...]
     probability: float
     """Of the verdict: of what is named, of none, or of a cause outside the catalogue."""
-    outside: float
+    outside: float = 0.0
     """Probability of a cause outside the catalogue."""
     enough: bool = True
     """Whether the table holds what it takes to name a cause."""

@@ -12,23 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, rms
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
-from ..inference.problem import FitParameters
 from ..inference.reading_noise import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
-from .calibration import simulator
-from .holdout import Holdout
 from .result import FittedRobot
-from .shrink import HeldOutErrors, rms
 from .size import as_fitted, by_actuator, sizes, values
+from .unseen import Errors
 
 
-def detail(
-    f: Attribution, fitted: FittedRobot | None, unseen: HeldOutErrors | None, holdout: Holdout | None, names: Mapping[str, str]
-) -> dict[str, Any]:
+def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Mapping[str, str]) -> dict[str, Any]:
     """The section `detail`, plain values for JSON; `fitted`: the robot with what is named, `unseen`: errors of states that no
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
@@ -46,19 +41,15 @@ def detail(
         "states": _states(p, calibrated, explained, unseen),
         "names": names,
     }
-    if (difference := simulator(f)) is not None:
-        section["baseline"] = asdict(difference)
     specs = [p.forward.catalogue[e] for e in f.decision.effects if e in p.forward.catalogue]
     factors = [by_actuator(p.robot, spec, values(named_sizes)) for spec in specs]
     section["by_actuator"] = [asdict(e) for e in factors if e is not None]
     if p.pushes is not None:
         section["stiffness"] = _stiffness(p, p.pushes, {"calibrated": calibrated, "explained": explained}, unseen)
-    if holdout is not None:
-        section["holdout"] = asdict(holdout) | {"statement": holdout.statement(names)}
     return section
 
 
-def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErrors | None) -> dict[str, Any]:
+def _states(p: Prepared, calibrated: Array, explained: Array, unseen: Errors) -> dict[str, Any]:
     """Settings and tips, measured and predicted, of the states with a tip; the predictions are of all values (n,)."""
     of_robot = ~p.states.pushed
     s = p.states.take(of_robot)
@@ -66,8 +57,8 @@ def _states(p: Prepared, calibrated: Array, explained: Array, unseen: HeldOutErr
     if unseen is not None and not p.pushes_only:
         tips |= {
             "given": p.tip(p.given),
-            "calibrated_unseen": p.states.tip - unseen.before.vector,
-            "explained_unseen": p.states.tip - unseen.after.vector,
+            "calibrated_unseen": p.states.tip - unseen[0].vector,
+            "explained_unseen": p.states.tip - unseen[1].vector,
         }
     return {
         "spine_length": s.spine_length.tolist(),
@@ -110,14 +101,12 @@ def _worst_shapes(p: Prepared, calibrated: Array, explained: Array) -> list[dict
     ]
 
 
-def _stiffness(
-    p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: HeldOutErrors | None
-) -> dict[str, Any]:
+def _stiffness(p: Prepared, pushes: StiffnessTrials, predicted: Mapping[str, Array], unseen: Errors) -> dict[str, Any]:
     """Force (N), deflection and what each model gives for the force, by reading of the stiffness trials."""
     pushed = p.states.pushed
     errors = {name: p.deflection(p.problem.observed - y) for name, y in {"as given": p.given, **predicted}.items()}
     if unseen is not None:
-        errors |= {"unseen: calibrated": unseen.before.deflection, "unseen: explained": unseen.after.deflection}
+        errors |= {"unseen: calibrated": unseen[0].deflection, "unseen: explained": unseen[1].deflection}
     forces = {"force": p.problem.observed, **predicted}
     return {
         "waterfall_mm": {name: 1e3 * rms(error) for name, error in errors.items()},
@@ -146,32 +135,23 @@ def _separations(f: Attribution) -> dict[str, Any]:
 
 
 def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
-    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length."""
+    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length.
+
+    1 - |e - P e|^2 / |e|^2, e the displacement of the tips by the effect at its plausible scale, P the projection onto the
+    columns of the calibration; 1 for an effect that moves no tip.
+    """
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}
-    weight = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
-    slope = weight * p.problem.forward.linearise(parameters.mean)[1]
-    area = slope[:, [parameters.names.index(AREA)]]
+    moved = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None] * p.problem.forward.linearise(parameters.mean)[1]
+    area = moved[:, [parameters.names.index(AREA)]]
     length = np.round(p.states.spine_length[p.labels.state], 2)
-    per_length = np.hstack([area * (length == x)[:, None] for x in np.unique(length)])
-    return {"one": _absorbed(parameters, slope, area), "per_length": _absorbed(parameters, slope, per_length)}
-
-
-def _absorbed(parameters: FitParameters, slope: Array, calibration: Array) -> dict[str, float]:
-    """Share 1 - |e - P e|^2 / |e|^2 of each effect; 1 for an effect that moves no tip.
-
-    e is the effect's displacement of the tips at its plausible scale, P the projection onto the columns of `calibration` (n, c);
-    `slope` (n, k): derivatives by all parameters.
-    """
-    basis, singular, _ = np.linalg.svd(calibration, full_matrices=False)
-    # P = basis basis^T; columns that only rounding makes differ from zero span nothing
-    basis = basis[:, singular > 1e-10 * max(float(singular.max(initial=0.0)), 1e-300)]
-    out = {}
-    for effect in parameters.ids:
-        columns = [i for i, e in enumerate(parameters.effects) if e == effect]
-        moved = slope[:, columns] * parameters.sd[columns]
-        squared = float((moved**2).sum())
-        beyond = moved - basis @ (basis.T @ moved)
-        out[effect] = 1.0 - float((beyond**2).sum()) / squared if squared > 0 else 1.0
-    return out
+    calibrations = {"one": area, "per_length": np.hstack([area * (length == x)[:, None] for x in np.unique(length)])}
+    shares: dict[str, dict[str, float]] = {}
+    for name, columns in calibrations.items():
+        # columns that only rounding makes differ from zero take nothing over
+        beyond = parameters.sd * (moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-10)[0])
+        of_effect = {e: [i for i, own in enumerate(parameters.effects) if own == e] for e in parameters.ids}
+        whole = {e: float(((moved * parameters.sd)[:, k] ** 2).sum()) for e, k in of_effect.items()}
+        shares[name] = {e: 1.0 - float((beyond[:, k] ** 2).sum()) / whole[e] if whole[e] else 1.0 for e, k in of_effect.items()}
+    return shares

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -39,29 +39,9 @@ TURN, MASS = 90.0, 0.1
 TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 
-@dataclass(frozen=True)
-class CandidateExperiment:
-    """One thing to do."""
-
-    id: str
-    do: str
-    parameters: Mapping[str, Any]
-    """Protocol parameters, SI, with the protocol's name under `protocol`."""
-    hands: float = 0.0
-    """Minutes of a person's work before it can run."""
-    channels: tuple[str, ...] = ()
-    """Channels that are measured in addition to those of the campaign."""
-
-    @property
-    def minutes(self) -> float:
-        """Cost in minutes: of the rig and of a person's hands."""
-        rig = PER_TRIAL * len(list(_sweeps(self.parameters))) + sum(s.seconds for s in _states(self.parameters))
-        return round(self.hands + rig / 60, 1)
-
-
 # ------------------------------------------------------------------ the menu
-def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment]:
-    """Experiments that the campaign does not hold yet."""
+def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
+    """Experiments that the campaign does not hold yet; what they would tell is not known."""
     pressures_used = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
     pressures = _three(pressures_used, s.pressure_gap)
@@ -72,10 +52,12 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[CandidateExperiment
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
-    offered: list[CandidateExperiment] = []
+    offered: list[Proposal] = []
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
-        offered.append(CandidateExperiment(id, do, {**base, **changed}, hands, channels))
+        protocol = {**base, **changed}
+        rig = PER_TRIAL * len(list(_sweeps(protocol))) + sum(x.seconds for x in _states(protocol))  # s
+        offered.append(Proposal(id, do, (), 0.0, round(hands + rig / 60, 1), protocol, hands, channels))
 
     lower, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
     offer("unload", "read the unload branch too", unload=True)
@@ -234,22 +216,21 @@ def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Exe
     return tuple(sorted(filter(None, proposals), key=lambda x: (not x.separates, -worth(x))))
 
 
-def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], e: CandidateExperiment) -> Proposal | None:
-    """What an experiment would tell; None where a rival has no equilibrium there."""
-    predictions = rivals.predict(planned(p, e.parameters, e.channels))
+def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:
+    """An experiment with what it would tell; None where a rival has no equilibrium there."""
+    predictions = rivals.predict(planned(p, x))
     if predictions is None:
         return None
     bits, pairs = _information(predictions, rivals.weight)
     separated = (tuple(rivals.names[k] for k in pair) for pair in pairs)
-    names = tuple(pair for pair in separated if possible.issuperset(pair))
-    return Proposal(e.id, e.do, names, round(bits, 3), e.minutes, dict(e.parameters), e.hands)
+    return replace(x, separates=tuple(pair for pair in separated if possible.issuperset(pair)), expected_bits=round(bits, 3))
 
 
-def planned(p: Prepared, protocol: Mapping[str, Any], more: tuple[str, ...] = ()) -> Columns:
-    """The table's columns that a protocol's run would give, in the channels that the campaign has and `more`."""
+def planned(p: Prepared, x: Proposal) -> Columns:
+    """The table's columns that an experiment would give, in the channels that the campaign has and those that it adds."""
     known = set(p.labels.channel.tolist())
-    channels = (*(name for name in TIP if name in known), *(ORIENTATION if "rx" in known else ()), *more)
-    return columns(protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys(channels)))
+    channels = (*(name for name in TIP if name in known), *(ORIENTATION if "rx" in known else ()), *x.channels)
+    return columns(x.protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys(channels)))
 
 
 def _information(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from model.actuators import Chambers, Words
@@ -13,7 +13,7 @@ from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LIKELY, TIE_STATED
-from .result import Attribute, Value
+from .result import Attribute, Diagnosis, Value
 from .size import by_actuator
 from .verdict import stage
 
@@ -40,6 +40,37 @@ def for_people(value: float, unit: str, words: Words = Chambers.words) -> tuple[
         return math.exp(value), "times"
     factor, name = UNITS.get(unit, (1.0, unit))
     return factor * value, name
+
+
+NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
+
+
+def plain_name(effect: str, names: Mapping[str, str]) -> str:
+    """Name of an effect or of a parameter of one, as effect.parameter.
+
+    >>> plain_name("spine_slip.yield_moment", {"spine_slip": "friction in the spine"}), plain_name("unknown", {})
+    ('friction in the spine, yield moment', 'a cause outside the catalogue')
+    """
+    own, _, parameter = effect.partition(".")
+    if own == UNKNOWN[0]:
+        return OUTSIDE
+    name = names.get(own) or own.replace("_", " ")
+    return f"{name}, {parameter.replace('_', ' ')}" if parameter else name
+
+
+def with_id(effect: str, names: Mapping[str, str]) -> str:
+    """The plain name, followed by the identifier in square brackets.
+
+    >>> with_id("spine_slip", {"spine_slip": "friction in the spine"})
+    'friction in the spine [spine_slip]'
+    """
+    name = plain_name(effect, names)
+    return name if name == OUTSIDE else f"{name} [{effect}]"
+
+
+def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
+    """Name of a hypothesis, with or without the identifiers of its effects."""
+    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
 LEAST_STATED = 0.005
@@ -79,49 +110,47 @@ def sized(v: Value, words: Words = Chambers.words) -> str:
 
 
 def headline(
-    a: Attribute,
+    d: Diagnosis,
     catalogue: Mapping[str, EffectSpec],
-    words: Words = Chambers.words,
-    missing: Sequence[str] = (),
+    robot: Robot | None = None,
     by_calibration: float | None = None,
-    closed: float | None = None,
     calibrated: str = "",
     beyond: bool = False,
     alone: bool = False,
-    robot: Robot | None = None,
 ) -> str:
-    """The conclusion in at most 20 words, those of the robot's actuators.
+    """The conclusion in at most 20 words, those of the robot's actuators, which are named by number where the `robot` is given.
 
-    `missing` is what the table lacks, `by_calibration` the share of the reducible gap that calibration closes where that is
-    most of it, `calibrated` what it changed, `beyond` whether it reached its limit and `alone` whether one effect in its place
-    leaves no more than what is named does, `closed` the share that what is named closes on unseen states; None where that is
-    unknown. `robot`: its actuators are named by number.
+    `by_calibration`: share of the reducible gap that calibration closes where that is most of it, `calibrated` what it changed,
+    `beyond` whether it reached its limit and `alone` whether one effect in its place leaves no more than what is named does.
     """
-    speech = Speech(catalogue, words, robot)
+    a, speech = d.attribute, Speech(d, catalogue, robot)
+    closed = None if d.shrink is None else d.shrink.share_closed
     p = f"(p = {a.probability:.2f})"
     if a.conclusion == "too little data":
-        return f"Too little data to name a cause{': ' + missing[0] if missing else ''}."
+        return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
     brackets = f" ({calibrated})" if calibrated else ""
     calibration_closes = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{brackets}"
     short = f"Calibration closes {percent(by_calibration or 0.0)} %{brackets} {p}."
     if a.verdict == "effect":
-        if calibration_closes and a.conclusion == "one of several" and alone:
+        several, name = a.conclusion == "one of several", _name_all(a.effects, speech)
+        closes_nothing = several and closed is not None and closed <= 0
+        if several and calibration_closes and alone:
             return _short_enough(f"{calibration_closes} {p}.", short)
-        if calibration_closes and a.conclusion == "one of several" and closed is not None and closed <= 0:
+        if closes_nothing and calibration_closes:
             return f"{calibration_closes}; no effect closes the rest."
-        text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {p}."
-        if a.conclusion == "one of several" and closed is not None and closed <= 0:
-            text = f"unclear: nothing closes the gap; nearest is {_name_all(a.effects, speech)} {p}."
-        elif a.conclusion == "one of several" and a.probability < LIKELY:
-            text = _tied(a, speech) or f"possibly {_name_all(a.effects, speech)} {p}."
-        elif a.conclusion == "one of several":
-            text = _tied(a, speech) or f"most likely {text}"
+        if closes_nothing:
+            text = f"unclear: nothing closes the gap; nearest is {name} {p}."
+        elif several and a.probability < LIKELY:
+            text = _tied(a, speech) or f"possibly {name} {p}."
+        else:
+            text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {p}."
+            text = (_tied(a, speech) or f"most likely {text}") if several else text
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         error = stage(a.stage_errors)
-        place = f"; it may be in the {error.stage} and {words.fill(error.varies)}" if error else ""
+        place = f"; it may be in the {error.stage} and {d.words.fill(error.varies)}" if error else ""
         return f"No known cause fits {p}{place}.".replace("_", " ")
     if by_calibration is not None:
         other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
@@ -140,8 +169,8 @@ def _short_enough(*texts: str) -> str:
 class Speech:
     """What a sentence takes its words from."""
 
+    d: Diagnosis
     catalogue: Mapping[str, EffectSpec]
-    words: Words = Chambers.words
     robot: Robot | None = None
 
 
@@ -162,11 +191,7 @@ def _tied(a: Attribute, speech: Speech) -> str:
 
 
 def _name_all(effects: Sequence[str], speech: Speech) -> str:
-    if tuple(effects) == UNKNOWN:
-        return "a cause outside the catalogue"
-    known = speech.catalogue
-    names = [known[e].name(speech.words) if e in known else e.replace("_", " ") for e in effects]
-    return " and ".join(names) or "no effect"
+    return " and ".join(plain_name(e, speech.d.names) for e in effects) or NO_EFFECT
 
 
 def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
@@ -190,9 +215,9 @@ def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech
 
 def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
     """What one effect does, with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
-    spec, words = speech.catalogue.get(effect), speech.words
+    spec, words = speech.catalogue.get(effect), speech.d.words
     if spec is None or not spec.says:
-        return f"{effect.replace('_', ' ') if spec is None else spec.name(words)} is at work"
+        return f"{_name_all((effect,), speech)} is at work"
     by_number = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
     if by_number is not None:
         return by_number.says(words, spread)

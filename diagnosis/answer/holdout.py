@@ -7,8 +7,6 @@ drawing the other campaign's trials anew, within each spine length.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -23,59 +21,11 @@ from ..errors import BadCase, BadHoldout
 from ..inference.prepare import Prepared, table_columns
 from ..judgement import CONFIRMED_SHARE
 from .attribute import Attribution
-from .headline import percent
-from .result import LengthShrink
-from .sentences import with_id
-from .shrink import by_length, closed_with_interval, rms
-
-HoldoutVerdict = Literal["confirmed", "contradicted", "open"]
+from .result import Holdout
+from .unseen import closed
 
 
-@dataclass(frozen=True)
-class Holdout:
-    """Tip errors on the campaign held out."""
-
-    states: int
-    trials: int
-    unsolved: int
-    """States left out because one of the models has no equilibrium there."""
-    hypothesis: tuple[str, ...]
-    """The effects that `after` has; none where no effect leads."""
-    named: bool
-    """Whether the diagnosis names them as the cause; else they are only what comes nearest."""
-    before_mm: float
-    after_mm: float
-    floor_mm: float
-    share_closed: float | None
-    """As in `Shrink`."""
-    ci95: tuple[float, float] | None
-    by_spine_length: tuple[LengthShrink, ...]
-    verdict: HoldoutVerdict
-    """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
-
-    def statement(self, names: Mapping[str, str]) -> str:
-        """The finding in a sentence; `names` effect -> plain name."""
-        errors = f"{self.before_mm:.2f} mm rms before, {self.after_mm:.2f} mm after"
-        lost = f", {self.unsolved} more without equilibrium" if self.unsolved else ""
-        errors_read = f"On the held-out campaign ({self.trials} trials, {self.states} states{lost}) the tip error is {errors}"
-        if not self.hypothesis:
-            return f"{errors_read}; no effect leads, so nothing is tested."
-        if self.share_closed is None:
-            return f"{errors_read}: hardly above the noise floor of {self.floor_mm:.2f} mm, so there is no gap to close."
-        interval = "" if self.ci95 is None else f" (95 %: {percent(self.ci95[0])} .. {percent(self.ci95[1])} %)"
-        named = " and ".join(with_id(e, names) for e in self.hypothesis)
-        closed = f"{errors_read}: {percent(self.share_closed)} % of the reducible gap is closed{interval}"
-        if not self.named:
-            return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
-        verdict = {
-            "confirmed": f"{named} confirmed",
-            "contradicted": f"{named} contradicted: it makes the prediction worse",
-            "open": f"this neither confirms nor contradicts {named}",
-        }[self.verdict]
-        return f"{closed}; {verdict}."
-
-
-def unseen_states(diagnosed: CaseLike, other: CaseLike) -> Campaign:
+def other_campaign(diagnosed: CaseLike, other: CaseLike) -> Campaign:
     """The states of `other` with a tip; raises `BadHoldout` when it has none, has another robot or shares states."""
     if diagnosed.robot != other.robot:
         raise BadHoldout(
@@ -114,15 +64,15 @@ def evaluate_holdout(f: Attribution, other: Campaign) -> Holdout:
     if not predicted.any():
         raise BadHoldout("the rod model has no equilibrium at any of its states: check pressures, masses and units")
     before, after, kept = before[predicted], after[predicted], other.take(predicted)
-    floor, length = f.prepared.noise_floor, levels(kept.spine_length, SPINE_GAP)
-    share, interval = closed_with_interval(before, after, floor, kept.trial, length)
-    named = f.decision.verdict == "effect"
-    verdict: HoldoutVerdict = "open"
+    length = levels(kept.spine_length, SPINE_GAP)
+    shrunk = closed("predicted by fits to the diagnosed campaign", before, after, f.prepared.noise_floor, kept, length)
+    named, interval = f.decision.verdict == "effect", shrunk.ci95
+    verdict: Literal["confirmed", "contradicted", "open"] = "open"
     if named and interval is not None:
         verdict = "confirmed" if interval[0] >= CONFIRMED_SHARE else "contradicted" if interval[1] < 0 else "open"
     return Holdout(
-        len(kept), len(np.unique(kept.trial)), int((~predicted).sum()), f.best.named, named, rms(before) * 1e3, rms(after) * 1e3,
-        floor * 1e3, share, interval, by_length(kept.spine_length, before, after), verdict,
+        **vars(shrunk), states=len(kept), trials=len(np.unique(kept.trial)), unsolved=int((~predicted).sum()),
+        hypothesis=f.best.named, named=named, verdict=verdict,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,8 +17,8 @@ from recordings.json_text import read_json
 
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
-from ..findings import Finding, Severity, finding
-from .decision import Verdict
+from ..findings import Finding, Severity
+from .decision import Decision
 
 SCHEMA = "diagnosis/1"
 FACTORS = ("spine_length", "pressure", "axis", "branch", "time", "arc_length")
@@ -179,27 +179,22 @@ class Ranked:
 
 
 @dataclass(frozen=True)
-class Attribute:
+class Attribute(Decision):
     """Which effect."""
 
-    verdict: Verdict
-    effects: tuple[str, ...]
-    probability: float
-    credible_set: tuple[tuple[str, ...], ...]
-    ranking: tuple[Ranked, ...]
-    cannot_tell_apart: tuple[tuple[str, ...], ...]
+    credible_set: tuple[tuple[str, ...], ...] = ()
+    ranking: tuple[Ranked, ...] = ()
+    cannot_tell_apart: tuple[tuple[str, ...], ...] = ()
     stage_errors: tuple[StageError, ...] = ()
     """Largest first: where the readings ask for an error that no effect of the catalogue makes."""
     conclusion: Conclusion | None = None
     """None in answers of earlier versions."""
     rivals: tuple[str, ...] = ()
     """Effects of the 95 % set beside what is named."""
-    relatives: tuple[str, ...] = ()
-    """Causes outside the catalogue that do the same to these readings, `criticism.relatives`."""
-    second: Mapping[str, float] = field(default_factory=dict)
-    """Effects of which one acts together with what is named, and the probability of each."""
     doubts: tuple[str, ...] = ()
     """Why what is named with a high probability is not certain."""
+    missing: tuple[str, ...] = ()
+    """What the table lacks to name a cause."""
 
 
 @dataclass(frozen=True)
@@ -239,6 +234,22 @@ class Shrink:
     by_spine_length: tuple[LengthShrink, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Holdout(Shrink):
+    """The same on a campaign that the fit never sees."""
+
+    states: int
+    trials: int
+    unsolved: int
+    """States left out because one of the models has no equilibrium there."""
+    hypothesis: tuple[str, ...]
+    """The effects that `after_mm` has; none where no effect leads."""
+    named: bool
+    """Whether the diagnosis names them as the cause; else they are only what comes nearest."""
+    verdict: Literal["confirmed", "contradicted", "open"]
+    """confirmed: at least half of the gap is closed, surely; contradicted: it surely grows; open: neither."""
+
+
 StepName = Literal["calibration", "simulator", "cause", "tolerances", "regular", "irregular", "noise"]
 
 
@@ -255,15 +266,6 @@ class Step:
     high95_mm: Number
     left_mm: float
     """rms after it."""
-
-
-@dataclass(frozen=True)
-class Level:
-    """rms after each step at one level of a factor, as given first."""
-
-    value: float
-    n: int
-    left_mm: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -289,8 +291,6 @@ class Waterfall:
     """Number of states."""
     given_mm: float
     steps: tuple[Step, ...]
-    by: Mapping[str, tuple[Level, ...]]
-    """spine_length (m) and pressure (Pa) -> levels."""
     absorbed: Absorbed | None
     """None with a single spine length."""
 
@@ -307,7 +307,9 @@ class Proposal:
     protocol: Mapping[str, Any] = field(default_factory=dict)
     """Protocol parameters as `lab run` takes them."""
     hands_min: float = 0.0
-    """Of the time, minutes of a person's work."""
+    """Of the time, minutes of a person's work before it can run."""
+    channels: tuple[str, ...] = ()
+    """Channels that are measured in addition to those of the campaign."""
 
 
 @dataclass(frozen=True)
@@ -341,10 +343,14 @@ class Diagnosis:
     """Largest first within named, present and unseen."""
     waterfall: Waterfall | None = None
     """On unseen states; None where nothing can be left out, or it was not asked for."""
+    holdout: Holdout | None = None
+    """On a campaign that is not fitted, where one was given."""
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
     """What calibration changed; None in answers of earlier versions."""
+    simulator: Simulator | None = None
+    """What takes the rod's place; None: nothing does."""
     fitted: FittedRobot | None = None
     """The robot with what is named; None where nothing is, or another simulator takes the rod's place."""
     headline: str = ""
@@ -356,8 +362,13 @@ class Diagnosis:
 
     @property
     def concerns(self) -> list[str]:
-        """Texts of all findings; diagnosis.json has them, too, for readers of earlier versions."""
+        """Texts of all findings, which stand in diagnosis.json too."""
         return self.texts(*get_args(Severity))
+
+    @property
+    def names(self) -> Mapping[str, str]:
+        """Effect -> plain name."""
+        return dict(self.detail["names"])
 
     @property
     def words(self) -> Words:
@@ -392,8 +403,6 @@ class Diagnosis:
             data = read_json(text)
             if data["schema"] != SCHEMA:
                 raise BadCase(f"schema {repr(data['schema'])[:80]}, this version reads {SCHEMA!r}")
-            if "findings" not in data:
-                data["findings"] = [asdict(finding("earlier_version", text=text)) for text in data.get("concerns", ())]
             return _adapter().validate_python(data)
         except BadCase:
             raise

@@ -6,11 +6,9 @@ No two sentences of one answer contradict each other: what is "not explained" le
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any
 
-from model.actuators import Chambers, Words
+from model.actuators import Words
 from model.robot import Robot
 
 from .. import judgement
@@ -19,179 +17,111 @@ from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
-from .decision import Decision
-from .headline import LEAST_STATED, for_people, percent, stated
-from .result import Alike, Calibration, Carries, Conclusion, FittedRobot, Locate, Ranked, Shrink, Simulator, Waterfall
-from .shrink import share_closed
+from .headline import LEAST_STATED, OUTSIDE, for_people, percent, plain_name, stated, with_id
+from .result import Alike, Calibration, Carries, Diagnosis, Ranked, Shrink, Waterfall
 from .size import Size
+from .unseen import share_closed
 from .verdict import stage
 
 
-@dataclass(frozen=True)
-class Facts:
-    """All that the sentences are made from."""
-
-    decision: Decision
-    conclusion: Conclusion | None
-    where: Locate
-    budget: tuple[Carries, ...] = ()
-    shrink: Shrink | None = None
-    waterfall: Waterfall | None = None
-    rivals: Sequence[str] = ()
-    tie_breaker: str | None = None
-    """The experiment that separates the candidates best."""
-    nearest: Sequence[str] = ()
-    """Effects of the hypothesis that `shrink` is about where nothing is named."""
-    asking: Sequence[StageError] = ()
-    odd_trial: int | None = None
-    missing: Sequence[str] = ()
-    """What the table lacks."""
-    simulator: Simulator | None = None
-    """What takes the rod's place; None: nothing does."""
-    calibration: Calibration | None = None
-    first: str = ""
-    """The number of robot.yaml that was calibrated first, or how many; empty where none was."""
-    names: Mapping[str, str] = field(default_factory=dict)
-    """Effect -> plain name."""
-    words: Words = Chambers.words
-    fitted: FittedRobot | None = None
-    """The robot with what is named."""
-
-
-NO_EFFECT, OUTSIDE = "no effect", "a cause outside the catalogue"
-
-
-def plain_name(effect: str, names: Mapping[str, str]) -> str:
-    """Name of an effect or of a parameter of one, as effect.parameter.
-
-    >>> plain_name("spine_slip.yield_moment", {"spine_slip": "friction in the spine"}), plain_name("unknown", {})
-    ('friction in the spine, yield moment', 'a cause outside the catalogue')
-    """
-    own, _, parameter = effect.partition(".")
-    if own == UNKNOWN[0]:
-        return OUTSIDE
-    name = names.get(own) or own.replace("_", " ")
-    return f"{name}, {parameter.replace('_', ' ')}" if parameter else name
-
-
-def with_id(effect: str, names: Mapping[str, str]) -> str:
-    """The plain name, followed by the identifier in square brackets.
-
-    >>> with_id("spine_slip", {"spine_slip": "friction in the spine"})
-    'friction in the spine [spine_slip]'
-    """
-    name = plain_name(effect, names)
-    return name if name == OUTSIDE else f"{name} [{effect}]"
-
-
-def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool = True) -> str:
-    """Name of a hypothesis, with or without the identifiers of its effects."""
-    return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
-
-
-def statement(f: Facts) -> str:
+def statement(d: Diagnosis) -> str:
     """The answer in a few sentences, the verdict first."""
-    present = also_present(f.budget, lambda effect: with_id(effect, f.names), _what(f)[1])
-    parts = (_verdict(f), _gap(f), _alike(f), _simulator(f), _moved(f), _closing(f), _robot(f), _absorbed(f), present, _odd(f))
+    present = also_present(d.budget, lambda effect: with_id(effect, d.names), _what(d)[1])
+    parts = (
+        _verdict(d), _gap(d), _alike(d), _simulator(d), _moved(d), _closing(d), _robot(d), _absorbed(d), present, _odd(d),
+        _pushed(d), held_out(d),
+    )  # fmt: skip
     return " ".join(filter(None, parts))
 
 
-def _what(f: Facts) -> tuple[str, int]:
+def _named(effects: Iterable[str], d: Diagnosis, joint: str = " and ") -> str:
+    return joint.join(with_id(e, d.names) for e in effects)
+
+
+def _what(d: Diagnosis) -> tuple[str, int]:
     """What the gap is of, and digits of its mm: deflections of stiffness trials are small."""
-    return ("the tip", 2) if f.where.of == "tip" else ("the deflections of the stiffness trials", 3)
+    return ("the tip", 2) if d.locate.of == "tip" else ("the deflections of the stiffness trials", 3)
 
 
-def _sure(f: Facts) -> str:
-    d = f.decision
-    open_ended = d.verdict != "unknown" and d.outside >= judgement.OUTSIDE_STATED
-    given = f"; {d.within:.2f} if it is in the catalogue" if open_ended else ""
-    return f"p = {d.probability:.2f}{given}; {judgement.BENCHMARK}"
-
-
-def _verdict(f: Facts) -> str:
+def _verdict(d: Diagnosis) -> str:
     """The conclusion: cause, candidates or none, with its probability; where it is outside the catalogue, which stage errs."""
-    named = " and ".join(with_id(e, f.names) for e in f.decision.effects)
-    if f.conclusion == "cause":
-        return f"Cause: {named} ({_sure(f)}).{_second(f)}"
-    if f.conclusion == "one of several":
-        experiment = f" To tell them apart: {f.tie_breaker}." if f.tie_breaker else ""
-        text = f"Behaves most like {named} ({_sure(f)}); the data do not exclude {_others(f)}."
-        return f"{text}{experiment}{_second(f)}{_relatives(f)}"
-    if f.conclusion == "none" and f.decision.too_small:
-        leading = " and ".join(with_id(e, f.names) for e in f.decision.too_small)
+    a, named = d.attribute, _named(d.attribute.effects, d)
+    open_ended = a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED
+    given = f"; {a.within:.2f} if it is in the catalogue" if open_ended else ""
+    sure = f"p = {a.probability:.2f}{given}; {judgement.BENCHMARK}"
+    each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
+    second = f" Together with it acts another of comparable size: {' or '.join(each)}." if each else ""
+    if a.conclusion == "cause":
+        return f"Cause: {named} ({sure}).{second}"
+    if a.conclusion == "one of several":
+        experiment = next((f" To tell them apart: {x.do}." for x in d.next_experiment if x.separates), "")
+        text = f"Behaves most like {named} ({sure}); the data do not exclude {_others(d)}."
+        return f"{text}{experiment}{second}{_relatives(d)}"
+    if a.conclusion == "none" and a.too_small:
         return (
-            f"{_by_calibration(f, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
-            f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({_sure(f)}). The most probable one is {leading}."
+            f"{_by_calibration(d, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
+            f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({sure}). The most probable one is {_named(a.too_small, d)}."
         )
-    if f.conclusion == "none":
-        return f"{_by_calibration(f, 'No cause:')} no effect accounts for enough above the noise floor ({_sure(f)})."
-    if f.conclusion == "noise":
-        return f"{_by_calibration(f, 'No gap:')} nothing is above the noise floor ({_sure(f)})."
-    if f.conclusion == "too little data":
-        return f"Too little data to name a cause{': ' if f.missing else ''}{'; '.join(f.missing)}."
-    stage_clause, leading_error = "", stage(f.asking)
+    if a.conclusion == "none":
+        return f"{_by_calibration(d, 'No cause:')} no effect accounts for enough above the noise floor ({sure})."
+    if a.conclusion == "noise":
+        return f"{_by_calibration(d, 'No gap:')} nothing is above the noise floor ({sure})."
+    if a.conclusion == "too little data":
+        return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
+    stage_clause, leading_error = "", stage(a.stage_errors)
     if leading_error is not None:
-        runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in f.asking if e.stage != leading_error.stage), "")
+        runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in a.stage_errors if e.stage != leading_error.stage), "")
         stage_clause = (
-            f" An error in the {leading_error.stage} that {f.words.fill(leading_error.varies)} fits best (log evidence "
+            f" An error in the {leading_error.stage} that {d.words.fill(leading_error.varies)} fits best (log evidence "
             f"{leading_error.gain:.1f}{runner_up}); a cause of another stage may do the same to these states."
         )
-    return f"The cause is not in the catalogue ({_sure(f)}).{stage_clause}{_relatives(f)}"
+    return f"The cause is not in the catalogue ({sure}).{stage_clause}{_relatives(d)}"
 
 
-def _second(f: Facts) -> str:
-    """One of several effects that acts together with what is named."""
-    each = [f"{with_id(e, f.names)} (p = {p:.2f})" for e, p in f.decision.second.items()]
-    return f" Together with it acts another of comparable size: {' or '.join(each)}." if each else ""
-
-
-def _relatives(f: Facts) -> str:
+def _relatives(d: Diagnosis) -> str:
     """Causes outside the catalogue that do what these readings show, and how to find out."""
-    said = [RELATIVES[r] for r in f.decision.relatives[:2]]
-    if f.decision.verdict == "unknown":
-        return "".join(f" It may be {s.name(f.words)}: {f.words.fill(s.seen_best_in)}, to find out." for s in said)
-    each = [(s.name(f.words), f.words.fill(s.seen_best_in)) for s in said]
-    return "".join(f" {name[0].upper()}{name[1:]} would do this too: {test}, to find out." for name, test in each)
+    said = [(s.name(d.words), d.words.fill(s.seen_best_in)) for s in (RELATIVES[r] for r in d.attribute.relatives[:2])]
+    if d.attribute.verdict == "unknown":
+        return "".join(f" It may be {name}: {test}, to find out." for name, test in said)
+    return "".join(f" {name[0].upper()}{name[1:]} would do this too: {test}, to find out." for name, test in said)
 
 
-def _others(f: Facts) -> str:
+def _others(d: Diagnosis) -> str:
     """What else it may be, where an effect is named and not sure."""
-    if f.rivals:
-        more = f" or {len(f.rivals) - 3} others" if len(f.rivals) > 3 else ""
-        return " or ".join(with_id(e, f.names) for e in f.rivals[:3]) + more
-    if f.decision.relatives:
-        return OUTSIDE
-    none = 1 - f.decision.probability - f.decision.outside
-    return OUTSIDE if f.decision.outside >= none else "that no effect carries enough"
+    a = d.attribute
+    if a.rivals:
+        return _named(a.rivals[:3], d, " or ") + (f" or {len(a.rivals) - 3} others" if len(a.rivals) > 3 else "")
+    outside = a.relatives or a.outside >= 1 - a.probability - a.outside
+    return OUTSIDE if outside else "that no effect carries enough"
 
 
-def _gap(f: Facts) -> str:
+def _gap(d: Diagnosis) -> str:
     """How far the model misses the measurements, in mm rms, before and after calibration, and the noise floor."""
-    what, digits = _what(f)
-    model = "the model" if f.simulator is None else f.simulator.name
-    floor = f"the noise floor is {f.where.noise_floor_mm:.{digits}f} mm"
+    what, digits = _what(d)
+    model = "the model" if d.simulator is None else d.simulator.name
+    floor = f"the noise floor is {d.locate.noise_floor_mm:.{digits}f} mm"
     # beside a cause, the area factor stated is that of the robot with it, see `_robot`
-    factor = "" if f.fitted is not None else _factor(f)
-    if f.waterfall is None:
-        missed = f"{f.where.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        factor = " and towards the rod" if f.simulator is not None else factor
-        return f"Calibrated with one {f.words.area_factor}{factor} {model} misses {what} by {missed}; {floor}."
-    calibrated = f.waterfall.steps[0].left_mm
-    no_better = f.conclusion != "noise" and calibrated >= f.waterfall.given_mm
-    remark = f", no less: no {f.words.area_factor} makes up for what is wrong" if no_better else ""
+    factor = "" if d.fitted is not None else _factor(d)
+    if d.waterfall is None:
+        missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
+        factor = " and towards the rod" if d.simulator is not None else factor
+        return f"Calibrated with one {d.words.area_factor}{factor} {model} misses {what} by {missed}; {floor}."
+    calibrated = d.waterfall.steps[0].left_mm
+    no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
+    remark = f", no less: no {d.words.area_factor} makes up for what is wrong" if no_better else ""
     return (
-        f"Uncalibrated, {model} misses {what} by {f.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
-        f"{f.words.area_factor}{factor} by {calibrated:.{digits}f} mm on states that the fit did not see{remark}; {floor}."
+        f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
+        f"{d.words.area_factor}{factor} by {calibrated:.{digits}f} mm on states that the fit did not see{remark}; {floor}."
     )
 
 
-def _factor(f: Facts) -> str:
+def _factor(d: Diagnosis) -> str:
     """Value of the calibrated area factor, in brackets; empty where it is that of robot.yaml."""
-    c = f.calibration
+    c = d.calibration
     if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < judgement.CALIBRATION_STATED:
         return ""
-    if f.simulator is not None:
-        return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {f.simulator.name})"
+    if d.simulator is not None:
+        return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {d.simulator.name})"
     body = f"a body {as_stiff(c)}"
     how = f"; {body} would look the same"
     if c.at_bound:
@@ -201,17 +131,13 @@ def _factor(f: Facts) -> str:
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
 
-def changed_by(f: Facts) -> str:
+def changed_by(d: Diagnosis) -> str:
     """What calibration comes to, in a few words; empty where there is none."""
-    if f.calibration is None:
+    if d.calibration is None:
         return ""
-    if f.simulator is not None:
-        return _acts_as(f, f.simulator, f.calibration)
-    return " or ".join([f"a body {as_stiff(f.calibration)}", *(alike_in_words(a, f.names) for a in f.calibration.alike[:1])])
-
-
-def _acts_as(f: Facts, own: Simulator, c: Calibration) -> str:
-    return f"{own.name} acts as with {c.stiffness:.2f} times the {f.words.pressure}"
+    if d.simulator is not None:
+        return f"{d.simulator.name} acts as with {d.calibration.stiffness:.2f} times the {d.words.pressure}"
+    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in d.calibration.alike[:1])])
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
@@ -220,16 +146,16 @@ def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str
     return f"{(with_id if ids else plain_name)(a.parameter.partition('.')[0], names)} {value:+.3g} {unit}"
 
 
-def _alike(f: Facts) -> str:
+def _alike(d: Diagnosis) -> str:
     """What else would do what a calibrated area factor does that closes most of the gap, and the experiment that tells."""
-    c = f.calibration
-    if c is None or f.simulator is not None or closed_by_calibration(f) is None or (f.fitted is not None and not c.alike):
+    c = d.calibration
+    if c is None or d.simulator is not None or closed_by_calibration(d) is None or (d.fitted is not None and not c.alike):
         return ""
-    each = [f"{alike_in_words(a, f.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
-    others = ", ".join([*each, f"the gain of the {f.words.pressures}, a radius of robot.yaml"])
+    each = [f"{alike_in_words(a, d.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
+    others = ", ".join([*each, f"the gain of the {d.words.pressures}, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's {f.words.area_factor} the same would be done by: {others}. To tell them apart: weigh what the tip "
-        f"carries, hang a known mass on it without {f.words.pressure}, hold a gauge against the {f.words.pressures}, and measure "
+        f"With robot.yaml's {d.words.area_factor} the same would be done by: {others}. To tell them apart: weigh what the tip "
+        f"carries, hang a known mass on it without {d.words.pressure}, hold a gauge against the {d.words.pressures}, and measure "
         "a section."
     )
 
@@ -269,18 +195,19 @@ def stands_for(c: Calibration | None, words: Words) -> str:
     )
 
 
-def closed_by_calibration(f: Facts) -> float | None:
+def closed_by_calibration(d: Diagnosis) -> float | None:
     """Share of the reducible gap that calibration closes, where it changed a number and that is most; None otherwise."""
-    w = f.waterfall
-    if f.calibration is None or w is None or not (_factor(f) or f.first):
+    w = d.waterfall
+    calibrated_first = d.detail.get("first_calibration", {}).get("adjusted")
+    if d.calibration is None or w is None or not (_factor(d) or calibrated_first):
         return None
-    closed = share_closed(w.given_mm, w.steps[0].left_mm, f.where.noise_floor_mm)
+    closed = share_closed(w.given_mm, w.steps[0].left_mm, d.locate.noise_floor_mm)
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def _by_calibration(f: Facts, otherwise: str, rest: str = "") -> str:
+def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
     """What calibration closes of the uncalibrated gap and then the `rest`, where that is most of it; else `otherwise`."""
-    closed = closed_by_calibration(f)
+    closed = closed_by_calibration(d)
     return (
         otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it, {rest}".strip()
     )
@@ -309,12 +236,6 @@ def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
 
-def scatter(excess: float) -> Iterator[Finding]:
-    """A finding where repeats scatter `excess` times more than usual."""
-    if excess >= judgement.USUAL_EXCESS:
-        yield finding("scatter_of_repeats", factor=excess)
-
-
 def against(
     sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
 ) -> Iterator[Finding]:
@@ -326,72 +247,71 @@ def against(
         yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
 
 
-def _simulator(f: Facts) -> str:
+def _simulator(d: Diagnosis) -> str:
     """How the simulator in the rod's place differs from the rod, and how much of that the measurements do not show."""
-    simulator = f.simulator
+    simulator = d.simulator
     if simulator is None:
         return ""
-    acts = _simulator_acts(f, simulator)
-    difference = f"{acts}{simulator.name} differs from the rod of robot.yaml by {simulator.differs_mm:.2f} mm rms"
-    beyond = f"and by {simulator.beyond_calibration_mm:.2f} mm after {f.words.an_area_factor} is fitted"
-    if simulator.beyond_calibration_mm < f.where.noise_floor_mm:
+    difference = f"{_simulator_acts(d)}{simulator.name} differs from the rod of robot.yaml by {simulator.differs_mm:.2f} mm rms"
+    beyond = f"and by {simulator.beyond_calibration_mm:.2f} mm after {d.words.an_area_factor} is fitted"
+    if simulator.beyond_calibration_mm < d.locate.noise_floor_mm:
         return f"{difference}, {beyond}: less than the noise floor."
-    step = next((s for s in (f.waterfall.steps if f.waterfall else ()) if s.step == "simulator"), None)
+    step = next((s for s in (d.waterfall.steps if d.waterfall else ()) if s.step == "simulator"), None)
     remark = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
     explains = judgement.EXPLAINS
-    if step and simulator.share > explains and step.mm > explains * (step.mm + step.left_mm - f.where.noise_floor_mm):
+    if step and simulator.share > explains and step.mm > explains * (step.mm + step.left_mm - d.locate.noise_floor_mm):
         remark += f" The gap is in {simulator.name}."
     return f"{difference}, {beyond}; the measurements do not show {simulator.not_measured_mm:.2f} mm of that (in-sample).{remark}"
 
 
-def _simulator_acts(f: Facts, s: Simulator) -> str:
+def _simulator_acts(d: Diagnosis) -> str:
     """At how many times the pressure the simulator acts, and where to look for why; empty where calibration closes little."""
-    c, w = f.calibration, f.waterfall
-    if c is None or w is None or closed_by_calibration(f) is None:
+    s, c, w = d.simulator, d.calibration, d.waterfall
+    if s is None or c is None or w is None or closed_by_calibration(d) is None:
         return ""
-    calibrated_mm = w.steps[0].left_mm
-    text = f"{_acts_as(f, s, c)}; that closes {w.given_mm - calibrated_mm:.1f} of {w.given_mm:.1f} mm."
+    text = f"{changed_by(d)}; that closes {w.given_mm - w.steps[0].left_mm:.1f} of {w.given_mm:.1f} mm. "
     if s.of_robot is None:
-        return f"{text} "
+        return text
     of_rod, of_data = s.area_factor / s.of_robot, c.area_factor / s.of_robot
     if abs(of_data - 1) < judgement.SAME_FACTOR < abs(of_rod - 1):
-        text += f" The rod of robot.yaml does not: the gap is in {s.name}; check its {f.words.pressures}, areas and modulus."
-    elif abs(of_rod - 1) < judgement.SAME_FACTOR:
-        text += f" So does the rod: check area_factor and youngs_modulus of robot.yaml, and the gain of the {f.words.pressures}."
-    return f"{text} "
+        return f"{text}The rod of robot.yaml does not: the gap is in {s.name}; check its {d.words.pressures}, areas and modulus. "
+    if abs(of_rod - 1) < judgement.SAME_FACTOR:
+        gain = d.words.fill("the gain of the {pressures}")
+        return f"{text}So does the rod: check area_factor and youngs_modulus of robot.yaml, and {gain}. "
+    return text
 
 
-def _moved(f: Facts) -> str:
-    what, digits = _what(f)
+def _moved(d: Diagnosis) -> str:
+    what, digits = _what(d)
     shares = [
-        f"{plain_name(c.effect, f.names)} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to "
+        f"{plain_name(c.effect, d.names)} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to "
         f"{c.high95_mm:.{digits}f} mm)"
-        for c in f.budget
+        for c in d.budget
         if c.role == "named"
     ]
     if not shares:
         return ""
-    gap = f.waterfall.steps[0].left_mm if f.waterfall is not None else f.where.gap_rmse_mm
-    more = max(c.mm for c in f.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
+    gap = d.waterfall.steps[0].left_mm if d.waterfall is not None else d.locate.gap_rmse_mm
+    more = max(c.mm for c in d.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
     hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
-    return f"Beyond what {f.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
+    return f"Beyond what {d.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
 
 
-def _closing(f: Facts) -> str:
+def _closing(d: Diagnosis) -> str:
     """What the leading hypothesis does on unseen states."""
-    if f.shrink is None or f.conclusion in ("none", "noise", "too little data"):
+    if d.shrink is None or d.attribute.conclusion in ("none", "noise", "too little data"):
         return ""
-    _, digits = _what(f)
-    before, after = f"{f.shrink.before_mm:.{digits}f}", f"{f.shrink.after_mm:.{digits}f}"
-    share, alone = f.shrink.share_closed, closed_alone(f.waterfall, f.shrink)
-    if f.decision.verdict == "effect":
+    _, digits = _what(d)
+    before, after = f"{d.shrink.before_mm:.{digits}f}", f"{d.shrink.after_mm:.{digits}f}"
+    share, alone = d.shrink.share_closed, closed_alone(d.waterfall, d.shrink)
+    if d.attribute.verdict == "effect":
         if share is None:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
         if share < 0:
             return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
         clause = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
         return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
-    nearest = " and ".join(with_id(e, f.names) for e in f.nearest)
+    nearest = _named(d.detail["best_hypothesis"], d)
     if not nearest or share is None:
         return ""
     if share < judgement.EXPLAINS:
@@ -414,22 +334,22 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
     return None if alone is None or alone >= judgement.EXPLAINS * s.share_closed else max(alone, 0.0)
 
 
-def _robot(f: Facts) -> str:
+def _robot(d: Diagnosis) -> str:
     """What the robot with the cause alone leaves, which is the one that other commands use."""
-    if f.fitted is None:
+    if d.fitted is None:
         return ""
     return (
-        f"The robot with it, one {f.words.area_factor}{_factor(f)} and nothing else, as `lab fit --with` writes it, misses the "
-        f"tip by {f.fitted.left_mm:.2f} mm (in-sample; {f.fitted.calibrated_mm:.2f} mm without it)."
+        f"The robot with it, one {d.words.area_factor}{_factor(d)} and nothing else, as `lab fit --with` writes it, misses the "
+        f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without it)."
     )
 
 
-def _absorbed(f: Facts) -> str:
-    a = None if f.waterfall is None else f.waterfall.absorbed
-    if a is None or f.decision.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
+def _absorbed(d: Diagnosis) -> str:
+    a = None if d.waterfall is None else d.waterfall.absorbed
+    if a is None or d.attribute.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
-    return f"{f.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."
+    return f"{d.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."
 
 
 def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:
@@ -438,24 +358,54 @@ def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: 
     return f"Also present: {found}." if found else ""
 
 
-def _odd(f: Facts) -> str:
-    if f.decision.verdict != "unknown" or f.odd_trial is None:
+def _odd(d: Diagnosis) -> str:
+    trial = d.detail["misfit"]["outlier_trial"]
+    if d.attribute.verdict != "unknown" or trial is None:
         return ""
-    return f"Trial {f.odd_trial} does not fit the others: check it first."
+    return f"Trial {trial} does not fit the others: check it first."
 
 
-def stiffness_sentence(pushes: Mapping[str, Any], d: Decision) -> str:
-    """A sentence about the stiffness trials beside tips; `pushes` is the diagnosis' detail of them."""
-    before, after = (pushes["waterfall_mm"][name] for name in ("calibrated", "explained"))
-    floor = pushes["floor_mm"]
+def _pushed(d: Diagnosis) -> str:
+    """A sentence about the stiffness trials beside tips."""
+    if "stiffness" not in d.detail or d.locate.of != "tip":
+        return ""
+    pushes = d.detail["stiffness"]
+    before, after = (f"{pushes['waterfall_mm'][name]:.3f}" for name in ("calibrated", "explained"))
     of = "noise floor" if pushes["floor_from_repeats"] else "none was repeated; assumed noise floor"
     text = (
-        f"The calibrated model misses the deflections of the stiffness trials by {before:.3f} mm rms (in-sample; {of} "
-        f"{floor:.3f} mm)"
+        f"The calibrated model misses the deflections of the stiffness trials by {before} mm rms (in-sample; {of} "
+        f"{pushes['floor_mm']:.3f} mm)"
     )
-    if d.verdict != "effect":
+    if d.attribute.verdict != "effect":
         return f"{text}."
-    return f"{text}; with the cause, by " + ("as much." if f"{after:.3f}" == f"{before:.3f}" else f"{after:.3f} mm.")
+    return f"{text}; with the cause, by {'as much' if after == before else f'{after} mm'}."
+
+
+def held_out(d: Diagnosis) -> str:
+    """What became of the gap on a campaign that was not fitted; empty where none was given."""
+    h = d.holdout
+    if h is None:
+        return ""
+    lost = f", {h.unsolved} more without equilibrium" if h.unsolved else ""
+    errors = (
+        f"On the held-out campaign ({h.trials} trials, {h.states} states{lost}) the tip error is {h.before_mm:.2f} mm rms "
+        f"before, {h.after_mm:.2f} mm after"
+    )
+    if not h.hypothesis:
+        return f"{errors}; no effect leads, so nothing is tested."
+    if h.share_closed is None:
+        return f"{errors}: hardly above the noise floor of {h.floor_mm:.2f} mm, so there is no gap to close."
+    named = _named(h.hypothesis, d)
+    interval = "" if h.ci95 is None else f" (95 %: {percent(h.ci95[0])} .. {percent(h.ci95[1])} %)"
+    closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
+    if not h.named:
+        return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
+    verdict = {
+        "confirmed": f"{named} confirmed",
+        "contradicted": f"{named} contradicted: it makes the prediction worse",
+        "open": f"this neither confirms nor contradicts {named}",
+    }[h.verdict]
+    return f"{closed}; {verdict}."
 
 
 def disorder(ranking: Sequence[Ranked]) -> str:

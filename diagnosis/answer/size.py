@@ -17,7 +17,6 @@ from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
-from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
 from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
@@ -108,16 +107,13 @@ class ByActuator:
         away = factor / others - 1
         odd = int(np.argmax(np.abs(away)))
         alike = np.ptp(np.delete(factor, odd)) < ALIKE_SHARE * abs(factor[odd] - others[odd])
-        odd, of, by = (odd, "the others", away[odd]) if alike else _extremes(factor, words)
+        of, by = "the others", away[odd]
+        if not alike:  # the two that differ most
+            odd, strongest = int(factor.argmin()), int(factor.argmax())
+            of, by = f"{words.actuator} {strongest + 1}", factor[odd] / factor[strongest] - 1
         sd = 100 * abs(by) * self.spread
         amount = f"{100 * abs(by):.0f}{f' ± {sd:.0f}' if spread and sd >= 0.5 else ''} %"
         return f"{words.actuator} {odd + 1} {words.pushes} {amount} {'more' if by > 0 else 'less'} than {of}"
-
-
-def _extremes(factor: Array, words: Words) -> tuple[int, str, float]:
-    """The weakest actuator, the strongest, and by what share the first differs from that."""
-    weak, strong = int(factor.argmin()), int(factor.argmax())
-    return weak, f"{words.actuator} {strong + 1}", float(factor[weak] / factor[strong] - 1)
 
 
 def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value]) -> ByActuator | None:

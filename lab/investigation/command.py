@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
+from diagnosis.answer.headline import hypothesis_name
 from diagnosis.answer.result import Proposal
-from diagnosis.answer.sentences import hypothesis_name
 from diagnosis.diagnose import Options
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN
@@ -52,7 +52,7 @@ from ..options import (
     settings,
 )
 from ..pages import diagnosis_report
-from ..pages.diagnosis_report import hypothesis, names
+from ..pages.diagnosis_report import hypothesis
 from ..pages.figures import GREY, STYLE, colours, save
 from ..pages.report import PageSection, Report
 from ..processes import for_case
@@ -64,7 +64,7 @@ from ..verbs.run import Job, Outcome, connect, execute, job
 def write_page(story: Investigation, path: Path, source: str, answer: str) -> Path:
     """Write one offline page; `answer` is the name of the page of the last diagnosis beside it."""
     report = Report(
-        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(story), ids=names(story.answer).keys()
+        "An investigation", f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", _lead(story), ids=story.answer.names.keys()
     )
     with tempfile.TemporaryDirectory() as place:
         section = report.section("How certain it became")
@@ -105,7 +105,7 @@ def _lead(story: Investigation) -> str:
 
 
 def _plain(effects: Sequence[str], story: Investigation) -> str:
-    return hypothesis_name(effects, names(story.answer), ids=False)
+    return hypothesis_name(effects, story.answer.names, ids=False)
 
 
 def _rounds(story: Investigation) -> list[list[str]]:

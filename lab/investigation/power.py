@@ -96,7 +96,7 @@ def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
 
 def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:
     added = [
-        {"id": a.experiment.id, "do": a.experiment.do, "cost_min": a.experiment.minutes, "right": a.right, "gained": a.gained}
+        {"id": a.experiment.id, "do": a.experiment.do, "cost_min": a.experiment.cost_min, "right": a.right, "gained": a.gained}
         for a in brings
     ]
     return {
@@ -143,7 +143,7 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
     if clean.unseen:
         out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
-        gain = f"{a.gained:+.2f} of worlds named right, for {a.experiment.minutes:g} min"
+        gain = f"{a.gained:+.2f} of worlds named right, for {a.experiment.cost_min:g} min"
         out.print(f"to add: {a.experiment.do}: {gain}", soft_wrap=True)
     out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
 

@@ -14,9 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from diagnosis.answer.headline import for_people
+from diagnosis.answer.headline import for_people, hypothesis_name, plain_name
 from diagnosis.answer.result import Diagnosis, Waterfall
-from diagnosis.answer.sentences import hypothesis_name, plain_name
 from diagnosis.data.levels import levels
 from model.actuators import Words
 

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.answer import sentences
 from diagnosis.answer.experiments import to_apply
-from diagnosis.answer.headline import for_people, percent, stated
-from diagnosis.answer.result import Diagnosis
-from diagnosis.answer.sentences import also_present, closed_alone, disorder, hypothesis_name, plain_name, stands_for, with_id
+from diagnosis.answer.headline import for_people, hypothesis_name, percent, plain_name, stated, with_id
+from diagnosis.answer.result import Diagnosis, Holdout
 from diagnosis.criticism.stage_errors import in_words
 from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
@@ -57,19 +57,13 @@ def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protoco
     source = ", ".join(map(str, inputs))
     return Report(
         title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline, d.texts("critical"), small(d),
-        gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), names(d).keys(),
+        gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
     )  # fmt: skip
-
-
-def names(d: Diagnosis) -> Mapping[str, str]:
-    """Effect -> plain name."""
-    found: Mapping[str, str] = d.detail["names"]
-    return found
 
 
 def hypothesis(effects: Sequence[str], d: Diagnosis) -> str:
     """A hypothesis by the plain names and identifiers of its effects."""
-    return hypothesis_name(effects, names(d))
+    return hypothesis_name(effects, d.names)
 
 
 def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> None:
@@ -84,8 +78,8 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             _where(report.section("Where it is"), d, folder)
         _next(report.section("What to do next"), d, protocols)
         _which(report.section("Evidence: which cause"), d, folder)
-        if "holdout" in d.detail:
-            _held_out(report.section("Evidence: a campaign that was not fitted"), d.detail["holdout"], spine)
+        if d.holdout is not None:
+            _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, sentences.held_out(d), spine)
         if d.change is not None:
             section = report.section("What changed since the reference")
             section.text(d.change.statement)
@@ -136,7 +130,7 @@ def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
             rows.append((WITH_CAUSE, d.shrink.after_mm))
     robot = [] if d.fitted is None else [("the robot of lab fit --with", f"{d.fitted.left_mm:.{digits}f} mm", "rms, in-sample")]
     floor = ("noise floor", f"{d.locate.noise_floor_mm:.{digits}f} mm", "repeats of a state")
-    alone = closed_alone(d.waterfall, d.shrink)
+    alone = sentences.closed_alone(d.waterfall, d.shrink)
     notes = {} if alone is None else {WITH_CAUSE: f", and tolerances of other effects; the cause alone closes {percent(alone)} %"}
     return [*((name, f"{mm:.{digits}f} mm", f"rms, {basis}{notes.get(name, '')}") for name, mm in rows), *robot, floor]
 
@@ -149,7 +143,7 @@ def explained(d: Diagnosis) -> str:
 def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
-    present = also_present(d.budget, lambda effect: plain_name(effect, names(d)), 2)
+    present = sentences.also_present(d.budget, lambda effect: plain_name(effect, d.names), 2)
     return f"{present and present + ' '}{named}Probability p: {d.detail['calibrated_on']}. Gap: error of the {d.locate.of}."
 
 
@@ -185,16 +179,16 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     labels = {**STEPS, **(with_numbers if "first_calibration" in d.detail else {})}
     steps = {step: d.words.fill(label) for step, label in labels.items()}
     s.figure(
-        draw.waterfall(w, [plain_name(x.effect, names(d)) if x.effect else steps[x.step] for x in w.steps], length, folder),
+        draw.waterfall(w, [plain_name(x.effect, d.names) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it "
         f"({w.how}). Each bar is what the step takes; whiskers: 95 % interval, from drawing trials anew "
         "(bootstrap) and adding causes in every order.",
     )
-    model = d.detail["baseline"]["name"] if "baseline" in d.detail else "model"
+    model = "model" if d.simulator is None else d.simulator.name
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
     rows += [
         [
-            with_id(x.effect, names(d)) if x.effect else steps[x.step],
+            with_id(x.effect, d.names) if x.effect else steps[x.step],
             _mm(x.mm),
             f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}",
             _mm(x.left_mm),
@@ -202,7 +196,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         for x in w.steps
     ]
     s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
-    if origins := stands_for(d.calibration, d.words):
+    if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
@@ -217,7 +211,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
-        alone = closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
+        alone = sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
         by_itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
         s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{by_itself}.")
 
@@ -234,19 +228,19 @@ def _sensors(s: PageSection, table: Table, words: Words, folder: Path) -> None:
     s.table(*sensor_numbers(table))
 
 
-def _held_out(s: PageSection, found: Mapping[str, Any], spine: bool) -> None:
-    """Write how both models do on a campaign that was not fitted, `found` by the diagnosis; `spine`: by spine length, too."""
-    s.text(found["statement"])
+def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
+    """Write how both models do on a campaign that was not fitted; `spine`: by spine length, too."""
+    s.text(statement)
     s.text(
         "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
         "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign"
         f"{', within each spine length' if spine else ''}."
     )
     rows = [
-        [f"{100 * x['value']:.0f} cm", str(x["n"]), f"{x['before_mm']:.2f}", f"{x['after_mm']:.2f}"]
-        for x in (found["by_spine_length"] if spine else ())
+        [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
+        for x in (h.by_spine_length if spine else ())
     ]
-    rows.append(["all", str(found["states"]), f"{found['before_mm']:.2f}", f"{found['after_mm']:.2f}"])
+    rows.append(["all", str(h.states), f"{h.before_mm:.2f}", f"{h.after_mm:.2f}"])
     s.table(("spine", "states", f"{CALIBRATED}, mm", f"{WITH_CAUSE}, mm"), rows)
 
 
@@ -328,15 +322,14 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
             "direction; grey: noise floor",
         )
     s.figure(
-        draw.posterior(d, names(d), folder / "posterior.svg"),
+        draw.posterior(d, d.names, folder / "posterior.svg"),
         f"Probability of each hypothesis ({d.detail['calibrated_on']})"
         + ("; *: these data cannot distinguish it from another" if d.attribute.cannot_tell_apart else ""),
     )
     if d.budget:
         words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
         rows = [
-            [with_id(c.effect, names(d)), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]]
-            for c in d.budget
+            [with_id(c.effect, d.names), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget
         ]
         s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
@@ -345,7 +338,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         for r in d.attribute.ranking
     ]  # fmt: skip
     s.table(("hypothesis", "probability", "log evidence, in-sample", "unseen states, mm"), rows)
-    if why := disorder(d.attribute.ranking):
+    if why := sentences.disorder(d.attribute.ranking):
         s.text(why)
 
 
@@ -368,7 +361,7 @@ def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
     """Write the size of what is named, as densities and numbers, and the push of each actuator against the mean."""
     sizes = d.detail["sizes"]
     s.figure(
-        draw.sizes([{**x, "name": plain_name(x["name"], names(d))} for x in sizes], folder, d.words),
+        draw.sizes([{**x, "name": plain_name(x["name"], d.names)} for x in sizes], folder, d.words),
         "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
         "dashed: its median; 90 % shaded. First the physically possible range, then close up",
     )
@@ -384,7 +377,7 @@ def _size(x: Mapping[str, Any], d: Diagnosis) -> list[str]:
     unit = x["unit"]
     ends = [_bound(x[end], unit, d.words) for end in ("low90", "high90", "low", "high")]
     median = _number(x["median"], unit, d.words) if x["determined"] else "not determined by these data"
-    return [with_id(x["name"], names(d)), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
+    return [with_id(x["name"], d.names), median, f"{ends[0]} .. {ends[1]}", f"{ends[2]} .. {ends[3]}"]
 
 
 def _number(value: float, unit: str, words: Words) -> str:
@@ -400,7 +393,7 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
     """Write the shapes of the states with the largest calibrated error, or why there are none."""
     states = d.detail["shapes"]
     if not states:
-        why = "Another simulator takes the rod's place" if "baseline" in d.detail else "The model has no equilibrium"
+        why = "Another simulator takes the rod's place" if d.simulator is not None else "The model has no equilibrium"
         s.text(f"{why} in the measured states, so there is no shape to show.")
         return
     s.figure(
@@ -448,14 +441,14 @@ def alike(s: PageSection, d: Diagnosis) -> None:
         f"else at its usual one. Below {tied:g} these data would take the first for the second, though not always the second for "
         f"the first; an effect whose T against no effect is below {tied:g} cannot be seen in them."
     )
-    s.table(("effect", "taken for", "T"), [[*(with_id(e, names(d)) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
-    hidden = [with_id(effects[i], names(d)) for i in range(len(effects)) if i not in seen]
+    s.table(("effect", "taken for", "T"), [[*(with_id(e, d.names) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
+    hidden = [with_id(effects[i], d.names) for i in range(len(effects)) if i not in seen]
     s.text(f"Cannot be seen: {', '.join(hidden)}." if hidden else "Every effect could be seen.")
 
 
 def _confounding(s: PageSection, d: Diagnosis, folder: Path) -> None:
     s.figure(
-        draw.confounding(d, names(d), folder / "confounding.svg"),
+        draw.confounding(d, d.names, folder / "confounding.svg"),
         "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model",
     )
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from diagnosis.answer.headline import sized
-from diagnosis.answer.result import Diagnosis, FittedRobot, Value
+from diagnosis.answer.result import Diagnosis, FittedRobot
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.calibration import AreaFit
@@ -136,11 +136,11 @@ def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
     if {*f.effects} != {*d.effects}:
         yield (
             f"diagnosis.json names {', '.join(d.effects)}, which leaves {d.left_mm:.2f} mm; with "
-            f"{', '.join(f.effects) or 'no effect'} {f.fitted_mm:.2f} mm remain"
+            f"{', '.join(f.effects) or 'no effect'} {f.left_mm:.2f} mm remain"
         )
-    elif abs(f.fitted_mm - d.left_mm) > SAME_FIT * d.left_mm:
+    elif abs(f.left_mm - d.left_mm) > SAME_FIT * d.left_mm:
         yield (
-            f"{f.fitted_mm:.2f} mm remain, and {d.left_mm:.2f} mm in diagnosis.json: table or robot.yaml have changed since; "
+            f"{f.left_mm:.2f} mm remain, and {d.left_mm:.2f} mm in diagnosis.json: table or robot.yaml have changed since; "
             "diagnose the case again"
         )
 
@@ -156,8 +156,7 @@ def effects_sheet(f: Fitted) -> Sheet:
         if last_group and group != last_group:
             t.add_section()
         last_group = group
-        value = Value(p.value, p.sd, p.unit, name not in f.undetermined)
-        t.add_row(name, sized(value, f.robot.actuators.words))
+        t.add_row(name, sized(p, f.robot.actuators.words))
     return t
 
 
@@ -166,7 +165,7 @@ def residual_lines(f: Fitted) -> list[str]:
     posterior = f.robot.posterior
     lines = [
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
-        f"{f.calibrated_mm:.2f} mm rms with one area factor and no effect, {f.fitted_mm:.2f} mm with the effects"
+        f"{f.calibrated_mm:.2f} mm rms with one area factor and no effect, {f.left_mm:.2f} mm with the effects"
     ]
     if posterior is not None:
         lines.append(

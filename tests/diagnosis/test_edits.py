@@ -152,7 +152,7 @@ def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesi
 def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> None:
     fitted = fit_effects(exchanged(case, 1), ["chamber_order"])
     assert fitted.effects == ("chamber_order",) and fitted.robot.effects["chamber_order"]["which"].value == -1.0
-    assert fitted.fitted_mm < 1.0
+    assert fitted.left_mm < 1.0
     with pytest.raises(BadEffect, match="no other order"):
         fit_effects(by_groups(case, ROBOT), ["chamber_order"])
 

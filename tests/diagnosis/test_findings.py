@@ -12,9 +12,7 @@ from model.actuators import Chambers, Tendons
 
 ROOT = Path(__file__).parents[2]
 WORDS = (Chambers.words, Tendons.words)
-ANSWER = Diagnosis(
-    "No gap.", Data(1, 1, (), 0.1, ""), Locate(0.1, 0.1, False, {}, {}, 0.0), Attribute("none", (), 1.0, (), (), ()), None, ()
-)
+ANSWER = Diagnosis("No gap.", Data(1, 1, (), 0.1, ""), Locate(0.1, 0.1, False, {}, {}, 0.0), Attribute("none", (), 1.0), None, ())
 
 
 def codes(argument: ast.expr) -> set[str]:
@@ -70,9 +68,3 @@ def test_the_file_of_an_answer_holds_code_severity_values_and_text() -> None:
     assert first["values"] == {"numbers": [asdict(parts[0])]} and "density 12 % above robot.yaml (5 %)" in first["text"]
     assert stored["concerns"] == [f["text"] for f in stored["findings"]]
     assert Diagnosis.from_json(answer.to_json()).texts("warning") == [str(finding("no_unload"))]
-
-
-def test_an_answer_of_an_earlier_version_keeps_its_concerns() -> None:
-    stored = json.loads(ANSWER.to_json()) | {"concerns": ["only one pressure"]}
-    del stored["findings"]
-    assert Diagnosis.from_json(json.dumps(stored)).concerns == ["only one pressure"]

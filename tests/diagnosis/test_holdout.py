@@ -7,16 +7,18 @@ import pytest
 
 from diagnosis.answer.attribute import Attribution, attribute, begin
 from diagnosis.answer.decision import Decision
-from diagnosis.answer.holdout import evaluate_holdout, unseen_states
-from diagnosis.answer.shrink import closed_with_interval
+from diagnosis.answer.holdout import evaluate_holdout, other_campaign
+from diagnosis.answer.sentences import held_out
+from diagnosis.answer.unseen import closed_with_interval
 from diagnosis.data.case import states
 from diagnosis.errors import BadHoldout
 from diagnosis.inference.prepare import prepare
 from recordings.trials import TrialRow
 from tests.diagnosis.small_campaigns import FEW, SOME, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
+from tests.diagnosis.test_findings import ANSWER
 
-AZIMUTH = np.radians(8)
+AZIMUTH, NAMELESS = np.radians(8), replace(ANSWER, detail={"names": {}})
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def found(diagnosed: Measured) -> Attribution:
 
 
 def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diagnosed: Measured) -> None:
-    held = evaluate_holdout(found, unseen_states(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
     assert held.hypothesis == ("chamber_azimuth",) and held.named and held.verdict == "confirmed"
     assert held.share_closed is not None and held.share_closed > 0.8
     assert held.states == 20 and held.trials == 4 and held.unsolved == 0
@@ -40,26 +42,26 @@ def test_an_effect_that_is_at_work_in_both_is_confirmed(found: Attribution, diag
 
 
 def test_an_effect_that_was_gone_by_then_is_contradicted(found: Attribution, diagnosed: Measured) -> None:
-    held = evaluate_holdout(found, unseen_states(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=-AZIMUTH)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=-AZIMUTH)))
     assert held.verdict == "contradicted" and held.ci95 is not None and held.ci95[1] < 0
-    assert held.after_mm > held.before_mm and "contradicted" in held.statement({})
+    assert held.after_mm > held.before_mm and "contradicted" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_where_the_baseline_is_right_nothing_can_be_closed(found: Attribution, diagnosed: Measured) -> None:
     right = replace(found, calibrated=found.best.fit, prepared=replace(found.prepared, noise_floor=1e-3))
-    held = evaluate_holdout(right, unseen_states(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
-    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held.statement({})
+    held = evaluate_holdout(right, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    assert held.share_closed is None and held.verdict == "open" and "no gap to close" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_what_was_not_named_is_not_confirmed(found: Attribution, diagnosed: Measured) -> None:
     doubtful = replace(found, decision=Decision("unknown", (), 0.3, 0.3))
-    held = evaluate_holdout(doubtful, unseen_states(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
-    assert held.verdict == "open" and "not named, so nothing is confirmed" in held.statement({})
+    held = evaluate_holdout(doubtful, other_campaign(diagnosed, measured(2, 9, FEW, chamber_azimuth__angle=AZIMUTH)))
+    assert held.verdict == "open" and "not named, so nothing is confirmed" in held_out(replace(NAMELESS, holdout=held))
 
 
 def test_one_trial_gives_no_interval_and_no_verdict(found: Attribution, diagnosed: Measured) -> None:
     rows = [r for r in measured(1, 9, chamber_azimuth__angle=AZIMUTH).table if r.trial == 2]
-    held = evaluate_holdout(found, unseen_states(diagnosed, case(rows)))
+    held = evaluate_holdout(found, other_campaign(diagnosed, case(rows)))
     assert held.trials == 1 and held.ci95 is None and held.verdict == "open"
 
 
@@ -81,18 +83,18 @@ def push(r: TrialRow) -> TrialRow:
 def test_what_cannot_be_held_out_is_refused(diagnosed: Measured, other: object, said: str) -> None:
     assert callable(other)
     with pytest.raises(BadHoldout, match=said):
-        unseen_states(diagnosed, other(diagnosed))
+        other_campaign(diagnosed, other(diagnosed))
 
 
 def test_what_was_diagnosed_without_tips_cannot_be_tried_on_them() -> None:
     pushed = case([push(r) for r in sweep() if r.spine_length > 0.05])
     with pytest.raises(BadHoldout, match="the diagnosed campaign has none"):
-        unseen_states(pushed, measured(2, 9))
+        other_campaign(pushed, measured(2, 9))
 
 
 def test_pushes_beside_tips_are_not_tried(diagnosed: Measured) -> None:
     other = list(measured(2, 9).table)
-    own = unseen_states(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
+    own = other_campaign(diagnosed, case(other + [push(r) for r in other if r.spine_length > 0.05]))
     assert len(own) == len(other) and not own.pushed.any()
 
 

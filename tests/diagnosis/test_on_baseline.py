@@ -98,9 +98,9 @@ def test_a_cause_is_named_on_a_simulator_with_an_error_of_its_own() -> None:
     made = baseline(case, bent_otherwise(case, 4e-3))
     answer = diagnose(case, replace(quick(SOME), baseline=made))
     assert answer.attribute.verdict == "effect" and answer.attribute.effects == ("chamber_azimuth",)
-    told = answer.detail["baseline"]
-    assert told["name"] == "theirs" and told["share"] == pytest.approx(1.0, abs=0.1)
-    assert told["not_measured_mm"] == pytest.approx(told["share"] * told["beyond_calibration_mm"]) and told["differs_mm"] > 1
+    told = answer.simulator
+    assert told is not None and told.name == "theirs" and told.share == pytest.approx(1.0, abs=0.1)
+    assert told.not_measured_mm == pytest.approx(told.share * told.beyond_calibration_mm) and told.differs_mm > 1
     assert "theirs differs from the rod of robot.yaml by" in answer.statement
 
 
@@ -111,4 +111,4 @@ def test_a_simulator_that_is_right_where_the_rod_is_not_is_left_as_it_is() -> No
     bent = replace(case, table=Table.of(rows))
     answer = diagnose(bent, replace(quick(SOME), baseline=baseline(bent, bent_otherwise(case, 4e-3))))
     assert answer.attribute.verdict == "none"
-    assert answer.detail["baseline"]["share"] == pytest.approx(0.0, abs=0.1)
+    assert answer.simulator is not None and answer.simulator.share == pytest.approx(0.0, abs=0.1)

@@ -49,9 +49,9 @@ def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
     fitted = fit_effects(turned, ["chamber_azimuth"])
     assert fitted.robot.thrust == "walls" and fitted.robot.effects["chamber_thrust"]["share"].value == 1.0
     assert fitted.parameters["chamber_azimuth.angle"].value == pytest.approx(np.radians(8), rel=0.1)
-    assert fitted.fitted_mm < 0.2 * fitted.calibrated_mm
+    assert fitted.left_mm < 0.2 * fitted.calibrated_mm
     again = fit_effects(replace(turned, robot=fitted.robot), ["chamber_azimuth"])
-    assert again.fitted_mm == pytest.approx(fitted.fitted_mm, rel=0.05)
+    assert again.left_mm == pytest.approx(fitted.left_mm, rel=0.05)
 
 
 def test_what_robot_yaml_states_or_the_data_do_not_ask_for_is_left(turned: Measured) -> None:

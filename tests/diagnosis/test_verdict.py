@@ -2,12 +2,13 @@
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from diagnosis.answer.calibration import origins
-from diagnosis.answer.decision import behaves_like, decide, doubted, without_nothing
+from diagnosis.answer.decision import Verdict, behaves_like, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
     Absorbed,
@@ -16,6 +17,7 @@ from diagnosis.answer.result import (
     Calibration,
     Carries,
     Conclusion,
+    Diagnosis,
     FittedRobot,
     Locate,
     Ranked,
@@ -23,10 +25,9 @@ from diagnosis.answer.result import (
     Simulator,
     Step,
     Value,
-    Verdict,
     Waterfall,
 )
-from diagnosis.answer.sentences import Facts, beyond_tolerance, changed_by, stands_for, statement, stiffness_sentence
+from diagnosis.answer.sentences import beyond_tolerance, changed_by, stands_for, statement
 from diagnosis.answer.size import Size
 from diagnosis.answer.verdict import conclude, doubts, rivals
 from diagnosis.criticism.stage_errors import StageError
@@ -35,9 +36,10 @@ from diagnosis.inference.posterior import EffectPosterior
 from diagnosis.judgement import BENCHMARK
 from lab.files.config import load
 from lab.files.robot_file import paper_robot
-from model.actuators import Tendons
+from model.actuators import Chambers, Tendons, Words
 from model.effects.catalogue import CATALOGUE
 from model.robot import Robot
+from tests.diagnosis.test_findings import ANSWER
 from tests.diagnosis.toy import parameter, parameters
 
 WHERE = Locate(3.0, 0.5, True, {}, {}, 0.01)
@@ -57,12 +59,22 @@ def weighed(**p: float) -> EffectPosterior:
     return EffectPosterior(tuple((() if name == "none" else (name,), value) for name, value in ranking), {})
 
 
-def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: tuple[StageError, ...] = MATERIAL) -> Facts:
+Errors = tuple[StageError, ...]
+
+
+def answer(a: Attribute) -> Diagnosis:
+    detail = {"names": NAMES, "best_hypothesis": ["base_tilt"], "misfit": {"outlier_trial": None}}
+    budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in a.effects)
+    return replace(ANSWER, locate=WHERE, attribute=a, detail=detail, budget=budget)
+
+
+def facts(posterior: EffectPosterior, enough: bool = True, gap: bool = True, asking: Errors = MATERIAL) -> Diagnosis:
     d = decide(posterior, enough)
-    budget = tuple(c for c in BUDGET if c.role != "named" or c.effect in d.effects)
-    conclusion = conclude(d, gap, asking)
-    others = {"rivals": rivals(d, posterior), "nearest": ("base_tilt",), "asking": asking, "names": NAMES}
-    return Facts(d, conclusion, WHERE, budget, **others)
+    return answer(Attribute(**vars(d), stage_errors=asking, conclusion=conclude(d, gap, asking), rivals=rivals(d, posterior)))
+
+
+def attributed(d: Diagnosis, **changed: object) -> Diagnosis:
+    return replace(d, attribute=replace(d.attribute, **changed))  # type: ignore[arg-type]
 
 
 SURE = weighed(base_tilt=0.97, none=0.025, unknown=0.005)
@@ -73,7 +85,7 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
 
 def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
     sure = facts(SURE)
-    both = replace(sure, decision=replace(sure.decision, second={"weight": 0.55, "contact": 0.44}))
+    both = attributed(sure, second={"weight": 0.55, "contact": 0.44})
     assert "acts another of comparable size: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
 
 
@@ -90,11 +102,11 @@ def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
         (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(NONE), "none", "No cause: no effect accounts for enough"),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
-        (replace(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
+        (attributed(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
     ],
 )
-def test_each_conclusion_has_its_sentence(found: Facts, conclusion: str, told: str) -> None:
-    assert found.conclusion == conclusion and told in statement(found)
+def test_each_conclusion_has_its_sentence(found: Diagnosis, conclusion: str, told: str) -> None:
+    assert found.attribute.conclusion == conclusion and told in statement(found)
 
 
 def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None:
@@ -104,7 +116,7 @@ def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:
     steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 25.2, steps, {}, None)
+    gap = Waterfall("leave one trial out", 40, 25.2, steps, None)
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
@@ -112,7 +124,7 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "no less" not in text
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
     assert "no less" not in worse
-    worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59), conclusion="none"))
+    worse = statement(attributed(replace(found, waterfall=replace(gap, given_mm=0.59)), conclusion="none"))
     assert "by 0.60 mm on states that the fit did not see, no less: no area factor makes up" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
@@ -124,28 +136,27 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
 
 def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_nothing_does() -> None:
     a = attribute("effect", "one of several", {}, "body_modulus", p=0.9)
-    said = headline(a, CATALOGUE, by_calibration=0.99, closed=-0.01, calibrated="a body 86 % softer")
+    said = line(a, by_calibration=0.99, closed=-0.01, calibrated="a body 86 % softer")
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
     steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 42.0, steps, {}, None)
-    found = replace(
-        facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0), first="azimuth of the first chamber"
-    )
+    gap = Waterfall("leave one trial out", 40, 42.0, steps, None)
+    found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0))
+    found = replace(found, detail={**found.detail, "first_calibration": {"adjusted": [{"code": "refitted"}]}})
     assert statement(found).startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above")
     a = attribute("none", "noise", p=0.9)
-    said = headline(a, CATALOGUE, by_calibration=1.0, calibrated=found.first)
+    said = line(a, by_calibration=1.0, calibrated="azimuth of the first chamber")
     assert said == "Calibration closes 100 % of the gap (azimuth of the first chamber); no other cause is needed (p = 0.90)."
     assert len(said.split()) <= 20
 
 
 def test_where_calibration_reaches_its_limit_the_headline_asks_for_robot_yaml_instead_of_naming_an_effect() -> None:
     a = attribute("effect", "one of several", {}, "tip_payload", p=0.9)
-    said = headline(a, CATALOGUE, calibrated="a body 91 % softer", beyond=True)
+    said = line(a, calibrated="a body 91 % softer", beyond=True)
     assert said == "Unclear: robot.yaml is too far from the data (a body 91 % softer): check it first."
-    assert "too far" not in headline(a, CATALOGUE, calibrated="a body 91 % softer")
+    assert "too far" not in line(a, calibrated="a body 91 % softer")
 
 
 def test_a_body_that_is_softer_by_its_cavities_has_them() -> None:
@@ -179,7 +190,7 @@ def test_what_tolerances_close_is_not_said_of_the_cause() -> None:
             Step("cause", "base_tilt", 7.5 - mm, 0.0, 9.0, mm),
             Step("tolerances", None, mm - 1.2, 0.0, 9.0, 1.2),
         )
-        gap = Waterfall("leave one trial out", 40, 27.5, steps, {}, None)
+        gap = Waterfall("leave one trial out", 40, 27.5, steps, None)
         texts[name] = statement(replace(facts(SURE), waterfall=gap, shrink=shrink))
     whole = "98 % of the reducible gap is closed"
     assert f"{whole}." in texts["alone"]
@@ -189,7 +200,7 @@ def test_what_tolerances_close_is_not_said_of_the_cause() -> None:
 def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
     steps = (Step("calibration", None, 20.0, 18.0, 22.0, 7.5),)
     absorbed = Absorbed("leave one pressure out", 7.5, 0.2, 0.6)
-    hidden = Waterfall("leave one spine length out", 40, 27.5, steps, {}, absorbed)
+    hidden = Waterfall("leave one spine length out", 40, 27.5, steps, absorbed)
     text = statement(replace(facts(SURE), waterfall=hidden))
     assert "calibrated with one area factor by 7.50 mm on states that the fit did not see" in text
     assert "An area factor for each spine length would hide it: 0.20 mm would remain of 7.50 mm" in text
@@ -205,13 +216,14 @@ def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, g
     for share in (None, -0.4, 0.0, 0.3, 0.6, 0.98):
         after = 3.0 if share is None else 3.0 * (1 - share)
         shrunk = Shrink("leave one spine length out", 3.0, after, 0.5, share, None, ())
-        found = replace(facts(posterior, enough, gap, asking), shrink=shrunk, odd_trial=3)
+        found = replace(facts(posterior, enough, gap, asking), shrink=shrunk)
+        found = replace(found, detail={**found.detail, "misfit": {"outlier_trial": 3}})
         text = statement(found)
-        named = found.decision.verdict == "effect"
+        named = found.attribute.verdict == "effect"
         assert sum(text.count(head) for head in HEADS) == 1
         assert ("moves the tip" in text) == named
         assert not (named and "not in the catalogue" in text)
-        assert ("check it first" in text) == (found.decision.verdict == "unknown")
+        assert ("check it first" in text) == (found.attribute.verdict == "unknown")
         if share is not None and share < 0:
             assert "is closed" not in text and "closes" not in text
             assert ("worse" in text) == named
@@ -228,14 +240,14 @@ def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, g
     ],
 )
 def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: float, told: str) -> None:
-    detail = {"waterfall_mm": {"calibrated": 0.046, "explained": after}, "floor_mm": 0.327, "floor_from_repeats": repeated}
-    assert stiffness_sentence(detail, decide(SURE, True)).endswith(told)
-    assert stiffness_sentence(detail, decide(NONE, True)).endswith("0.327 mm).")
+    pushes = {"waterfall_mm": {"calibrated": 0.046, "explained": after}, "floor_mm": 0.327, "floor_from_repeats": repeated}
+    sure, none = (replace(d, detail={**d.detail, "stiffness": pushes}) for d in (facts(SURE), facts(NONE)))
+    assert statement(sure).endswith(told) and statement(none).endswith("0.327 mm).")
 
 
 def test_a_simulators_difference_says_what_remains_without_it() -> None:
     steps = (Step("calibration", None, 1.0, 0.9, 1.1, 0.44), Step("simulator", None, 0.29, 0.2, 0.3, 0.15))
-    gap = Waterfall("leave one trial out", 40, 1.43, steps, {}, None)
+    gap = Waterfall("leave one trial out", 40, 1.43, steps, None)
     own = Simulator("cc", 0.9, 2.2, 2.1, 0.2, 0.4)
     text = statement(replace(facts(NONE, gap=False), waterfall=gap, simulator=own))
     assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
@@ -251,7 +263,7 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
     assert small.probability == pytest.approx(0.96 * 0.7)
     assert large.verdict == "effect" and large.effects == ("base_tilt",)
     assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), True, 0.9).verdict == "effect"
-    told = statement(replace(facts(leading), decision=small, conclusion="none", budget=()))
+    told = statement(replace(answer(Attribute(**vars(small), conclusion="none")), budget=()))
     assert told.startswith("No cause stands out: probably no effect carries 2 noise floors (p = 0.67")
     assert "The most probable one is tilt of the base [base_tilt]." in told
 
@@ -272,12 +284,12 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
 def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_what_tells() -> None:
     sure = replace(decide(SURE, True), relatives=("camera_scale", "lens", "body_length"))
     assert conclude(sure, True, ()) == "one of several"
-    told = statement(replace(facts(SURE), decision=sure, conclusion="one of several"))
+    told = statement(answer(Attribute(**vars(sure), conclusion="one of several")))
     assert "Behaves most like tilt of the base [base_tilt]" in told and told.count("would do this too") == 2
     assert "do not exclude a cause outside the catalogue." in told
     assert "The scale of the cameras would do this too: let the cameras read a rod of known length, to find out." in told
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
-    told = statement(replace(facts(OUTSIDE), decision=outside))
+    told = statement(attributed(facts(OUTSIDE), relatives=outside.relatives))
     assert "It may be a mount that turns during the campaign: repeat the first trial" in told
 
 
@@ -326,8 +338,8 @@ def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_ano
     )
 
 
-CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), {}, None)
-NOTHING = replace(facts(NONE), conclusion="noise", waterfall=CALIBRATED, where=replace(WHERE, noise_floor_mm=0.3))
+CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), None)
+NOTHING = replace(facts(NONE, gap=False), waterfall=CALIBRATED, locate=replace(WHERE, noise_floor_mm=0.3))
 
 
 def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_experiment() -> None:
@@ -342,7 +354,7 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     changed = changed_by(replace(NOTHING, calibration=found))
     assert changed == "a body 25 % stiffer or tip payload +117 g"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
-        said = headline(which, CATALOGUE, by_calibration=1.0, calibrated=changed, alone=True)
+        said = line(which, by_calibration=1.0, calibrated=changed, alone=True)
         assert f"({changed}) (p = 0.96)" in said and len(said.split()) <= MOST_WORDS
 
 
@@ -368,7 +380,14 @@ def attribute(
     verdict: Verdict, conclusion: Conclusion, sizes: dict[str, Value] | None = None, *effects: str, p: float = 0.96
 ) -> Attribute:
     ranking = (Ranked(effects, p, 10.0, None, sizes or {}),)
-    return Attribute(verdict, effects, p, (), ranking, (), conclusion=conclusion)
+    return Attribute(verdict, effects, p, ranking=ranking, conclusion=conclusion)
+
+
+def line(a: Attribute, closed: float | None = None, words: Words = Chambers.words, **known: Any) -> str:
+    """The headline where what is named closes this share of the gap on unseen states."""
+    names = {e: spec.name(words) for e, spec in CATALOGUE.items()}
+    shrunk = None if closed is None else Shrink("", 3.0, 3.0, 0.5, closed, None, ())
+    return headline(replace(answer(a), shrink=shrunk, detail={"actuators": words.kind, "names": names}), CATALOGUE, **known)
 
 
 @pytest.mark.parametrize(
@@ -385,12 +404,12 @@ def attribute(
 )
 def test_a_cause_is_said_with_its_size(effect: str, sizes: dict[str, tuple[float, str]], words: str) -> None:
     found = {f"{effect}.{name}": Value(value, 0.01, unit) for name, (value, unit) in sizes.items()}
-    assert headline(attribute("effect", "cause", found, effect), CATALOGUE) == words
+    assert line(attribute("effect", "cause", found, effect)) == words
 
 
 def test_a_size_that_the_data_do_not_determine_is_not_stated() -> None:
     sizes = {"spine_length_offset.offset": Value(-0.0123, 0.01, "m", determined=False)}
-    said = headline(attribute("effect", "cause", sizes, "spine_length_offset"), CATALOGUE)
+    said = line(attribute("effect", "cause", sizes, "spine_length_offset"))
     assert said == "The spine is some amount longer or shorter than read (p = 0.96)."
 
 
@@ -399,28 +418,28 @@ def test_a_size_that_the_data_do_not_determine_is_not_stated() -> None:
 def test_every_effect_of_the_catalogue_fits_and_needs_no_identifier(effect: str, sign: int) -> None:
     sizes = {f"{effect}.{p.name}": Value(sign * 0.123456 * p.scale, 0.0, p.unit) for p in CATALOGUE[effect].parameters}
     for conclusion in ("cause", "one of several"):
-        said = headline(attribute("effect", conclusion, sizes, effect), CATALOGUE)  # type: ignore[arg-type]
+        said = line(attribute("effect", conclusion, sizes, effect))  # type: ignore[arg-type]
         assert len(said.split()) <= 20 and "_" not in said and not set(said) & set("[]{}|")
         assert said.startswith("Most likely ") == (conclusion == "one of several")
 
 
 def test_two_causes_and_the_other_conclusions_fit_too() -> None:
-    two = headline(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"), CATALOGUE)
+    two = line(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"))
     assert two == "Most likely friction of the tendons, difference between the areas of the chambers (p = 0.96)."
-    vain = headline(attribute("effect", "one of several", {}, "tether", p=0.77), CATALOGUE, closed=0.0)
+    vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.0)
     assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
-    unknown = headline(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking), CATALOGUE)
+    unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")
-    none = headline(attribute("none", "noise", p=0.9), CATALOGUE, by_calibration=0.93)
+    none = line(attribute("none", "noise", p=0.9), by_calibration=0.93)
     assert none == "Calibration closes 93 % of the gap; no other cause is needed (p = 0.90)."
-    unsure = headline(attribute("none", "noise", p=0.42), CATALOGUE, by_calibration=0.93)
+    unsure = line(attribute("none", "noise", p=0.42), by_calibration=0.93)
     assert unsure == "Calibration closes 93 % of the gap; no other cause stands out (p = 0.42)."
     lacks = ("no repeated pushes to two deflections at two lengths",)
     made = [
-        headline(attribute("none", "none"), CATALOGUE),
-        headline(attribute("none", "noise"), CATALOGUE),
-        headline(attribute("unknown", "too little data"), CATALOGUE, missing=lacks),
+        line(attribute("none", "none")),
+        line(attribute("none", "noise")),
+        line(replace(attribute("unknown", "too little data"), missing=lacks)),
     ]
     assert all(len(said.split()) <= 20 for said in (unknown, none, *made)) and lacks[0] in made[-1]
 
@@ -428,12 +447,12 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
 def tied(effect: str, sizes: dict[str, Value], p: float, other: str, q: float, found: dict[str, Value]) -> str:
     a = attribute("effect", "one of several", sizes, effect, p=p)
     second = Ranked((other,) if other else (), q, 9.0, None, found)
-    return headline(replace(a, ranking=(*a.ranking, second)), CATALOGUE)
+    return line(replace(a, ranking=(*a.ranking, second)))
 
 
 def test_no_more_is_said_of_several_causes_than_their_names() -> None:
     for effects in itertools.combinations(CATALOGUE, 3):
-        said = headline(attribute("effect", "one of several", {}, *effects), CATALOGUE)
+        said = line(attribute("effect", "one of several", {}, *effects))
         assert len(said.split()) <= 20 and "more" not in said
 
 
@@ -443,21 +462,19 @@ def test_actuators_are_named_by_number() -> None:
     weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.single": 1.5}
     sizes = {name: Value(value, 0.01, "1") for name, value in weak.items()}
     a = attribute("effect", "cause", sizes, "chamber_gain")
-    assert headline(a, CATALOGUE, robot=three) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
+    assert line(a, robot=three) == "Chamber 2 pushes 21 ± 2 % more than the others (p = 0.96)."
     less = replace(a, ranking=(replace(a.ranking[0], parameters={n: replace(v, value=-v.value) for n, v in sizes.items()}),))
-    assert headline(less, CATALOGUE, robot=three).startswith("Chamber 2 pushes")
+    assert line(less, robot=three).startswith("Chamber 2 pushes")
     side = attribute("effect", "cause", {**sizes, "chamber_gain.single": Value(0.0, 0.5, "1")}, "chamber_gain")
     tendons = Tendons(path_radius=0.04, azimuths_deg=(0, 90, 180, 270))
     driven = robot.model_copy(update={"chambers": None, "tendons": tendons})
-    said = headline(side, CATALOGUE, tendons.words, robot=driven)
+    said = line(side, words=tendons.words, robot=driven)
     assert said.startswith("Tendon 4 pulls 16") and "less than tendon 2" in said
 
 
 def test_no_size_is_said_of_what_is_not_likely() -> None:
     tilt = {"base_tilt.x": Value(0.0628, 0.01, "rad"), "base_tilt.y": Value(0.0, 0.01, "rad")}
-    assert headline(attribute("effect", "one of several", tilt, "base_tilt", p=0.46), CATALOGUE) == (
-        "Possibly tilt of the base (p = 0.46)."
-    )
+    assert line(attribute("effect", "one of several", tilt, "base_tilt", p=0.46)) == ("Possibly tilt of the base (p = 0.46).")
 
 
 def test_two_that_are_nearly_as_probable_are_both_named() -> None:

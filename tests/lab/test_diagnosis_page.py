@@ -23,7 +23,7 @@ from diagnosis.answer.result import Diagnosis
 from diagnosis.findings import finding
 from lab.files.inputs import read_case
 from lab.pages.diagnosis_figures import _curve
-from lab.pages.diagnosis_report import alike, gap_numbers, names, write
+from lab.pages.diagnosis_report import alike, gap_numbers, write
 from lab.pages.report import TERMS, Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -170,10 +170,10 @@ def test_no_effect_is_known_by_its_identifier_alone(answered: Answered) -> None:
     found = Diagnosis.from_json(answered.json.read_text())
     page = re.sub(r'src="[^"]+"|<code>.*?</code>|<footer.*', "", answered.page.read_text(), flags=re.DOTALL)
     below = page[page.index("The answer in full") :]
-    ids = "|".join(sorted(names(found), key=len, reverse=True))
+    ids = "|".join(sorted(found.names, key=len, reverse=True))
     small = rf'<small class="soft">\[(?:{ids})(?:<wbr>\.\w+)?\]</small>'
     assert "bending by own area moments <small" in below and len(re.findall(small, below)) > 10
-    assert [i for i in names(found) if "_" in i and re.search(rf"\b{i}\b", re.sub(small, "", below))] == []
+    assert [i for i in found.names if "_" in i and re.search(rf"\b{i}\b", re.sub(small, "", below))] == []
 
 
 def test_the_browser_shows_title_verdict_and_all_sections(answered: Answered, browser: str, tmp_path: Path) -> None:

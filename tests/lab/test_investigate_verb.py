@@ -14,7 +14,7 @@ from commands import SOUND, Cli
 from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab, settings
 
-from diagnosis.answer.experiments import CandidateExperiment, candidate_experiments, columns
+from diagnosis.answer.experiments import candidate_experiments, columns
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round
@@ -132,16 +132,16 @@ MENU = {
 
 
 @functools.cache
-def offered() -> dict[str, CandidateExperiment]:
+def offered() -> dict[str, Proposal]:
     """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
     robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
     rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
     return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table.of(rows)))[0])}
 
 
-def written(folder: Path, e: CandidateExperiment, **changes: object) -> Path:
+def written(folder: Path, e: Proposal, **changes: object) -> Path:
     """The protocol file of an experiment, some of its parameters changed."""
-    (path,) = write_protocols([Proposal(e.id, e.do, (), 0.1, e.minutes, {**e.parameters, **changes})], folder, ROBOT)
+    (path,) = write_protocols([replace(e, protocol={**e.protocol, **changes})], folder, ROBOT)
     return path
 
 
@@ -151,8 +151,8 @@ def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Pa
         path = written(tmp_path, experiment)
         told = yaml.safe_load(path.read_text())
         assert all(str(p).endswith(" kPa") for p in told.get("pressures", []))
-        name = experiment.parameters["protocol"]
-        values = {key: value for key, value in experiment.parameters.items() if key != "protocol"}
+        name = experiment.protocol["protocol"]
+        values = {key: value for key, value in experiment.protocol.items() if key != "protocol"}
         meant = found_protocols().usable[name].parameters.model_validate(values)
         assert protocol_plan(str(path), [], RobotFacts(9, (), meant.tip_mass, True))[1] == meant
 
@@ -163,9 +163,9 @@ def test_every_proposal_is_a_protocol_of_the_rig_and_takes_as_long_as_was_said(
 ) -> None:
     experiment = offered()[id]
     plan = cli("plan", written(tmp_path, experiment), "--rig", virtual_lab.rig, "--json").json
-    assert plan["protocol"] == experiment.parameters["protocol"]
+    assert plan["protocol"] == experiment.protocol["protocol"]
     assert plan["limits"]["pressure_pa"] <= 250e3 and plan["limits"]["spine_length_m"] <= 0.3
-    said = experiment.minutes - experiment.hands
+    said = experiment.cost_min - experiment.hands_min
     assert 0.5 * said < plan["seconds"] / 60 < 2 * said
 
 
@@ -177,12 +177,12 @@ def test_the_rig_reads_the_states_that_were_foreseen(
     virtual_lab: VirtualLab, tmp_path: Path, id: str, more: Mapping[str, object], cli: Cli
 ) -> None:
     experiment = offered()[id]
-    short = replace(experiment, parameters={**experiment.parameters, **SHORT, **more})
+    short = replace(experiment, protocol={**experiment.protocol, **SHORT, **more})
     path = written(tmp_path / "next", short)
     cli("run", path, "--rig", virtual_lab.rig, "--out", tmp_path, code=(0, 3))
     (recording,) = tmp_path.glob("*.mcap")
     rows = read_case([recording]).table.rows
-    foreseen = columns(short.parameters, 9, ("x", "y", "z"))
+    foreseen = columns(short.protocol, 9, ("x", "y", "z"))
     assert [r.branch for r in rows] == foreseen["branch"].tolist()
     assert [r.protocol for r in rows] == foreseen["protocol"].tolist()
     assert [r.spine_length for r in rows] == pytest.approx(foreseen["spine_length"].tolist(), abs=2e-3)

@@ -107,7 +107,7 @@ def test_nothing_is_proposed_that_was_measured_and_each_step_has_its_command(mad
     read = read_case([case])
     some = replace(read, table=read.table.take(read.table["p3"] < 1e3))
     menu = {e.id: e for e in candidate_experiments(read.robot, states(some)[0])}
-    assert menu["other_chambers"].parameters["chambers"] == [3]
+    assert menu["other_chambers"].protocol["chambers"] == [3]
 
 
 def test_the_page_ends_with_where_it_comes_from(made: tuple[Path, Path, Path]) -> None:

@@ -1,0 +1,307 @@
+"""The gap on states that no fit saw: how far it shrinks, and step by step, in mm rms where it is looked for.
+
+Before: the baseline, calibrated with one area factor. After: the named effects fitted too, every other effect free within the
+tolerance that the data ask for. The share closed counts from the noise floor, its interval comes from drawing trials anew.
+
+    as given          the model of robot.yaml, nothing fitted
+    calibration       one area factor, and the tolerances of geometry, frames and trials
+    simulator         where one takes the rod's place: how far it is taken back to the rod
+    cause             each effect that is named, the largest first
+    tolerances        every other effect, within the tolerance that the data ask for
+    regular           what a smooth function of the state, fitted to what is left of other states, predicts of this one
+    irregular         what is left above the noise floor
+    noise             the noise floor: repeats of a state differ by as much
+
+A step is the decrease of the rms from one model to the next, so that all steps add up to the gap as given; on unseen states it
+can be negative. Its interval is the 95 % range over trials drawn anew and, for a cause, over all orders of adding the causes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Array, Ints, Mask, rms
+from ..data.campaign import Campaign
+from ..data.levels import SPINE_GAP, levels
+from ..inference.candidate import Candidate
+from ..inference.cross_validation import CrossValidation, Model
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
+from ..inference.fit import Fit, fit
+from ..inference.posterior import UNKNOWN
+from ..inference.prepare import Prepared, prepare
+from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
+from .attribute import Attribution, Begun, calibrated
+from .result import Absorbed, LengthShrink, Shrink, Step, StepName, Waterfall
+
+
+class Missed(NamedTuple):
+    """Errors (m) of the states as one model predicts them, NaN where nothing was measured or predicted."""
+
+    distance: Array
+    """(states,) length of `vector`."""
+    vector: Array
+    """(states, 3) measured minus predicted where the gap is looked for, see `Prepared.gap`."""
+    deflection: Array
+    """(states,) magnitude, of stiffness trials; NaN elsewhere."""
+
+
+Errors = tuple[Missed, Missed] | None
+"""By the calibrated baseline, and by the best hypothesis; None where no state was held out."""
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What states say that no fit saw; nothing where no state was held out."""
+
+    shrink: Shrink | None = None
+    errors: Errors = None
+    rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
+    """By which leading hypotheses miss them."""
+    waterfall: Waterfall | None = None
+
+
+def baseline_model(p: Prepared, calibrated: Fit) -> Model:
+    """The calibrated baseline without any effect."""
+    return Model(p.problem.parameters.no_effects(), 0.0, calibrated.theta)
+
+
+def candidate_model(p: Prepared, c: Candidate) -> Model:
+    """The model of a hypothesis: named effects wide, the others within their tolerance."""
+    return Model(c.prior(p.problem.parameters), c.grid_point.size, c.fit.theta)
+
+
+class HeldOut:
+    """States in parts, each of which is predicted by fits to the others."""
+
+    def __init__(self, p: Prepared, part: Ints, how: str, executor: Executor = SINGLE_THREAD) -> None:
+        """`part` (states,) is left out together; `how` names it."""
+        self.how, self.executor, self._p = how, executor, p
+        self._parts = CrossValidation(p.problem, part[p.labels.state], executor)
+
+    @classmethod
+    def of(cls, p: Prepared, executor: Executor) -> HeldOut | None:
+        """By spine length, where there are three, else by pressure, else by trial; None where there is but one part."""
+        length = levels(p.states.spine_length, SPINE_GAP)
+        if len(np.unique(length)) >= 3:
+            return cls(p, length, "leave one spine length out", executor)
+        pressure = levels(p.states.highest, p.states.pressure_gap)
+        if len(np.unique(pressure[~p.states.pushed])) >= 3:
+            return cls(p, pressure, f"leave one {p.robot.actuators.words.pressure} out", executor)
+        trial = np.unique(p.states.trial, return_inverse=True)[1].astype(np.int64)
+        return cls(p, trial, "leave one trial out", executor) if trial.any() else None
+
+    def errors(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Missed]]:
+        """Start all refits; the function that is returned waits for them and returns the errors of each model."""
+        p, residuals = self._p, self._parts.residuals(models, step)
+
+        def missed(residual: Array) -> Missed:
+            vector = p.gap(residual)
+            return Missed(np.asarray(np.linalg.norm(vector, axis=1)), vector, np.abs(p.deflection(residual)))
+
+        return lambda: [missed(residual) for residual in residuals()]
+
+
+def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[Attribution], Callable[[], Unseen]]:
+    """Predict held-out states by the baseline and by what leads. Call the result with the answer to start the refits of its
+    rivals and for its waterfall, and what that returns to wait for them."""
+    held_out = HeldOut.of(p, executor)
+    if held_out is None:
+        return lambda f: Unseen
+    models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
+    before, after = held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)()
+
+    def of(f: Attribution) -> Callable[[], Unseen]:
+        leading = [h for h, q in f.posterior.ranking[:4] if h != UNKNOWN and q > RIVAL_PROBABILITY]
+        others = [h for h in leading if h not in (NONE, f.best.named)]
+        refits = held_out.errors([candidate_model(p, f.posterior.candidates[h]) for h in others], DiagnosisStep.GAP_STEP_BY_STEP)
+        step_by_step = waterfall(f, held_out, before.distance, after.distance)
+
+        def finish() -> Unseen:
+            errors_of = {NONE: before, f.best.named: after, **dict(zip(others, refits(), strict=True))}
+            rms_mm = {h: 1e3 * rms(errors_of[h].distance) for h in leading}
+            seen = np.isfinite(before.distance) & np.isfinite(after.distance)
+            shrunk = closed(held_out.how, before.distance[seen], after.distance[seen], p.noise_floor, p.states.take(seen))
+            return Unseen(shrunk, (before, after), rms_mm, step_by_step())
+
+        return finish
+
+    return of
+
+
+def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) -> Callable[[], Waterfall]:
+    """Start the refits that the section `waterfall` needs besides the errors (states,) m `before` and `after`; the function
+    returned waits for them.
+
+    Refitted are the model with tolerances, unless its errors are known, that model with a smooth discrepancy of each of
+    `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
+    """
+    p, named = f.prepared, f.decision.effects
+    with_tolerances = candidate_model(p, f.best if named else f.none)
+    subsets = [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
+    tolerant_is_known = bool(named) or f.best.named == NONE
+    smooth = []
+    for size in SMOOTH_SIZES:
+        refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
+        smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
+    models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
+    refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
+
+    def finish() -> Waterfall:
+        in_order = (missed.distance for missed in refits())
+        tolerant = after if tolerant_is_known else next(in_order)
+        # the size that predicts best; none where a smooth function predicts worse than no function
+        with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
+        by_causes = {frozenset[str](): before}
+        by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
+        return replace(_steps(p, named, by_causes, (tolerant, with_smooth), held_out.how), absorbed=absorbed())
+
+    return finish
+
+
+def _only(f: Attribution, named: Hypothesis) -> Model:
+    """These effects and no tolerance of others."""
+    problem, p = f.prepared.problem, f.prepared.problem.parameters
+    prior = p.prior(p.mask(named), 0.0)
+    start = np.where(np.isin(p.effects, ["", *named]), f.best.fit.theta, p.mean)
+    return Model(prior, 0.0, fit(problem, prior, 0.0, start, 4).theta)
+
+
+def _simulator_as_it_is(p: Prepared) -> Array | None:
+    """Errors (states,) m of the simulator in the rod's place, calibrated and not taken back to the rod."""
+    if p.baseline is None:
+        return None
+    own = p.simulator_as_it_is
+    held_out = HeldOut.of(own, SINGLE_THREAD)
+    assert held_out is not None
+    return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
+
+
+def _steps(
+    p: Prepared, named: Hypothesis, by_causes: Mapping[frozenset[str], Array], after: Sequence[Array], how: str
+) -> Waterfall:
+    """The waterfall of errors (states,) m: `by_causes` of the models with some of the causes and no tolerance, `after` of those
+    with tolerances and with a smooth discrepancy. Each step is the rms before it less the rms after it; the last two end at the
+    noise floor and at 0."""
+    given, as_it_is = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1), _simulator_as_it_is(p)
+    before = [given, *([] if as_it_is is None else [as_it_is])]
+    seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
+    again = resampled(p.states.trial[seen])
+    weights = np.vstack([np.ones(again.shape[1]), again])
+
+    def rms_of(errors: Array) -> Array:
+        """(draws,) m, the data as they are first."""
+        return np.asarray(np.sqrt(weights @ errors[seen] ** 2 / weights.sum(axis=1)))
+
+    of_causes = {causes: rms_of(errors) for causes, errors in by_causes.items()}
+    order: Hypothesis = ()  # each cause the one that takes most of what the causes before it leave
+    while rest := [e for e in named if e not in order]:
+        order = (*order, min(rest, key=lambda e: float(of_causes[frozenset((*order, e))][0])))
+
+    def in_any_order(effect: str) -> Array:
+        """(..,) m that a cause takes: over draws, and over which others were added before it."""
+        others = [causes for causes in of_causes if effect not in causes]
+        return np.concatenate([of_causes[causes] - of_causes[causes | {effect}] for causes in others])
+
+    titles: list[tuple[StepName, str | None]] = [("calibration", None)]
+    titles += [("simulator", None)] * (len(before) - 1)
+    titles += [("cause", e) for e in order]
+    titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
+    levels_m = [*map(rms_of, before), *(of_causes[frozenset(order[:k])] for k in range(len(order) + 1)), *map(rms_of, after)]
+    levels_m += [np.full(len(weights), p.noise_floor), np.zeros(len(weights))]
+    steps = []
+    for (name, effect), higher, lower in zip(titles, levels_m[:-1], levels_m[1:], strict=True):
+        decrease = higher - lower
+        low, high = np.quantile(decrease if effect is None else in_any_order(effect), [0.025, 0.975])
+        steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, lower[0]))))
+    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps), None)
+
+
+def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
+    """Start what shows how much of the tip's gap an area factor for each spine length would hide, each pressure left out in
+    turn: call the result for it. It is None for pushes, a simulator, one length, or fewer than three pressures."""
+    p = f.prepared
+    length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
+    if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
+        return lambda: None
+    how = f"leave one {p.robot.actuators.words.pressure} out"
+    models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
+    errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
+
+    def absorbed() -> Absorbed:
+        by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
+        (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
+        one_factor, *with_causes = (missed.distance for missed in errors())
+        finite = np.isfinite([one_factor, per_length.distance, *with_causes]).all(axis=0)
+        of_causes = next((1e3 * rms(errors_m[finite]) for errors_m in with_causes), None)
+        return Absorbed(how, 1e3 * rms(one_factor[finite]), 1e3 * rms(per_length.distance[finite]), of_causes)
+
+    return absorbed
+
+
+def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:
+    """The section `shrink`, from errors (n,) m of states that the fits did not see; `how` they were left out. Its interval draws
+    trials anew, see `closed_with_interval`."""
+    share, interval = closed_with_interval(before, after, floor, states.trial, kind)
+    level = levels(states.spine_length, SPINE_GAP)
+    by_length = tuple(
+        LengthShrink(float(np.round(states.spine_length[i].mean(), 6)), 1e3 * rms(before[i]), 1e3 * rms(after[i]), int(i.sum()))
+        for i in (level == k for k in np.unique(level))
+    )
+    return Shrink(how, 1e3 * rms(before), 1e3 * rms(after), 1e3 * floor, share, interval, by_length)
+
+
+def share_closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
+    if before <= REDUCIBLE_RATIO * floor:
+        return None
+    return 1 - (after**2 - floor**2) / (before**2 - floor**2)
+
+
+def closed_with_interval(
+    before: Array, after: Array, floor: float, trial: Ints, kind: Ints | None = None
+) -> tuple[float | None, tuple[float, float] | None]:
+    """Share closed and its 95 % interval, from tip errors (n,) m of states; no interval from fewer than two trials.
+
+    Trials are drawn anew among those of the same `kind` (n,), where given; kinds of one trial are drawn together.
+    """
+    share = share_closed(rms(before), rms(after), floor)
+    if share is None:
+        return None, None
+    names, first_state, index = np.unique(trial, return_index=True, return_inverse=True)
+    if len(names) < 2:
+        return share, None
+    drawn = _drawn_anew(np.zeros(len(names), np.int64) if kind is None else kind[first_state])
+    n = np.bincount(index)[drawn].sum(axis=1)
+    # m^2 above the floor in each draw, before and after, as in `share_closed`
+    reducible, remaining = (np.bincount(index, e**2)[drawn].sum(axis=1) / n - floor**2 for e in (before, after))
+    shares = 1 - remaining[reducible > 0] / reducible[reducible > 0]
+    if not shares.size:
+        return share, None
+    low, high = np.quantile(shares, [0.025, 0.975])
+    return share, (float(low), float(high))
+
+
+def resampled(trial: Ints) -> Array:
+    """(draws, n) how often each state counts when its trials (n,) are drawn anew."""
+    _, index = np.unique(trial, return_inverse=True)
+    drawn = _drawn_anew(np.zeros(int(index.max(initial=-1)) + 1, np.int64))
+    counts = np.array([np.bincount(row, minlength=drawn.shape[1]) for row in drawn], float)
+    return np.asarray(counts[:, index])
+
+
+def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
+    """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
+    _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alone = count[kind] < 2
+    rng = np.random.default_rng(seed)
+    out = np.empty((draws, len(kind)), np.int64)
+    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
+        if group.size:
+            out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
+    return out
