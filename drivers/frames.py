@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,3 +84,44 @@ def apply(position: Vector3, rotation: Array, point: Vector3) -> Vector3:
     """`rotation` (3, 3) times `point`, plus `position`, m."""
     x, y, z = rotation @ np.asarray(point) + np.asarray(position)
     return (float(x), float(y), float(z))
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A point fixed in a moving frame, seen from another frame: seen_i = rotation (position_i + R_i point) + shift + residual_i.
+
+    m; R_i turns the moving frame's coordinates into those of the frame in which `position_i` is given.
+    """
+
+    rotation: Array
+    shift: Array
+    point: Array
+    residuals: Array
+    """(n, 3)"""
+
+    @property
+    def rmse(self) -> float:
+        """Root of the mean squared distance of the residuals, m."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
+
+    def back(self, seen: Array) -> Array:
+        """Points (n, 3) m of the other frame in that of the poses."""
+        return np.asarray((seen - self.shift) @ self.rotation)
+
+
+def alignment(poses: Array, seen: Array) -> Alignment:
+    """Fit an alignment to poses (n, 6), m and rotation vectors, and points (n, 3) seen meanwhile, m, by least squares.
+
+    rotation^T seen_i = position_i + R_i point + b is linear in the entries of the matrix, point and b; the nearest rotation is
+    taken, then point and b are fitted again.
+    """
+    turns, n = np.array([rotation_from_vector(pose[3:]) for pose in poses]), len(poses)
+    free = np.concatenate([turns, np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)  # of point and b
+    linear = np.concatenate([free, *(-seen[:, k, None, None] * np.eye(3) for k in range(3))], axis=2)
+    fitted = np.linalg.lstsq(linear.reshape(3 * n, -1), -poses[:, :3].ravel(), rcond=None)[0]
+    u, _, v = np.linalg.svd(fitted[6:].reshape(3, 3))
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    offsets = seen @ rotation - poses[:, :3]
+    point_and_b = np.linalg.lstsq(free.reshape(3 * n, -1), offsets.ravel(), rcond=None)[0]
+    residuals = (offsets - free @ point_and_b) @ rotation.T
+    return Alignment(rotation, rotation @ point_and_b[3:], point_and_b[:3], residuals)

@@ -1,6 +1,6 @@
 """Fake OptiTrack Motive: a NatNet server (bitstream 4.1, or any from 2.6 to 4.2) that tracks the virtual robot.
 
-Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any
+Rigid bodies: Tip (1), Base (2), Flange (3) on the arm, and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any
 speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
 A hidden tip keeps its last pose with the tracking bit cleared.
 
@@ -98,11 +98,15 @@ TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
 CLIENT_TIMEOUT = 10.0
 """A client that is silent this long is forgotten, s of host time."""
-TIP, BASE, FIRST_MARKER = 1, 2, 11
+TIP, BASE, FLANGE, FIRST_MARKER = 1, 2, 3, 11
 NOWHERE = np.zeros(3)
 HALF = math.sqrt(0.5)
 MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 """Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
+ARM_TO_BASE = np.array([[0.96, 0.28, 0.0, -0.5], [0.28, -0.96, 0.0, 0.15], [0.0, 0.0, -1.0, 1.1], [0.0, 0.0, 0.0, 1.0]])
+"""Pose of the arm's base in the robot's base frame, which nobody has measured."""
+BODY_ON_FLANGE = np.array([0.012, -0.035, 0.048, 1.0])
+"""Where the body called Flange is fixed, m in the flange's frame, and 1."""
 
 
 POSE = 32
@@ -220,7 +224,7 @@ class MotiveFake(timing.Thread):
         """Model definitions (kind, content) that are sent before those of the rigid bodies."""
         self.clients: dict[tuple[str, int], float] = {}
         """The known clients, and when each was last heard, s of host time."""
-        names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
+        names = [(TIP, "Tip"), (BASE, "Base"), *((FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)), (FLANGE, "Flange")]
         self._bodies = [StreamedBody(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}
         """Bitstream of each client that asked for another than the server's own."""
@@ -405,6 +409,7 @@ class MotiveFake(timing.Thread):
         with self.plant.lock:
             tip, rotation = self.plant.tip_position.copy(), self.plant.tip_rotation.copy()
             markers, visible = self.plant.markers.copy(), self.plant.tip_visible
+            flange = ARM_TO_BASE @ (np.eye(4) if self.plant.flange is None else self.plant.flange)
         if not np.array_equal(rotation, self._tip_turn[0]):
             self._tip_turn = rotation, quaternion_xyzw(self._rotation.T @ rotation)
         for body in self._bodies:
@@ -412,6 +417,9 @@ class MotiveFake(timing.Thread):
                 self._see(body, tip, self._tip_turn[1], visible)
             elif body.id == BASE:
                 self._see(body, NOWHERE, self._unturned, True)
+            elif body.id == FLANGE:
+                turn = quaternion_xyzw(self._rotation.T @ flange[:3, :3])
+                self._see(body, flange[:3] @ BODY_ON_FLANGE, turn, visible and self.plant.flange is not None)
             else:
                 index = body.id - FIRST_MARKER
                 has_place = index < len(markers)

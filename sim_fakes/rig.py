@@ -137,7 +137,7 @@ class FakeRig:
         """
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
-        self.plant = Plant(chambers)
+        self.plant = Plant(chambers, arm_errors=self.truth.arm_errors)
         self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))

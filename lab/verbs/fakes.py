@@ -161,10 +161,11 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
+    truth = RobotTruth() if robot is None else played(robot)
     how = regulators(a)
     try:
         return FakeRig(
-            truth=None if robot is None else played(robot),
+            truth=truth.model_copy(update={"arm_errors": a.arm_errors}),
             speed=a.speed,
             effects=effects(a.effect),
             seed=a.seed,
@@ -277,6 +278,12 @@ VERBS = (
         options=(
             option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
+            option(
+                "--arm-errors",
+                type=float,
+                default=1.0,
+                help="size of the arm's errors of build, times those of a UR5 (default 1)",
+            ),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
             option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),

@@ -37,6 +37,7 @@ from recordings.campaign.replay import metadata as campaign
 from recordings.errors import RecordingError
 from recordings.events import Request
 from recordings.file.journal import Journal
+from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
@@ -46,6 +47,7 @@ from ..files.checked import announce, last
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
+from ..files.poses import ArmPoses, write_poses
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
@@ -54,7 +56,7 @@ from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, set
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import ACTIVE, SLACK, Margin, margins, problems, wiring
+from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, margins, problems, wiring
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -151,7 +153,8 @@ def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
     """What protocols know of a robot with its rig, or with each chamber by itself; ConfigError for a rig wired otherwise."""
     each = tuple((c,) for c in range(1, len(robot.actuators.azimuths_deg) + 1))
     channels = each if rig is None else wiring(rig, robot).channels
-    return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None)
+    arm = {} if rig is None else arm_places(rig, robot.length)
+    return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None, arm)
 
 
 def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: Sequence[str] = ()) -> Columns:
@@ -393,8 +396,9 @@ def run(
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
     warn(rig.notices)
+    poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-            "safe": result.safe, "resume": again}  # fmt: skip
+            "safe": result.safe, "resume": again} | ({} if poses is None else {"poses": str(poses.file)})  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
             f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
@@ -404,11 +408,26 @@ def run(
     lossy = lost or result.displaced or result.table.doubtful.any()
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
-    return Result(data, lambda: _show_outcome(j, result), code, error, safe=result.safe, again=again)
+    return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
 
 
-def _show_outcome(j: Job, result: Outcome) -> None:
+def _poses_of_arm(result: Outcome) -> ArmPoses | None:
+    """The poses of the arm beside the recording, where it has enough to align the cameras."""
+    try:
+        recording = Recording.open(result.file) if "q1" in result.table.columns else None
+        return None if recording is None else write_poses(recording, result.table, result.file.with_suffix(".poses.csv"))
+    except (ConfigError, RecordingError):
+        return None
+
+
+def _show_outcome(j: Job, result: Outcome, poses: ArmPoses | None) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
+    if poses is not None:
+        place = ", ".join(f"{x:.4f}" for x in poses.fit.point)
+        out.print(
+            f"{poses.file}: {poses.fit.rmse * 1e3:.2f} mm rms; the body is at [{place}] m of the TCP: state it in arm.yaml as tool"
+        )
+        out.print(f"go on with: lab diagnose {poses.file} --robot arm.yaml")
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])

@@ -1,0 +1,222 @@
+"""The arm's accuracy: it goes through poses with a body for the cameras on its flange, there and back, and stands still at each.
+
+`mocap.body` in rig.yaml names that body. The stand is empty meanwhile. The joints' angles and the body's pose are one state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from drivers.errors import WrongDevice
+from drivers.frames import alignment, rotation_from_vector, vector_from_rotation
+from drivers.interfaces import Vector3, Vector6
+from recordings.states.rules import Window
+from recordings.states.settling import tracked
+
+from .actions import vent
+from .bench import Bench, Setup
+from .errors import NotReached
+from .experiment import Ask, Plan, Reading, Step, Trials
+from .parameters import Parameters, RobotFacts
+from .probe import go_to
+from .suspension import through_pauses
+
+FEWEST = 8
+"""Poses from which it shows whether a body moves with the flange: ten numbers are fitted to three of each."""
+MOST_DRAWS = 20_000
+LEAST_SEEN = 5
+"""Samples from which a body is judged to stand still."""
+
+
+class ArmAccuracy(Parameters):
+    """Parameters of poses of the arm. Lengths in its base frame; places are those of the TCP."""
+
+    poses: int = Field(40, ge=FEWEST, le=1000)
+    """Number of poses."""
+    passes: int = Field(2, ge=1, le=20)
+    """Times that all poses are visited, forwards and backwards by turns."""
+    seed: int = Field(0, ge=0)
+    """Of the poses."""
+    low: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
+    """Corner of the box that contains all poses; by default the workspace of instruments.arm."""
+    high: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
+    """Its other corner."""
+    margin: float = Field(0.1, ge=0, le=0.5, json_schema_extra={"unit": "m"})
+    """Distance from the box's faces, for flange, tool and body."""
+    nearest: float = Field(0.3, gt=0.1, le=1, json_schema_extra={"unit": "m"})
+    """Smallest distance from the axis of the arm's base, also on the way."""
+    reach: float = Field(0.7, gt=0.2, le=2, json_schema_extra={"unit": "m"})
+    """Largest distance from the centre of its base."""
+    azimuth_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
+    """Middle of the sector of poses about the axis of the base; by default where the stand is."""
+    sector_deg: float = Field(120.0, gt=0, le=300, json_schema_extra={"unit": "deg"})
+    """Width of the sector."""
+    tool_rotation: Vector3 = Field((2.22144, -2.22144, 0.0), json_schema_extra={"unit": "rad"})
+    """Rotation vector of the TCP in the middle of the sector about which orientations are drawn; pointing down."""
+    max_tilt: float = Field(0.4, ge=0, le=1.5, json_schema_extra={"unit": "rad"})
+    """Largest tilt of the tool from there."""
+    max_spin: float = Field(1.2, ge=0, le=3, json_schema_extra={"unit": "rad"})
+    """Largest turn about the tool's axis from there."""
+    keep_out: list[Vector3] = Field([], max_length=2, json_schema_extra={"unit": "m"})
+    """Ends of the line that every way avoids; by default the axis of the stand's specimen."""
+    keep_out_radius: float = Field(0.08, ge=0, le=1, json_schema_extra={"unit": "m"})
+    """Smallest distance from it; by default the stand's stand-off."""
+    speed: float = Field(0.1, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
+    """Of every move."""
+    acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
+    """Of every move."""
+    still: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
+    """Standard deviation of the body's place, along each axis, below which it stands still."""
+    average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+    """Time of standing still, and of the average after it."""
+    within: float = Field(20.0, gt=0, le=600, json_schema_extra={"unit": "s"})
+    """Longest time to come to rest."""
+    largest_residual: float = Field(0.01, gt=0, le=0.1, json_schema_extra={"unit": "m"})
+    """Largest distance of the body from where the flange has brought it, by the arm's nominal kinematics."""
+
+    @classmethod
+    def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
+        """Workspace of the arm and place of the stand."""
+        return dict(robot.arm)
+
+    @model_validator(mode="after")
+    def _has_room(self) -> ArmAccuracy:
+        if len(self.drawn) < self.poses:
+            raise ValueError(
+                f"poses: only {len(self.drawn)} of {self.poses} poses have a free way in {MOST_DRAWS} draws; widen low and high, "
+                "reach or sector_deg, or reduce margin, nearest or keep_out_radius"
+            )
+        return self
+
+    @cached_property
+    def drawn(self) -> list[Vector6]:
+        """Poses of the TCP, each with a free straight way from the one before it; fewer than `poses` where there is no room."""
+        rng, poses = np.random.default_rng(self.seed), list[Vector6]()
+        low, high, middle = np.array(self.low) + self.margin, np.array(self.high) - self.margin, math.radians(self.azimuth_deg)
+        tool = rotation_from_vector(self.tool_rotation)
+        for _ in range(MOST_DRAWS if (low < high).all() else 0):
+            place = rng.uniform(low, high)
+            azimuth = math.remainder(math.atan2(place[1], place[0]) - middle, math.tau)
+            tilt, direction, spin = rng.uniform([0.0, -math.pi, -self.max_spin], [self.max_tilt, math.pi, self.max_spin])
+            if abs(azimuth) > math.radians(self.sector_deg) / 2 or not self.free(poses[-1][:3] if poses else place, place):
+                continue
+            tilted = rotation_from_vector([tilt * math.cos(direction), tilt * math.sin(direction), 0.0])
+            turn = rotation_from_vector([0.0, 0.0, azimuth]) @ tool @ tilted @ rotation_from_vector([0.0, 0.0, spin])
+            poses.append((*place.tolist(), *vector_from_rotation(turn).tolist()))
+            if len(poses) == self.poses:
+                break
+        return poses
+
+    def free(self, a: Sequence[float], b: Sequence[float]) -> bool:
+        """Whether the straight way between two places (m) keeps its distances from the base and from `keep_out`."""
+        way = np.linspace(a, b, 100)
+        if np.hypot(way[:, 0], way[:, 1]).min() < self.nearest or np.linalg.norm(way, axis=1).max() > self.reach:
+            return False
+        return not self.keep_out or distance(way, self.keep_out).min() >= self.keep_out_radius
+
+
+def distance(places: NDArray[np.float64], line: Sequence[Vector3]) -> NDArray[np.float64]:
+    """Distance (n,) of places (n, 3) from the line between two points, m."""
+    start, along = np.array(line[0]), np.subtract(line[-1], line[0])
+    share = np.clip((places - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+    return np.asarray(np.linalg.norm(places - start - share[:, None] * along, axis=1))
+
+
+PARAMETERS = ArmAccuracy
+NEEDS = ("arm", "force", "mocap")
+SETUP = Setup("robot", 0.0, 0.0, 0.0)
+
+
+def _visits(p: ArmAccuracy) -> Iterator[tuple[int, Vector6]]:
+    """Pass and pose of each visit; a pass begins where the one before has ended."""
+    for k in range(1, p.passes + 1):
+        poses = p.drawn if k % 2 else p.drawn[::-1]
+        yield from ((k, pose) for pose in poses[k > 1 :])
+
+
+def plan(p: ArmAccuracy) -> Plan:
+    """What will be done, how long it takes, and the largest values it asks for."""
+    steps: list[Step] = []
+    previous = p.drawn[0]
+    for k, (number, pose) in enumerate(_visits(p), 1):
+        ask = Ask(spine_length=0.0, poses=(previous, pose), arm_speed=p.speed, arm_acceleration=p.acceleration)
+        seconds = math.dist(previous[:3], pose[:3]) / p.speed + p.speed / p.acceleration + 2.5 * p.average
+        reads = (Reading("load" if number % 2 else "unload", 1.5 * p.average, 0.0, number),)
+        steps.append(Step(f"pose {k}, repeat {number}", seconds, ask, reads))
+        previous = pose
+    return Plan("arm_accuracy", steps, {"arm_speed_m_s": p.speed, "poses": float(p.poses)})
+
+
+def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
+    """Visit all poses. Raises ProtocolError, and WrongDevice for a body that does not move with the flange."""
+    bench.operator.prepare(SETUP)
+    bench.bodies = None  # the body of the tip is on the arm
+    if bench.pressure is not None:
+        vent(bench)
+    here = bench.need(bench.arm_state, "arm").latest().tcp_pose
+    visits = trials.remaining(_visits(p), 1)
+    if visits and not p.free(here[:3], visits[0][1][:3]):
+        raise NotReached(
+            f"arm: the straight way from its place ({', '.join(f'{x * 1e3:.0f}' for x in here[:3])}) mm to the first pose is not "
+            "free (nearest, reach, keep_out); move it at the pendant, or choose another seed"
+        )
+    flange, seen = list[Vector6](), list[Vector3]()
+    for number, pose in visits:
+        bench.check_stop()
+        trial = trials.begin(repeat=number)
+        with trials.doing(trial):
+            at_rest, average = through_pauses(bench, partial(_stand_still, bench, p, pose))
+            row = trials.read(
+                trial, Window(0.0, average, LEAST_SEEN), branch="load" if number % 2 else "unload", t_start=at_rest,
+                ramp_end=at_rest, rate=0.0, targets=(), topics=("/arm", "/tip"), wait=average + 20.0, repeatable=True,
+            )  # fmt: skip
+            if row.tip is not None:
+                flange.append(bench.need(bench.arm_state, "arm").latest().tcp_pose)
+                seen.append(row.tip)
+                _demand_flange(p, np.array(flange), np.array(seen))
+        trials.step_done()
+
+
+def _stand_still(bench: Bench, p: ArmAccuracy, pose: Vector6) -> tuple[float, float]:
+    """Go to a pose and wait until arm and body stand still; returns the rig time (s) since which they do, and a time (s) that
+    holds enough samples for an average."""
+    go_to(bench, pose, p.speed, p.acceleration)
+    arrived = bench.clock.now()
+
+    def recent() -> NDArray[np.void]:
+        """The body over the last `average` s, at least `LEAST_SEEN` samples; none while there are fewer."""
+        seen = tracked(bench.recorder.buffers.window("/tip", arrived, math.inf))
+        first = min(int(np.searchsorted(seen["t"], seen["t"][-1:].sum() - p.average)), len(seen) - LEAST_SEEN)
+        return seen[first:] if first > 0 else seen[:0]
+
+    def deviation() -> float:
+        """Of the body's place, m, along the axis where it is largest."""
+        return float(recent()["position"].std(axis=0).max()) if len(recent()) else math.inf
+
+    bench.wait(
+        "mocap: the body on the flange stands still",
+        lambda: True if deviation() <= p.still else None,
+        p.within + p.average,
+        lambda: f"its place has a standard deviation of {deviation() * 1e3:.2f} mm, limit {p.still * 1e3:g} mm (still)",
+    )
+    return bench.clock.now(), 1.5 * max(p.average, float(np.ptp(recent()["t"])))
+
+
+def _demand_flange(p: ArmAccuracy, flange: NDArray[np.float64], seen: NDArray[np.float64]) -> None:
+    """Raise WrongDevice where the places seen (n, 3), m, are not those of a point fixed on the flange, of poses (n, 6)."""
+    if len(flange) < FEWEST:
+        return
+    worst = float(np.linalg.norm(alignment(flange, seen).residuals, axis=1).max())
+    if worst > p.largest_residual:
+        raise WrongDevice(
+            "mocap",
+            f"its body is {worst * 1e3:.1f} mm from where the flange has brought it, limit {p.largest_residual * 1e3:g} mm "
+            "(largest_residual); name the body on the flange in mocap.body, and fasten it",
+        )
