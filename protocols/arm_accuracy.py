@@ -11,7 +11,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from drivers.errors import WrongDevice
@@ -114,12 +114,20 @@ class ArmAccuracy(Parameters):
                 break
         return poses
 
-    def free(self, a: Sequence[float], b: Sequence[float]) -> bool:
+    def free(self, a: ArrayLike, b: ArrayLike) -> bool:
         """Whether the straight way between two places (m) keeps its distances from the base and from `keep_out`."""
-        way = np.linspace(a, b, 100)
+        way = np.linspace(np.asarray(a, float), np.asarray(b, float), 100)
         if np.hypot(way[:, 0], way[:, 1]).min() < self.nearest or np.linalg.norm(way, axis=1).max() > self.reach:
             return False
-        return not self.keep_out or distance(way, self.keep_out).min() >= self.keep_out_radius
+        return not self.keep_out or bool(distance(way, self.keep_out).min() >= self.keep_out_radius)
+
+    def way(self, here: ArrayLike, index: int) -> list[Vector6]:
+        """Poses on the way from a place (m) to a pose: straight, or by the nearest one in the order that is reached on a free way;
+        none where there is none."""
+        for first in sorted(range(self.poses), key=lambda k: abs(k - index)):
+            if self.free(here, self.drawn[first][:3]):
+                return self.drawn[first : index + 1] if first <= index else self.drawn[index : first + 1][::-1]
+        return []
 
 
 def distance(places: NDArray[np.float64], line: Sequence[Vector3]) -> NDArray[np.float64]:
@@ -134,18 +142,19 @@ NEEDS = ("arm", "force", "mocap")
 SETUP = Setup("robot", 0.0, 0.0, 0.0)
 
 
-def _visits(p: ArmAccuracy) -> Iterator[tuple[int, Vector6]]:
-    """Pass and pose of each visit; a pass begins where the one before has ended."""
+def _visits(p: ArmAccuracy) -> Iterator[tuple[int, int]]:
+    """Pass, and index of the pose, of each visit; a pass begins where the one before has ended."""
     for k in range(1, p.passes + 1):
-        poses = p.drawn if k % 2 else p.drawn[::-1]
-        yield from ((k, pose) for pose in poses[k > 1 :])
+        order = range(p.poses) if k % 2 else reversed(range(p.poses))
+        yield from ((k, index) for index in list(order)[k > 1 :])
 
 
 def plan(p: ArmAccuracy) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
     steps: list[Step] = []
     previous = p.drawn[0]
-    for k, (number, pose) in enumerate(_visits(p), 1):
+    for k, (number, index) in enumerate(_visits(p), 1):
+        pose = p.drawn[index]
         ask = Ask(spine_length=0.0, poses=(previous, pose), arm_speed=p.speed, arm_acceleration=p.acceleration)
         seconds = math.dist(previous[:3], pose[:3]) / p.speed + p.speed / p.acceleration + 2.5 * p.average
         reads = (Reading("load" if number % 2 else "unload", 1.5 * p.average, 0.0, number),)
@@ -160,19 +169,12 @@ def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
     bench.bodies = None  # the body of the tip is on the arm
     if bench.pressure is not None:
         vent(bench)
-    here = bench.need(bench.arm_state, "arm").latest().tcp_pose
-    visits = trials.remaining(_visits(p), 1)
-    if visits and not p.free(here[:3], visits[0][1][:3]):
-        raise NotReached(
-            f"arm: the straight way from its place ({', '.join(f'{x * 1e3:.0f}' for x in here[:3])}) mm to the first pose is not "
-            "free (nearest, reach, keep_out); move it at the pendant, or choose another seed"
-        )
     flange, seen = list[Vector6](), list[Vector3]()
-    for number, pose in visits:
+    for number, index in trials.remaining(_visits(p), 1):
         bench.check_stop()
         trial = trials.begin(repeat=number)
         with trials.doing(trial):
-            at_rest, average = through_pauses(bench, partial(_stand_still, bench, p, pose))
+            at_rest, average = through_pauses(bench, partial(_stand_still, bench, p, index))
             row = trials.read(
                 trial, Window(0.0, average, LEAST_SEEN), branch="load" if number % 2 else "unload", t_start=at_rest,
                 ramp_end=at_rest, rate=0.0, targets=(), topics=("/arm", "/tip"), wait=average + 20.0, repeatable=True,
@@ -184,10 +186,18 @@ def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
         trials.step_done()
 
 
-def _stand_still(bench: Bench, p: ArmAccuracy, pose: Vector6) -> tuple[float, float]:
+def _stand_still(bench: Bench, p: ArmAccuracy, index: int) -> tuple[float, float]:
     """Go to a pose and wait until arm and body stand still; returns the rig time (s) since which they do, and a time (s) that
     holds enough samples for an average."""
-    go_to(bench, pose, p.speed, p.acceleration)
+    here = bench.need(bench.arm_state, "arm").latest().tcp_pose[:3]
+    way = p.way(here, index)
+    if not way:
+        raise NotReached(
+            f"arm: no straight way from ({', '.join(f'{x * 1e3:.0f}' for x in here)}) mm to a pose is free (nearest, reach, "
+            "keep_out); move the arm at the pendant, to the middle of the sector"
+        )
+    for pose in way:
+        go_to(bench, pose, p.speed, p.acceleration)
     arrived = bench.clock.now()
 
     def recent() -> NDArray[np.void]:

@@ -205,7 +205,7 @@ class ProbeMotion:
 def go_to(
     bench: Bench, goal: Sequence[float], speed: float, acceleration: float, watch: Callable[[], None] = lambda: None
 ) -> None:
-    """Move the arm straight to a pose (m, rotation vector rad) and wait until it has come to rest; `watch` is called meanwhile."""
+    """Move the arm straight to a pose (m, rotation vector rad) and wait until it is at rest; `watch` is called meanwhile."""
     arm, state = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm")
 
     def arrived() -> bool | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,15 @@ class ArmPoses:
 
     file: Path
     fit: Alignment
+
+    @property
+    def position_sd(self) -> float:
+        """Standard deviation of the arm's error along each axis, m."""
+        return self.fit.rmse / math.sqrt(3)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-able; m."""
+        return {"poses": str(self.file), "tool": self.fit.point.tolist(), "position_sd": self.position_sd}
 
 
 def write_poses(recording: Recording, table: Table, file: Path) -> ArmPoses:

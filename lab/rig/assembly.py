@@ -262,7 +262,7 @@ class Rig:
             steering=steering,
             rest=rest,
             chambers=self.chambers,
-            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff) if stand else None,
+            stand=None if stand is None else StandFrame(**stand.model_dump(exclude={"position_sd"})),
             pressure=actuators.pressure if has("pressure") else None,
             spine=actuators.spine if has("spine") else None,
             valve=actuators.valve if has("valve") else None,

@@ -187,14 +187,15 @@ def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess
     """Places of the TCP outside of the arm's box (between two places inside of it the way is inside too), and ways of its poses
     nearer to the stand's specimen than the stand-off."""
     stand, places = rig.stand, arm_places(rig, robot.length)
-    low, high, points = places["low"], places["high"], [pose[:3] for pose in ask.poses]
+    low, high, points = places["low"], places["high"], list[Sequence[float]](pose[:3] for pose in ask.poses)
     if stand is not None:
         for along, depth in ask.probe:
             deep = -stand.standoff if depth is None else depth
             points.append(tuple(o + along * a + deep * p for o, a, p in zip(stand.origin, stand.axis, stand.push, strict=True)))
         if (
             ask.poses
-            and (near := float(distance(np.linspace(*points[:2], 100), places["keep_out"]).min())) < stand.standoff - 1e-9
+            and (near := float(distance(np.linspace(points[0], points[1], 100), places["keep_out"]).min()))
+            < stand.standoff - 1e-9
         ):
             limit = f"below stand.standoff = {shown(stand.standoff, 'm')} of {path}"
             yield Excess(

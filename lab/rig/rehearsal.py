@@ -163,7 +163,7 @@ class Desk:
         self.vacuum = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
         self.highest_setpoint = 0.0
         self.on_flange = any(step.ask.poses for step in plan.steps)
-        self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
+        self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump(exclude={"position_sd"}))
         self.places = bodies(rig, rig.body)
         channels = (0.0,) * len(self.chambers.channels)
         arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))

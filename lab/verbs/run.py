@@ -398,7 +398,7 @@ def run(
     warn(rig.notices)
     poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-            "safe": result.safe, "resume": again} | ({} if poses is None else {"poses": str(poses.file)})  # fmt: skip
+            "safe": result.safe, "resume": again} | ({} if poses is None else poses.as_dict())  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
             f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
@@ -424,10 +424,12 @@ def _show_outcome(j: Job, result: Outcome, poses: ArmPoses | None) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
     if poses is not None:
         place = ", ".join(f"{x:.4f}" for x in poses.fit.point)
+        out.print(f"{len(poses.fit.residuals)} poses in {poses.file}; go on with: lab diagnose {poses.file} --robot arm.yaml")
+        out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
         out.print(
-            f"{poses.file}: {poses.fit.rmse * 1e3:.2f} mm rms; the body is at [{place}] m of the TCP: state it in arm.yaml as tool"
+            f"error of the arm: {poses.position_sd * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml",
+            soft_wrap=True,
         )
-        out.print(f"go on with: lab diagnose {poses.file} --robot arm.yaml")
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])

@@ -39,7 +39,7 @@ class UploadConnection(Connection):
 
 Address = tuple[str, int]
 POSE_DATAGRAM = struct.Struct("<19d")
-"""Rig time (s), angles of the joints (rad), and where the TCP is in the flange's frame: the first three rows of its pose (4, 4)."""
+"""Rig time (s), angles of the joints (rad), and the first three rows of the TCP's pose (4, 4) in the flange's frame."""
 LONGEST_BACKLOG = 0.25
 """s; a host that sleeps longer than this has stopped the controller's time."""
 

@@ -17,7 +17,7 @@ from .kinematics import UR5_CB3, Array, Geometry
 MASSES = (3.7, 8.393, 2.275, 1.219, 1.219, 0.1879)
 """kg, of the links of a UR5."""
 ZERO, LENGTH, TWIST, YIELD = 1e-3, 0.5e-3, 1e-3, 6e-6
-"""Standard deviations of what is drawn: rad, m, rad; and largest yield of a joint, rad/(N m): 0.5 mrad of the outstretched arm."""
+"""Standard deviations of what is drawn: rad, m, rad; and largest yield of a joint, rad/(N m): 0.5 mrad of a stretched arm."""
 
 
 @dataclass(frozen=True)
