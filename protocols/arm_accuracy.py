@@ -1,6 +1,6 @@
-"""The arm's accuracy: it goes through poses with a body for the cameras on its flange, there and back, and stands still at each.
+"""The arm's accuracy: it visits poses with a rigid body on its flange, which the cameras see, and stands still at each.
 
-`mocap.body` in rig.yaml names that body. The stand is empty meanwhile. The joints' angles and the body's pose are one state.
+`mocap.body` names that body; the stand is empty.
 """
 
 from __future__ import annotations
@@ -33,53 +33,51 @@ FEWEST = 8
 MOST_DRAWS = 20_000
 LEAST_SEEN = 5
 """Samples from which a body is judged to stand still."""
+STILL, WITHIN = 0.5e-3, 20.0
+"""m, largest standard deviation of a body that stands still: several times the cameras' noise; s for coming to rest."""
+FARTHEST = 0.01
+"""m; an arm whose flange is farther from where its controller says than this is no arm to work with."""
+MOST_SPIN = 1.2
+"""rad about the tool's axis from the middle orientation: cables follow."""
 
 
 class ArmAccuracy(Parameters):
     """Parameters of poses of the arm. Lengths in its base frame; places are those of the TCP."""
 
     poses: int = Field(40, ge=FEWEST, le=1000)
-    """Number of poses."""
+    """Different poses."""
     passes: int = Field(2, ge=1, le=20)
-    """Times that all poses are visited, forwards and backwards by turns."""
+    """Times that they are visited, forwards and backwards by turns."""
     seed: int = Field(0, ge=0)
     """Of the poses."""
-    low: Vector3 = Field((-0.75, -0.75, 0.02), json_schema_extra={"unit": "m"})
-    """Corner of the box that contains all poses; by default the workspace of instruments.arm."""
-    high: Vector3 = Field((0.75, 0.75, 0.90), json_schema_extra={"unit": "m"})
-    """Its other corner."""
+    box: list[Vector3] = Field(
+        [(-0.75, -0.75, 0.02), (0.75, 0.75, 0.90)], min_length=2, max_length=2, json_schema_extra={"unit": "m"}
+    )
+    """Corners of the box that contains all poses; by default the arm's workspace."""
     margin: float = Field(0.1, ge=0, le=0.5, json_schema_extra={"unit": "m"})
-    """Distance from the box's faces, for flange, tool and body."""
+    """Distance from its faces, for flange, tool and body."""
     nearest: float = Field(0.3, gt=0.1, le=1, json_schema_extra={"unit": "m"})
-    """Smallest distance from the axis of the arm's base, also on the way."""
+    """Smallest distance from the axis of the base, also on the way."""
     reach: float = Field(0.7, gt=0.2, le=2, json_schema_extra={"unit": "m"})
     """Largest distance from the centre of its base."""
     azimuth_deg: float = Field(0.0, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """Middle of the sector of poses about the axis of the base; by default where the stand is."""
+    """Middle of the sector of all poses; by default the stand's azimuth."""
     sector_deg: float = Field(120.0, gt=0, le=300, json_schema_extra={"unit": "deg"})
     """Width of the sector."""
     tool_rotation: Vector3 = Field((2.22144, -2.22144, 0.0), json_schema_extra={"unit": "rad"})
-    """Rotation vector of the TCP in the middle of the sector about which orientations are drawn; pointing down."""
+    """Rotation vector of the TCP in the middle of the sector; by default it points down."""
     max_tilt: float = Field(0.4, ge=0, le=1.5, json_schema_extra={"unit": "rad"})
-    """Largest tilt of the tool from there."""
-    max_spin: float = Field(1.2, ge=0, le=3, json_schema_extra={"unit": "rad"})
-    """Largest turn about the tool's axis from there."""
+    """Largest tilt from there."""
     keep_out: list[Vector3] = Field([], max_length=2, json_schema_extra={"unit": "m"})
-    """Ends of the line that every way avoids; by default the axis of the stand's specimen."""
+    """Ends of a line to be avoided; by default the axis of the stand's specimen."""
     keep_out_radius: float = Field(0.08, ge=0, le=1, json_schema_extra={"unit": "m"})
-    """Smallest distance from it; by default the stand's stand-off."""
+    """Smallest distance from it; by default `stand.standoff`."""
     speed: float = Field(0.1, gt=0, le=0.5, json_schema_extra={"unit": "m/s"})
     """Of every move."""
     acceleration: float = Field(0.3, gt=0, le=2, json_schema_extra={"unit": "m/s^2"})
     """Of every move."""
-    still: float = Field(0.5e-3, gt=0, le=0.01, json_schema_extra={"unit": "m"})
-    """Standard deviation of the body's place, along each axis, below which it stands still."""
     average: float = Field(1.0, gt=0, le=60, json_schema_extra={"unit": "s"})
-    """Time of standing still, and of the average after it."""
-    within: float = Field(20.0, gt=0, le=600, json_schema_extra={"unit": "s"})
-    """Longest time to come to rest."""
-    largest_residual: float = Field(0.01, gt=0, le=0.1, json_schema_extra={"unit": "m"})
-    """Largest distance of the body from where the flange has brought it, by the arm's nominal kinematics."""
+    """Rest before a reading, and its average."""
 
     @classmethod
     def defaults_for(cls, robot: RobotFacts) -> dict[str, Any]:
@@ -90,7 +88,7 @@ class ArmAccuracy(Parameters):
     def _has_room(self) -> ArmAccuracy:
         if len(self.drawn) < self.poses:
             raise ValueError(
-                f"poses: only {len(self.drawn)} of {self.poses} poses have a free way in {MOST_DRAWS} draws; widen low and high, "
+                f"poses: only {len(self.drawn)} of {self.poses} poses have a free way in {MOST_DRAWS} draws; widen box, "
                 "reach or sector_deg, or reduce margin, nearest or keep_out_radius"
             )
         return self
@@ -99,12 +97,16 @@ class ArmAccuracy(Parameters):
     def drawn(self) -> list[Vector6]:
         """Poses of the TCP, each with a free straight way from the one before it; fewer than `poses` where there is no room."""
         rng, poses = np.random.default_rng(self.seed), list[Vector6]()
-        low, high, middle = np.array(self.low) + self.margin, np.array(self.high) - self.margin, math.radians(self.azimuth_deg)
+        low, high, middle = (
+            np.array(self.box[0]) + self.margin,
+            np.array(self.box[1]) - self.margin,
+            math.radians(self.azimuth_deg),
+        )
         tool = rotation_from_vector(self.tool_rotation)
         for _ in range(MOST_DRAWS if (low < high).all() else 0):
             place = rng.uniform(low, high)
             azimuth = math.remainder(math.atan2(place[1], place[0]) - middle, math.tau)
-            tilt, direction, spin = rng.uniform([0.0, -math.pi, -self.max_spin], [self.max_tilt, math.pi, self.max_spin])
+            tilt, direction, spin = rng.uniform([0.0, -math.pi, -MOST_SPIN], [self.max_tilt, math.pi, MOST_SPIN])
             if abs(azimuth) > math.radians(self.sector_deg) / 2 or not self.free(poses[-1][:3] if poses else place, place):
                 continue
             tilted = rotation_from_vector([tilt * math.cos(direction), tilt * math.sin(direction), 0.0])
@@ -122,8 +124,8 @@ class ArmAccuracy(Parameters):
         return not self.keep_out or bool(distance(way, self.keep_out).min() >= self.keep_out_radius)
 
     def way(self, here: ArrayLike, index: int) -> list[Vector6]:
-        """Poses on the way from a place (m) to a pose: straight, or by the nearest one in the order that is reached on a free way;
-        none where there is none."""
+        """Poses on the way from a place (m) to a pose: straight, or by the nearest one in the order with a free way from there; none
+        where no way is free."""
         for first in sorted(range(self.poses), key=lambda k: abs(k - index)):
             if self.free(here, self.drawn[first][:3]):
                 return self.drawn[first : index + 1] if first <= index else self.drawn[index : first + 1][::-1]
@@ -182,7 +184,7 @@ def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
             if row.tip is not None:
                 flange.append(bench.need(bench.arm_state, "arm").latest().tcp_pose)
                 seen.append(row.tip)
-                _demand_flange(p, np.array(flange), np.array(seen))
+                _demand_flange(np.array(flange), np.array(seen))
         trials.step_done()
 
 
@@ -212,21 +214,21 @@ def _stand_still(bench: Bench, p: ArmAccuracy, index: int) -> tuple[float, float
 
     bench.wait(
         "mocap: the body on the flange stands still",
-        lambda: True if deviation() <= p.still else None,
-        p.within + p.average,
-        lambda: f"its place has a standard deviation of {deviation() * 1e3:.2f} mm, limit {p.still * 1e3:g} mm (still)",
+        lambda: True if deviation() <= STILL else None,
+        WITHIN + p.average,
+        lambda: f"its place has a standard deviation of {deviation() * 1e3:.2f} mm, limit {STILL * 1e3:g} mm; fasten it",
     )
     return bench.clock.now(), 1.5 * max(p.average, float(np.ptp(recent()["t"])))
 
 
-def _demand_flange(p: ArmAccuracy, flange: NDArray[np.float64], seen: NDArray[np.float64]) -> None:
+def _demand_flange(flange: NDArray[np.float64], seen: NDArray[np.float64]) -> None:
     """Raise WrongDevice where the places seen (n, 3), m, are not those of a point fixed on the flange, of poses (n, 6)."""
     if len(flange) < FEWEST:
         return
     worst = float(np.linalg.norm(alignment(flange, seen).residuals, axis=1).max())
-    if worst > p.largest_residual:
+    if worst > FARTHEST:
         raise WrongDevice(
             "mocap",
-            f"its body is {worst * 1e3:.1f} mm from where the flange has brought it, limit {p.largest_residual * 1e3:g} mm "
-            "(largest_residual); name the body on the flange in mocap.body, and fasten it",
+            f"its body is {worst * 1e3:.1f} mm from where the flange has brought it, limit {FARTHEST * 1e3:g} mm; "
+            "name the body on the flange in mocap.body, and fasten it",
         )

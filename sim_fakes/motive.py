@@ -1,8 +1,8 @@
 """Fake OptiTrack Motive: a NatNet server (bitstream 4.1, or any from 2.6 to 4.2) that tracks the virtual robot.
 
 Rigid bodies: Tip (1), Base (2), the arm's Flange (3), M1..Mk (11..) at the robot's markers. Frames come at `rate` of
-host time at any speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
-A hidden tip keeps its last pose with the tracking bit cleared.
+host time at any speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as
+32-bit floats. A hidden tip keeps its last pose with the tracking bit cleared.
 
 A client may ask for an older bitstream, when it connects or by the request `Bitstream,3.1`; each is sent its own.
 

@@ -187,7 +187,7 @@ def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess
     """Places of the TCP outside of the arm's box (between two places inside of it the way is inside too), and ways of its poses
     nearer to the stand's specimen than the stand-off."""
     stand, places = rig.stand, arm_places(rig, robot.length)
-    low, high, points = places["low"], places["high"], list[Sequence[float]](pose[:3] for pose in ask.poses)
+    (low, high), points = places["box"], list[Sequence[float]](pose[:3] for pose in ask.poses)
     if stand is not None:
         for along, depth in ask.probe:
             deep = -stand.standoff if depth is None else depth
@@ -213,9 +213,9 @@ def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess
 
 
 def arm_places(rig: RigFile, length: float) -> dict[str, Any]:
-    """Where the arm may go, as parameters of `arm_accuracy`: its box, and to keep away from a specimen of `length` (m)."""
+    """Where the arm may go, as parameters of `arm_accuracy`: in its box, and away from a specimen of `length` (m)."""
     arm, stand = rig.instruments.arm, rig.stand
-    box = {} if arm is None else {"low": arm.workspace_min, "high": arm.workspace_max, "speed": min(0.1, arm.max_speed)}
+    box = {} if arm is None else {"box": [arm.workspace_min, arm.workspace_max], "speed": min(0.1, arm.max_speed)}
     if stand is None:
         return box
     end = tuple(o + length * a for o, a in zip(stand.origin, stand.axis, strict=True))
