@@ -124,8 +124,8 @@ class ArmAccuracy(Parameters):
         return not self.keep_out or bool(distance(way, self.keep_out).min() >= self.keep_out_radius)
 
     def way(self, here: ArrayLike, index: int) -> list[Vector6]:
-        """Poses on the way from a place (m) to a pose: straight, or by the nearest one in the order with a free way from there; none
-        where no way is free."""
+        """Poses on the way from a place (m) to a pose: straight, or by the nearest in their order on a free way; none where no
+        way is free."""
         for first in sorted(range(self.poses), key=lambda k: abs(k - index)):
             if self.free(here, self.drawn[first][:3]):
                 return self.drawn[first : index + 1] if first <= index else self.drawn[index : first + 1][::-1]
