@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,14 +19,16 @@ from drivers.frames import alignment, rotation_from_vector, vector_from_rotation
 from drivers.interfaces import Vector3, Vector6
 from recordings.states.rules import Window
 from recordings.states.settling import tracked
+from recordings.trials import TrialRow
 
 from .actions import vent
 from .bench import Bench, Setup
 from .errors import NotReached
-from .experiment import Ask, Plan, Reading, Step, Trials
+from .experiment import Ask, Plan, Reading, Step, Trial, Trials
 from .parameters import Parameters, RobotFacts
 from .probe import go_to
 from .suspension import through_pauses
+from .visits import Branch
 
 FEWEST = 8
 """Poses from which it shows whether a body moves with the flange: ten numbers are fitted to three of each."""
@@ -96,18 +98,13 @@ class ArmAccuracy(Parameters):
     @cached_property
     def drawn(self) -> list[Vector6]:
         """Poses of the TCP, each with a free straight way from the one before it; fewer than `poses` where there is no room."""
-        rng, poses = np.random.default_rng(self.seed), list[Vector6]()
-        low, high, middle = (
-            np.array(self.box[0]) + self.margin,
-            np.array(self.box[1]) - self.margin,
-            math.radians(self.azimuth_deg),
-        )
-        tool = rotation_from_vector(self.tool_rotation)
+        rng, poses, tool = np.random.default_rng(self.seed), list[Vector6](), rotation_from_vector(self.tool_rotation)
+        low, high = np.add(self.box[0], self.margin), np.subtract(self.box[1], self.margin)
         for _ in range(MOST_DRAWS if (low < high).all() else 0):
             place = rng.uniform(low, high)
-            azimuth = math.remainder(math.atan2(place[1], place[0]) - middle, math.tau)
+            azimuth = math.remainder(math.atan2(place[1], place[0]) - math.radians(self.azimuth_deg), math.tau)
             tilt, direction, spin = rng.uniform([0.0, -math.pi, -MOST_SPIN], [self.max_tilt, math.pi, MOST_SPIN])
-            if abs(azimuth) > math.radians(self.sector_deg) / 2 or not self.free(poses[-1][:3] if poses else place, place):
+            if abs(azimuth) > math.radians(self.sector_deg) / 2 or self.room(poses[-1][:3] if poses else place, place).min() < 0:
                 continue
             tilted = rotation_from_vector([tilt * math.cos(direction), tilt * math.sin(direction), 0.0])
             turn = rotation_from_vector([0.0, 0.0, azimuth]) @ tool @ tilted @ rotation_from_vector([0.0, 0.0, spin])
@@ -116,18 +113,18 @@ class ArmAccuracy(Parameters):
                 break
         return poses
 
-    def free(self, a: ArrayLike, b: ArrayLike) -> bool:
-        """Whether the straight way between two places (m) keeps its distances from the base and from `keep_out`."""
+    def room(self, a: Any, b: ArrayLike) -> NDArray[np.float64]:
+        """Room (100,) m that base, `reach` and `keep_out` leave along the straight way between two places; below 0: none."""
         way = np.linspace(np.asarray(a, float), np.asarray(b, float), 100)
-        if np.hypot(way[:, 0], way[:, 1]).min() < self.nearest or np.linalg.norm(way, axis=1).max() > self.reach:
-            return False
-        return not self.keep_out or bool(distance(way, self.keep_out).min() >= self.keep_out_radius)
+        room = np.minimum(np.hypot(way[:, 0], way[:, 1]) - self.nearest, self.reach - np.linalg.norm(way, axis=1))
+        return np.minimum(room, distance(way, self.keep_out) - self.keep_out_radius) if self.keep_out else room
 
     def way(self, here: ArrayLike, index: int) -> list[Vector6]:
-        """Poses on the way from a place (m) to a pose: straight, or by the nearest in their order on a free way; none where no
-        way is free."""
+        """Poses on the way from a place (m) to a pose: straight, or by the nearest in their order on a free way; empty where there
+        is none. A way that begins without room must not get less."""
         for first in sorted(range(self.poses), key=lambda k: abs(k - index)):
-            if self.free(here, self.drawn[first][:3]):
+            room = self.room(here, self.drawn[first][:3])
+            if (room >= min(0.0, room[0])).all():
                 return self.drawn[first : index + 1] if first <= index else self.drawn[index : first + 1][::-1]
         return []
 
@@ -144,25 +141,28 @@ NEEDS = ("arm", "force", "mocap")
 SETUP = Setup("robot", 0.0, 0.0, 0.0)
 
 
-def _visits(p: ArmAccuracy) -> Iterator[tuple[int, int]]:
+def _visits(p: ArmAccuracy) -> list[tuple[int, int]]:
     """Pass, and index of the pose, of each visit; a pass begins where the one before has ended."""
-    for k in range(1, p.passes + 1):
-        order = range(p.poses) if k % 2 else reversed(range(p.poses))
-        yield from ((k, index) for index in list(order)[k > 1 :])
+    orders = [range(p.poses)[:: 1 if k % 2 else -1][k > 1 :] for k in range(1, p.passes + 1)]
+    return [(k, index) for k, order in enumerate(orders, 1) for index in order]
 
 
 def plan(p: ArmAccuracy) -> Plan:
     """What will be done, how long it takes, and the largest values it asks for."""
-    steps: list[Step] = []
-    previous = p.drawn[0]
+    steps, previous = list[Step](), p.drawn[0]
     for k, (number, index) in enumerate(_visits(p), 1):
         pose = p.drawn[index]
         ask = Ask(spine_length=0.0, poses=(previous, pose), arm_speed=p.speed, arm_acceleration=p.acceleration)
         seconds = math.dist(previous[:3], pose[:3]) / p.speed + p.speed / p.acceleration + 2.5 * p.average
-        reads = (Reading("load" if number % 2 else "unload", 1.5 * p.average, 0.0, number),)
+        reads = (Reading(_branch(number), 1.5 * p.average, 0.0, number),)
         steps.append(Step(f"pose {k}, repeat {number}", seconds, ask, reads))
         previous = pose
-    return Plan("arm_accuracy", steps, {"arm_speed_m_s": p.speed, "poses": float(p.poses)})
+    return Plan("arm_accuracy", steps, {"arm_speed_m_s": p.speed})
+
+
+def _branch(number: int) -> Branch:
+    """Forwards or backwards, so that each pose is approached from two sides."""
+    return "load" if number % 2 else "unload"
 
 
 def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
@@ -176,11 +176,7 @@ def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
         bench.check_stop()
         trial = trials.begin(repeat=number)
         with trials.doing(trial):
-            at_rest, average = through_pauses(bench, partial(_stand_still, bench, p, index))
-            row = trials.read(
-                trial, Window(0.0, average, LEAST_SEEN), branch="load" if number % 2 else "unload", t_start=at_rest,
-                ramp_end=at_rest, rate=0.0, targets=(), topics=("/arm", "/tip"), wait=average + 20.0, repeatable=True,
-            )  # fmt: skip
+            row = through_pauses(bench, partial(_visit, bench, p, trials, trial, index))
             if row.tip is not None:
                 flange.append(bench.need(bench.arm_state, "arm").latest().tcp_pose)
                 seen.append(row.tip)
@@ -188,12 +184,10 @@ def run(bench: Bench, p: ArmAccuracy, trials: Trials) -> None:
         trials.step_done()
 
 
-def _stand_still(bench: Bench, p: ArmAccuracy, index: int) -> tuple[float, float]:
-    """Go to a pose and wait until arm and body stand still; returns the rig time (s) since which they do, and a time (s) that
-    holds enough samples for an average."""
+def _visit(bench: Bench, p: ArmAccuracy, trials: Trials, trial: Trial, index: int) -> TrialRow:
+    """Go to a pose on a free way, wait until arm and body stand still, and read the state."""
     here = bench.need(bench.arm_state, "arm").latest().tcp_pose[:3]
-    way = p.way(here, index)
-    if not way:
+    if not (way := p.way(here, index)):
         raise NotReached(
             f"arm: no straight way from ({', '.join(f'{x * 1e3:.0f}' for x in here)}) mm to a pose is free (nearest, reach, "
             "keep_out); move the arm at the pendant, to the middle of the sector"
@@ -202,23 +196,26 @@ def _stand_still(bench: Bench, p: ArmAccuracy, index: int) -> tuple[float, float
         go_to(bench, pose, p.speed, p.acceleration)
     arrived = bench.clock.now()
 
-    def recent() -> NDArray[np.void]:
-        """The body over the last `average` s, at least `LEAST_SEEN` samples; none while there are fewer."""
+    def rest() -> tuple[float, float]:
+        """Time (s) of the samples of the last `average` s, and standard deviation (m) of the body's place along the axis where it
+        is largest; infinite while there are fewer than `LEAST_SEEN`."""
         seen = tracked(bench.recorder.buffers.window("/tip", arrived, math.inf))
-        first = min(int(np.searchsorted(seen["t"], seen["t"][-1:].sum() - p.average)), len(seen) - LEAST_SEEN)
-        return seen[first:] if first > 0 else seen[:0]
-
-    def deviation() -> float:
-        """Of the body's place, m, along the axis where it is largest."""
-        return float(recent()["position"].std(axis=0).max()) if len(recent()) else math.inf
+        recent = seen[min(seen["t"].searchsorted(seen["t"][-1:].sum() - p.average), max(0, len(seen) - LEAST_SEEN)) :]
+        if len(recent) in (len(seen), 0):
+            return 0.0, math.inf
+        return float(np.ptp(recent["t"])), float(recent["position"].std(axis=0).max())
 
     bench.wait(
         "mocap: the body on the flange stands still",
-        lambda: True if deviation() <= STILL else None,
+        lambda: True if rest()[1] <= STILL else None,
         WITHIN + p.average,
-        lambda: f"its place has a standard deviation of {deviation() * 1e3:.2f} mm, limit {STILL * 1e3:g} mm; fasten it",
+        lambda: f"its place has a standard deviation of {rest()[1] * 1e3:.2f} mm, limit {STILL * 1e3:g} mm; fasten it",
     )
-    return bench.clock.now(), 1.5 * max(p.average, float(np.ptp(recent()["t"])))
+    at_rest, average = bench.clock.now(), 1.5 * max(p.average, rest()[0])
+    return trials.read(
+        trial, Window(0.0, average, LEAST_SEEN), branch=_branch(trial.repeat), t_start=at_rest, ramp_end=at_rest, rate=0.0,
+        targets=(), topics=("/arm", "/tip"), wait=average + 20.0, repeatable=True,
+    )  # fmt: skip
 
 
 def _demand_flange(flange: NDArray[np.float64], seen: NDArray[np.float64]) -> None:

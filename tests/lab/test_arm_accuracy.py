@@ -105,6 +105,15 @@ def test_every_way_keeps_its_distances(seed: int) -> None:
     assert distance(ways, line).min() > p.keep_out_radius - 1e-3
 
 
+def test_an_arm_that_stands_too_near_leaves_and_comes_no_nearer() -> None:
+    p = ArmAccuracy(keep_out=[(0.5, 0.0, 0.7), (0.5, 0.0, 0.3)])
+    beside = (0.46, 0.0, 0.5)  # 4 cm from the line
+    for index in range(p.poses):
+        way = p.way(beside, index)
+        room = p.room(beside, way[0][:3])
+        assert way[-1] == p.drawn[index] and room[0] < 0 and (room >= room[0]).all()
+
+
 def test_a_stated_error_of_the_stand_covers_what_a_bad_arm_does_to_a_modulus(stand: FakeRig, tmp_path: Path) -> None:
     how = settings("steps=4", "min_samples=40", "spine_lengths=[0.05]")
     write_rig(stand, tmp_path / "rig.yaml", {"stand": {"position_sd": 1.5e-3}})
