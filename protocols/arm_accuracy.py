@@ -120,8 +120,8 @@ class ArmAccuracy(Parameters):
         return np.minimum(room, distance(way, self.keep_out) - self.keep_out_radius) if self.keep_out else room
 
     def way(self, here: ArrayLike, index: int) -> list[Vector6]:
-        """Poses on the way from a place (m) to a pose: straight, or by the nearest in their order on a free way; empty where there
-        is none. A way that begins without room must not get less."""
+        """Poses on a free way from a place (m) to a pose: straight, or by the nearest in their order; none where there is no way.
+        One that begins without room must not get less."""
         for first in sorted(range(self.poses), key=lambda k: abs(k - index)):
             room = self.room(here, self.drawn[first][:3])
             if (room >= min(0.0, room[0])).all():

@@ -184,8 +184,7 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
 
 
 def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess]:
-    """Places of the TCP outside of the arm's box (between two places inside of it the way is inside too), and ways of its poses
-    nearer to the stand's specimen than the stand-off."""
+    """Places of the TCP outside of the arm's box, and ways of its poses that are nearer to the stand than the stand-off."""
     stand, places = rig.stand, arm_places(rig, robot.length)
     (low, high), points = places["box"], list[Sequence[float]](pose[:3] for pose in ask.poses)
     if stand is not None:

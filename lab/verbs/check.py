@@ -181,8 +181,7 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
 
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
-    """Inflate one channel from empty to `STEP` and vent it; returns what was seen. Raises NotAsCommanded.
-    `per_pascal`: of each channel the tip's expected displacement, (3,) m per Pa; none without cameras."""
+    """Inflate a channel to `STEP` and vent it; `per_pascal`: (3,) m per Pa expected of the tip by each. Raises NotAsCommanded."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
@@ -237,8 +236,7 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded where the tip, by `moved` (3,) m, went sideways clearly farther than `expected`, by less than the
-    share `least` of it (None: not judged, nor is the direction), or elsewhere. `pressure`: Pa, for the message."""
+    """Raise NotAsCommanded where the tip moved clearly farther than expected, less than the share `least`, or elsewhere."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(

@@ -135,8 +135,7 @@ def _hidden(forward: ForwardModel, change: Array) -> float:
 
 
 def _columns(robot: Robot, spines: Array, how: str) -> Columns:
-    """Columns of trials.csv of a campaign: at each spine length (m) chamber 1 and its neighbours up and down, read as `how` says;
-    for stiffness trials, the bare spine bent at three lengths of its own."""
+    """Columns of trials.csv of a campaign: chamber 1 and its neighbours up and down at each spine length (m), or pushes."""
     if how == "stiffness":
         spines = robot.length * np.array([0.25, 0.5, 0.75])
         n = DEFLECTIONS.size
