@@ -44,6 +44,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import timing
 from timing import RigClock
@@ -113,28 +114,6 @@ POSE = 32
 """Bytes of a body's number, position and orientation in a frame."""
 BODY_MARKER = struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
 """One marker of the body itself, which follows its pose before NatNet 3.0."""
-
-
-def rotation_matrix(q: tuple[float, float, float, float]) -> Array:
-    """Of a unit quaternion w, x, y, z: (w^2 - v.v) 1 + 2 v v^T + 2 w [v]."""
-    w, v = q[0], np.array(q[1:])
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross
-
-
-def quaternion_xyzw(rotation: Array) -> Array:
-    """Unit quaternion x, y, z, w with w >= 0: the eigenvector of Bar-Itzhack's matrix with the largest eigenvalue."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    k = np.array(
-        [
-            [a - e - i, b + d, c + g, h - f],
-            [b + d, e - a - i, f + h, c - g],
-            [c + g, f + h, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    q: Array = np.linalg.eigh(k)[1][:, 3]
-    return q if q[3] >= 0 else -q
 
 
 def shaken(q: Array, half: Array) -> Array:
@@ -208,9 +187,9 @@ class MotiveFake(timing.Thread):
         self.mocap_to_base = {"position": list(mocap_to_base[0]), "quaternion": list(mocap_to_base[1])}
         """The calibration that a person would write into rig.yaml."""
         self._origin = np.array(mocap_to_base[0])
-        self._rotation = rotation_matrix(mocap_to_base[1])
+        self._rotation = Rotation.from_quat(np.roll(mocap_to_base[1], -1)).as_matrix()
         self._random = np.random.default_rng(seed)
-        self._unturned = quaternion_xyzw(self._rotation.T)
+        self._unturned = self._xyzw(np.eye(3))
         """Of a body that stands as the base does, x, y, z, w."""
         self._tip_turn = np.eye(3), self._unturned
         """The tip's rotation in the base frame at the last reading, and its quaternion."""
@@ -411,19 +390,24 @@ class MotiveFake(timing.Thread):
             markers, visible = self.plant.markers.copy(), self.plant.tip_visible
             flange = ARM_TO_BASE @ (np.eye(4) if self.plant.flange is None else self.plant.flange)
         if not np.array_equal(rotation, self._tip_turn[0]):
-            self._tip_turn = rotation, quaternion_xyzw(self._rotation.T @ rotation)
+            self._tip_turn = rotation, self._xyzw(rotation)
         for body in self._bodies:
             if body.id == TIP:
                 self._see(body, tip, self._tip_turn[1], visible)
             elif body.id == BASE:
                 self._see(body, NOWHERE, self._unturned, True)
             elif body.id == FLANGE:
-                turn = quaternion_xyzw(self._rotation.T @ flange[:3, :3])
+                turn = self._xyzw(flange[:3, :3])
                 self._see(body, flange[:3] @ BODY_ON_FLANGE, turn, visible and self.plant.flange is not None)
             else:
                 index = body.id - FIRST_MARKER
                 has_place = index < len(markers)
                 self._see(body, markers[index] if has_place else NOWHERE, self._unturned, has_place)
+
+    def _xyzw(self, rotation: Array) -> Array:
+        """Quaternion x, y, z, w (w >= 0) in the world of a rotation (3, 3) in the base frame."""
+        xyzw: Array = Rotation.from_matrix(self._rotation.T @ rotation).as_quat(canonical=True)
+        return xyzw
 
     def _see(self, body: StreamedBody, position: Array, turn: Array, visible: bool) -> None:
         """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""

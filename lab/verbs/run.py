@@ -47,7 +47,7 @@ from ..files.checked import announce, last
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
-from ..files.poses import ArmPoses, write_poses
+from ..files.poses import write_poses
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
@@ -398,7 +398,7 @@ def run(
     warn(rig.notices)
     poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-            "safe": result.safe, "resume": again} | ({} if poses is None else poses.as_dict())  # fmt: skip
+            "safe": result.safe, "resume": again, **poses}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
             f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
@@ -411,25 +411,21 @@ def run(
     return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
 
 
-def _poses_of_arm(result: Outcome) -> ArmPoses | None:
-    """The poses of the arm beside the recording, where it has enough to align the cameras."""
-    try:
-        recording = Recording.open(result.file) if "q1" in result.table.columns else None
-        return None if recording is None else write_poses(recording, result.table, result.file.with_suffix(".poses.csv"))
-    except (ConfigError, RecordingError):
-        return None
+def _poses_of_arm(result: Outcome) -> dict[str, Any]:
+    """Write the poses of the arm next to the recording, see `write_poses`; nothing where it has none or cannot be read."""
+    with contextlib.suppress(RecordingError):
+        if "q1" in result.table.columns:
+            return write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
+    return {}
 
 
-def _show_outcome(j: Job, result: Outcome, poses: ArmPoses | None) -> None:
+def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
-    if poses is not None:
-        place = ", ".join(f"{x:.4f}" for x in poses.fit.point)
-        out.print(f"{len(poses.fit.residuals)} poses in {poses.file}; go on with: lab diagnose {poses.file} --robot arm.yaml")
+    if poses:
+        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml")
+        place, error = ", ".join(f"{x:.4f}" for x in poses["tool"]), poses["position_sd"]
         out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
-        out.print(
-            f"error of the arm: {poses.position_sd * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml",
-            soft_wrap=True,
-        )
+        out.print(f"error of the arm: {error * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml", soft_wrap=True)
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])

@@ -23,7 +23,7 @@ from timing import RigClock
 from ..plant import Plant
 from ..punctual import punctual
 from . import dashboard, rtde, server
-from .true_arm import true_arm
+from .kinematics import TrueArm
 
 START_TIMEOUT = 20.0
 """s of host time."""
@@ -168,7 +168,7 @@ class UrFake:
     def _receive(self) -> None:
         """Put each new place of the arm into the plant, by its true kinematics, until stopped."""
         punctual()
-        arm, newest = true_arm(self.seed, self.plant.arm_errors), b""
+        arm, newest = TrueArm(self.seed, self.plant.arm_errors), b""
         while self._running:
             try:
                 if not timing.readable([self._poses], 0.2):

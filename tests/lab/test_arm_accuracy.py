@@ -18,7 +18,7 @@ from protocols.arm_accuracy import ArmAccuracy, distance
 from recordings.file.reader import Recording
 from sim_fakes.motive import BODY_ON_FLANGE
 from sim_fakes.rig import SEEDS, FakeRig
-from sim_fakes.ur.true_arm import true_arm
+from sim_fakes.ur.kinematics import TrueArm
 from sim_fakes.virtual_robot.truth import TABLE_II, RobotTruth
 from tests.simulated.clock import SimulatedClock
 
@@ -46,8 +46,8 @@ def test_a_run_hands_over_where_the_joints_have_brought_the_flange(rig: Path, tm
     assert poses["repeat"].tolist() == [1] * 10 + [2] * 9
     joints, seen = poses.iloc[:, :6].to_numpy(), poses[["x", "y", "z"]].to_numpy()
     assert (joints[:9] == joints[:9:-1]).all()  # a pose that is visited again has the same angles: rows are repeats
-    flange = [true_arm(SEED + SEEDS["arm"], ERRORS).flange(q) for q in joints]
-    nominal = [true_arm(0, 0.0).flange(q) for q in joints]
+    flange = [TrueArm(SEED + SEEDS["arm"], ERRORS).flange(q) for q in joints]
+    nominal = [TrueArm(0, 0.0).flange(q) for q in joints]
     true, drawn = (
         alignment(np.array([[*p[:3, 3], *vector_from_rotation(p[:3, :3])] for p in at]), seen) for at in (flange, nominal)
     )
