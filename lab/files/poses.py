@@ -23,22 +23,24 @@ def write_poses(recording: Recording, table: Table, file: Path) -> dict[str, Any
     """Write the states of the arm: q1 .. (rad; visits of one pose have their mean), and in the arm's base frame the body's x, y, z
     (m) and qw .. qz; repeat. Nothing where there are too few.
 
-    Returns `poses`: the file; `tool`: place of the body, m from the TCP; `position_sd` (m): of the arm's error along each axis. The
-    cameras' frame is aligned so that the body fits the TCP of the controller's kinematics best."""
+    Returns `poses`: the file; `tool`: place of the body, m from the TCP; `position_sd` (m): of the arm's error along each axis.
+    The cameras' frame is aligned so that the body fits the TCP of the controller's kinematics best."""
     import pandas  # slow to import
 
-    table = table.take(~np.isnan(table.get("q1")) & ~np.isnan(table.tip).any(axis=1) & ~table.doubtful)
+    table = table.take(~np.isnan(table.get("joint1")) & ~np.isnan(table.tip).any(axis=1) & ~table.doubtful)
     if len(table) < FEWEST:
         return {}
     arm = recording.stream("/arm")
     tcp = arm["tcp_pose"][np.clip(np.searchsorted(arm["t"], table.get("t")), 0, len(arm) - 1)]
     fit = alignment(tcp, table.tip)
-    names = [name for name in table.columns if name in {f"q{k}" for k in range(1, 10)}]
+    names = [name for name in table.columns if name.startswith("joint")]
     joints = np.column_stack([table[name] for name in names])
     same = np.abs(joints[:, None] - joints).max(axis=2) < SAME
     turns = [quaternion_from_matrix(fit.rotation.T @ matrix_from_quaternion(tuple(q))) for q in table.orientation.tolist()]
     values = np.column_stack([same / same.sum(axis=1)[:, None] @ joints, fit.back(table.tip), turns])
-    frame = pandas.DataFrame(values, columns=[*names, *"xyz", "qw", "qx", "qy", "qz"]).assign(repeat=table["repeat"])
+    frame = pandas.DataFrame(values, columns=[*(f"q{k + 1}" for k in range(len(names))), *"xyz", "qw", "qx", "qy", "qz"]).assign(
+        repeat=table["repeat"]
+    )
     with replacing(file) as (stream, _):
         frame.to_csv(stream, index=False, lineterminator="\n", mode="wb")
     return {"poses": str(file), "tool": fit.point.tolist(), "position_sd": fit.rmse / math.sqrt(3)}

@@ -414,7 +414,7 @@ def run(
 def _poses_of_arm(result: Outcome) -> dict[str, Any]:
     """Write the poses of the arm next to the recording, see `write_poses`; nothing where it has none or cannot be read."""
     with contextlib.suppress(RecordingError):
-        if "q1" in result.table.columns:
+        if "joint1" in result.table.columns:
             return write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
     return {}
 

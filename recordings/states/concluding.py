@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
-from ..trials import TrialRow
+from ..trials import SENSOR, TrialRow
 from .averaging import Average, Estimator, along_push, line, line_quaternion, mean, mean_quaternion
 from .buffer import Streams
 from .demands import jumped, left_band, places_of, too_far
@@ -154,7 +154,7 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
         absolute = mean(vacuum["t"], vacuum["absolute"])
         measured["vacuum"] = Average(state.ambient - absolute.value, absolute.sd)
     if tip is not None and (arm := samples.get("/arm")) is not None:
-        measured |= {f"q{k}": e for k, e in enumerate(_each(estimate, arm, "joints"), 1)}
+        measured |= {f"joint{k}": e for k, e in enumerate(_each(estimate, arm, "joints"), 1)}
     for topic in of_sensors:
         for name in (samples[topic].dtype.names or ())[1:]:
             measured[sensor_column(topic, name)] = mean(samples[topic]["t"], samples[topic][name])
@@ -174,8 +174,7 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
         tip=None if tip is None else (value["x"], value["y"], value["z"]),
         orientation=None if tip is None else _orientation(rule, span, tip),
         markers=() if tip is None else _markers(estimate, tip), force=value.get("force"), deflection=value.get("deflection"),
-        joints=tuple(value[f"q{k}"] for k in range(1, 10) if f"q{k}" in value),
-        sensors={name: v for name, v in value.items() if name.startswith("sensor_")},
+        sensors={name: v for name, v in value.items() if SENSOR.fullmatch(name)},
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
     )  # fmt: skip
 
