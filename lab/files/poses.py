@@ -20,8 +20,8 @@ FEWEST = 8
 
 
 def write_poses(recording: Recording, table: Table, file: Path) -> dict[str, Any]:
-    """Write the states of the arm: q1 .. (rad; visits of one pose have their mean), and in the arm's base frame the body's x, y, z
-    (m) and qw .. qz; repeat. Nothing where there are too few.
+    """Write the states of the arm: q1 .. (rad; visits of one pose have their mean), in its base frame x, y, z (m) and qw .. qz of
+    the body, and repeat. Nothing where there are too few.
 
     Returns `poses`: the file; `tool`: place of the body, m from the TCP; `position_sd` (m): of the arm's error along each axis.
     The cameras' frame is aligned so that the body fits the TCP of the controller's kinematics best."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -191,18 +192,14 @@ def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess
         for along, depth in ask.probe:
             deep = -stand.standoff if depth is None else depth
             points.append(tuple(o + along * a + deep * p for o, a, p in zip(stand.origin, stand.axis, stand.push, strict=True)))
-        if (
-            ask.poses
-            and (near := float(distance(np.linspace(points[0], points[1], 100), places["keep_out"]).min()))
-            < stand.standoff - 1e-9
-        ):
+        ways = [np.linspace(a[:3], b[:3], 100) for a, b in itertools.pairwise(ask.poses)]
+        near = min((float(distance(way, places["keep_out"]).min()) for way in ways), default=math.inf)
+        if near < stand.standoff - 1e-9:  # m, rounding
             limit = f"below stand.standoff = {shown(stand.standoff, 'm')} of {path}"
-            yield Excess(
-                f"a way {shown(round(near, 4), 'm')} from the stand's axis", limit, stand.standoff - near, "keep away from it"
-            )
+            subject = f"a way {shown(round(near, 4), 'm')} from the stand's axis"
+            yield Excess(subject, limit, stand.standoff - near, "use the usual keep_out and keep_out_radius")
     for point in points:
-        for i, axis in enumerate("xyz"):
-            x = point[i]
+        for i, (axis, x) in enumerate(zip("xyz", point, strict=True)):
             over = max(low[i] - x, x - high[i])
             if over > 1e-9:  # m, rounding
                 free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"

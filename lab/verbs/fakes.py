@@ -162,6 +162,8 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
     truth = RobotTruth() if robot is None else played(robot)
+    if not 0 <= a.arm_errors <= 10:
+        raise ConfigError(f"--arm-errors {a.arm_errors:g}: must be 0 to 10")
     how = regulators(a)
     try:
         return FakeRig(
@@ -279,10 +281,7 @@ VERBS = (
             option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
             option(
-                "--arm-errors",
-                type=float,
-                default=1.0,
-                help="size of the arm's errors of build, times those of a UR5 (default 1)",
+                "--arm-errors", type=float, default=1.0, help="errors of the arm's build, as multiples of a UR5's (default 1)"
             ),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),

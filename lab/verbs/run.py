@@ -422,7 +422,7 @@ def _poses_of_arm(result: Outcome) -> dict[str, Any]:
 def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
     if poses:
-        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml")
+        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml", soft_wrap=True)
         place, error = ", ".join(f"{x:.4f}" for x in poses["tool"]), poses["position_sd"]
         out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
         out.print(f"error of the arm: {error * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml", soft_wrap=True)
