@@ -388,21 +388,16 @@ class MotiveFake(timing.Thread):
         with self.plant.lock:
             tip, rotation = self.plant.tip_position.copy(), self.plant.tip_rotation.copy()
             markers, visible = self.plant.markers.copy(), self.plant.tip_visible
-            flange = ARM_TO_BASE @ (np.eye(4) if self.plant.flange is None else self.plant.flange)
+            arm = self.plant.flange
         if not np.array_equal(rotation, self._tip_turn[0]):
             self._tip_turn = rotation, self._xyzw(rotation)
+        seen = {TIP: (tip, self._tip_turn[1], visible), BASE: (NOWHERE, self._unturned, True)}
+        seen |= {FIRST_MARKER + k: (place, self._unturned, True) for k, place in enumerate(markers)}
+        if arm is not None:
+            flange = ARM_TO_BASE @ arm
+            seen[FLANGE] = flange[:3] @ BODY_ON_FLANGE, self._xyzw(flange[:3, :3]), visible
         for body in self._bodies:
-            if body.id == TIP:
-                self._see(body, tip, self._tip_turn[1], visible)
-            elif body.id == BASE:
-                self._see(body, NOWHERE, self._unturned, True)
-            elif body.id == FLANGE:
-                turn = self._xyzw(flange[:3, :3])
-                self._see(body, flange[:3] @ BODY_ON_FLANGE, turn, visible and self.plant.flange is not None)
-            else:
-                index = body.id - FIRST_MARKER
-                has_place = index < len(markers)
-                self._see(body, markers[index] if has_place else NOWHERE, self._unturned, has_place)
+            self._see(body, *seen.get(body.id, (NOWHERE, self._unturned, False)))
 
     def _xyzw(self, rotation: Array) -> Array:
         """Quaternion x, y, z, w (w >= 0) in the world of a rotation (3, 3) in the base frame."""

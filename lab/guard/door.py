@@ -355,8 +355,7 @@ class Landed:
 
 
 def land(names: Iterable[str] | None = None, rig: str | Path | None = None) -> Landed:
-    """Have every guard that owns one of these names, or every guard of this computer, land its rig. `rig` decides who is
-    believed; without it, each guard's own."""
+    """Have every guard that owns one of these names, or any of this computer, land its rig; `rig` decides who is believed."""
     return Landed(_asked(None if names is None else _addresses(names), "land", rig))
 
 

@@ -142,8 +142,7 @@ class Guard:
                 timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
 
     def go_on(self, what: str, look: Callable[[], None], over: Callable[[], bool]) -> None:
-        """Look again and again until it is `over`. A look that fails for a reason that it does not know lands a rig that is
-        energised, since its safety rests on it."""
+        """Look until it is `over`. A look that fails for an unknown reason lands an energised rig, whose safety rests on it."""
         while not over():
             try:
                 look()
@@ -329,8 +328,7 @@ class Guard:
         go()
 
     def hand_over(self, by: str) -> SafeReport:
-        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
-        open yet, everything is opened for it."""
+        """Land for good for somebody else: no command is taken any more. What is not open yet is opened for it."""
         why = f"requested by {by}"
         with self._deciding:
             self.handed_over = by

@@ -231,8 +231,7 @@ class HostedArmState:
             line.close()
 
     def latest(self) -> ArmSample:
-        """The newest sample. Raises NotReady before `open`, StaleReading when it is older than `max_age` or the stream has ended,
-        BadReply when it cannot be true."""
+        """The newest sample. Raises NotReady before `open`, StaleReading beyond `max_age` or at the end, BadReply if untrue."""
         newest = self._newest
         if self._line is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")

@@ -35,8 +35,7 @@ SEEN = {"/tip": ("position", "orientation", "markers")}
 
 
 def of_sensor(topic: str) -> bool:
-    """Whether a topic is that of a sensor of the lab's own. How often it measures is not known here: it is read like those
-    that are polled seldom."""
+    """Whether a topic is a sensor of the lab's own, which is read like those that are polled seldom."""
     return topic.startswith(SENSORS)
 
 

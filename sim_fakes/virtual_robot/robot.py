@@ -187,8 +187,7 @@ class VirtualRobot:
 
     # -- one step
     def move(self, dt: float) -> None:
-        """Let the rod follow its inputs for dt seconds; nothing is computed while neither they nor the rod move.
-        Raises `NoEquilibrium`."""
+        """Let the rod follow its inputs for dt seconds; computes nothing while neither moves. Raises `NoEquilibrium`."""
         self.time += dt
         self._pending += dt
         inputs = self._input_vector()
