@@ -401,8 +401,7 @@ class MotiveFake(timing.Thread):
 
     def _xyzw(self, rotation: Array) -> Array:
         """Quaternion x, y, z, w (w >= 0) in the world of a rotation (3, 3) in the base frame."""
-        xyzw: Array = Rotation.from_matrix(self._rotation.T @ rotation).as_quat(canonical=True)
-        return xyzw
+        return np.asarray(Rotation.from_matrix(self._rotation.T @ rotation).as_quat(canonical=True))
 
     def _see(self, body: StreamedBody, position: Array, turn: Array, visible: bool) -> None:
         """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""

@@ -127,13 +127,12 @@ WEIGHT, YIELD = 60.0, 15e-6
 
 
 class TrueArm:
-    """A UR5 as it is built, with errors `size` times as large as usual, drawn from a seed; 0: as drawn by its maker."""
+    """A UR5 as it is built, with errors `size` times as large as usual, drawn from a seed. Parallel axes are turned about y, too."""
 
     def __init__(self, seed: int, size: float) -> None:
         rng, g = np.random.default_rng(seed), UR5_CB3
         zero, d, a, alpha, beta = size * np.array([[ZERO], [LENGTH], [LENGTH], [TWIST], [TWIST]]) * rng.standard_normal((5, 6))
-        parallel = np.abs(np.sin(g.alpha)) < 0.5  # other axes are turned about y by their neighbours' zeros
-        self.geometry = Geometry(tuple(g.a + a), tuple(g.d + d), tuple(g.alpha + alpha), tuple(beta * parallel))
+        self.geometry = Geometry(tuple(g.a + a), tuple(g.d + d), tuple(g.alpha + alpha), tuple(beta * (np.cos(g.alpha) > 0.5)))
         self._zero, self._compliance = zero, size * YIELD * rng.uniform(0.3, 1.0, 6)
 
     def flange(self, joints: Array) -> Array:

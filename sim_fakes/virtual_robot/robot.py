@@ -103,8 +103,7 @@ class Pneumatics:
         return np.asarray(area * p)
 
     def wrench(self, roll: float, h: Array) -> tuple[Array, Array]:
-        """Follower force at the tip (3) in N and follower moments at the nodes (n+1, 3) in N m, for segments of
-        lengths h and the robot rolled by so much (rad)."""
+        """Follower force (3) N at the tip, moments (n+1, 3) N m at nodes, for segments of lengths h and a roll in rad."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
         radius = self._truth.chamber_path_radius
