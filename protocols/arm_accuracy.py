@@ -197,8 +197,7 @@ def _visit(bench: Bench, p: ArmAccuracy, trials: Trials, trial: Trial, index: in
     arrived = bench.clock.now()
 
     def rest() -> tuple[float, float]:
-        """Time (s) of the samples of the last `average` s, and standard deviation (m) of the body's place along the axis where it
-        is largest; infinite while there are fewer than `LEAST_SEEN`."""
+        """Time (s) of the last samples, at least `LEAST_SEEN`, and largest standard deviation (m) of the body's place in it."""
         seen = tracked(bench.recorder.buffers.window("/tip", arrived, math.inf))
         recent = seen[min(seen["t"].searchsorted(seen["t"][-1:].sum() - p.average), max(0, len(seen) - LEAST_SEEN)) :]
         if len(recent) in (len(seen), 0):

@@ -152,8 +152,7 @@ class Door:
         """Who waits for the landing that is going on."""
 
     def open(self, within: float = TAKE_WITHIN) -> None:
-        """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
-        seconds when one that is ending has not ended."""
+        """Own all names. Raises RigLocked for a living program's guard, after `within` host seconds for one that is ending."""
         deadline = timing.now() + within
         try:
             for address in _addresses(self._names):

@@ -272,9 +272,7 @@ class Guard:
 
     # -- landing
     def make_safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
-        """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
-
-        What is not open is opened, trying for `reach` host seconds."""
+        """Land what is open, or `names` (opened for `reach` host s), and read back; confirmed, the latch goes. Never raises."""
         with self._landing_lock:
             if self._closed:
                 return self._last

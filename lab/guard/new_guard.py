@@ -69,9 +69,7 @@ RESCUING: list[Child] = []
 
 
 def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
-    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
-
-    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile."""
+    """Start a process that opens and lands these instruments for `LIVES_ON` host seconds at most, and unlocks the rig."""
     nowhere = subprocess.DEVNULL
     process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
     RESCUING.append(process)

@@ -130,8 +130,7 @@ class Listener:
         os.close(self.pipe)
 
     def take(self) -> list[tuple[bytes, float]]:
-        """All records that have come since the last call: kind (see BEAT ..) and its value. Never waits; notes when the sender is
-        `gone`. A record of which only a part has come is kept for the next call."""
+        """All whole records since the last call: kind (see BEAT ..) and value. Never waits; notes when the sender is `gone`."""
         try:
             data = os.read(self.pipe, 65536)
         except BlockingIOError:  # nothing has come

@@ -42,9 +42,7 @@ if TYPE_CHECKING:
 
 
 def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
-    """Read the columns of a file with the reader for its ending, or those of the parts of one recording; raises ConfigError.
-
-    `named`: columns that are wanted where reading others costs much; None: all."""
+    """Columns of a file by the reader for its ending, or of a recording's parts; `named`: those wanted. Raises ConfigError."""
     parts = (paths,) if isinstance(paths, Path) else paths
     path = parts[0]
     if path.suffix.lower() == RECORDING:

@@ -37,9 +37,7 @@ HATCHES = {
 
 
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
-    """The gap uncalibrated and calibrated, and what each step takes of the latter; `length` m of the robot.
-
-    Two scales: uncalibrated, the gap is often ten times what calibration leaves."""
+    """The gap uncalibrated and calibrated, on two scales, and what each step takes of the latter; `length` m of the robot."""
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
         figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
@@ -121,9 +119,7 @@ def _side(tip: Array) -> Array:
 
 
 def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
-    """Rms gap of all states over chambers, spine length and pressure, load and unload, on one colour scale.
-
-    `name` of the model with the cause."""
+    """Rms gap over chambers, spine length and pressure, load and unload, on one colour scale; `name`: model with the cause."""
     s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
     rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
@@ -160,9 +156,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 
 
 def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
-    """Gap along and across the bending direction over pressure, up and down: a panel for each group of chambers.
-
-    Above calibrated, below with the cause (`name`), with the band of the noise floor."""
+    """Gap along and across the bending direction over pressure by group of chambers: calibrated, and with the cause (`name`)."""
     s, by_group = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)  # of the band: the floor along one of three axes
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
@@ -389,9 +383,7 @@ State = Mapping[str, Any]
 
 
 def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
-    """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
-
-    `name` of the model with the cause."""
+    """A panel for each state, x and y over z in mm, the tip hanging down, and close up; `name`: of the model with the cause."""
     return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
 
 

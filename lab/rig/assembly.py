@@ -132,8 +132,7 @@ class Rig:
         return identity
 
     def needed(self, needs: Sequence[str]) -> list[str]:
-        """Of what the rig has, what a protocol with these needs opens: beside them the lab's own sensors, and the regulators,
-        which cannot be vented unless they are open."""
+        """Of what the rig has, what a protocol with these needs opens: the lab's sensors and (to be vented) regulators, too."""
         wanted = {*needs, "pressure", *self.sensors, *(("arm_state",) if "arm" in needs else ())}
         return [name for name in self.names if name in wanted]
 

@@ -236,9 +236,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:
-    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, by robot.yaml; None for the spine of a robot without one.
-
-    A body is stiffer as far as the spine reaches inside it; there both bend together."""
+    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, a body with spine inside stiffer; None without a spine."""
     from model.rods.beam import bending_compliance  # with a compiler, which few runs need
 
     if push.specimen == "spine" and robot.spine is None:

@@ -70,9 +70,7 @@ WITHIN = 30.0
 
 
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
-    """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
-
-    The robot hangs free; `rig` as `within_robot` gives it."""
+    """Try what the rig (see `within_robot`) has, air last, until one fails; the caller lands it. The robot hangs free."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -278,9 +276,7 @@ LOOK = 0.05
 
 
 def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
-    """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
-
-    With `move` try each actuator by a little; a person is asked once unless `yes`."""
+    """Connect to all, count samples for `seconds` of host time, say what is missing; `move`: try actuators (`yes`: unasked)."""
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
     if move:

@@ -212,8 +212,7 @@ def _legend(s: Signature) -> list[Line2D]:
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
-    """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own. Raises ConfigError, `BadEffect`
-    when that file declares effects wrongly."""
+    """The catalogue, drawn into `out` as signatures.png; `more`: a file of one's own effects. Raises ConfigError, `BadEffect`."""
     demand_free(out, OWN, replace)
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)

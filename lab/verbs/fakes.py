@@ -184,8 +184,7 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 
 def played(robot: Robot) -> RobotTruth:
-    """The virtual robot that has the geometry and the material of a robot.yaml, an area factor by spine length at the shortest
-    one; raises ConfigError for a robot that the fakes cannot simulate."""
+    """The virtual robot with geometry and material of a robot.yaml; raises ConfigError for one that the fakes cannot simulate."""
     factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:

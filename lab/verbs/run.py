@@ -246,8 +246,7 @@ def _with(source: Source, settings: list[str]) -> Source:
 
 
 def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehearsing: bool = False) -> Result:
-    """Limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
-    `rehearsing`: do the protocol's `run` at the desk, too."""
+    """Limits, duration and steps, without connecting. `whole`: each repeat; `rehearsing`: do the protocol's `run` at the desk."""
     j = job(protocol, rig_path, settings)
     p, speed = j.plan, j.rig.clock.speed
     margins_asked = margins(p, j.rig, j.rig.body)
@@ -470,8 +469,7 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
 
 
 def recording_of(folder: Path, protocol: str, started_ns: int) -> Path:
-    """A file for the recording that begins at `started_ns` (Unix time, ns), new in `folder`; names sort as the runs began, also
-    where two begin within a second (`_` comes after the `.` of the first)."""
+    """A new file in `folder` for the recording that begins at `started_ns` (Unix time, ns); names sort as the runs began."""
     file = folder / f"{protocol}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started_ns / 1e9))}.mcap"
     return file.with_stem(f"{file.stem}_{started_ns % 1_000_000_000 // 1_000_000:03d}") if file.exists() else file
 

@@ -127,7 +127,7 @@ WEIGHT, YIELD = 60.0, 15e-6
 
 
 class TrueArm:
-    """A UR5 as it is built, with errors `size` times as large as usual, drawn from a seed. Parallel axes are turned about y, too."""
+    """A UR5 as it is built, with errors `size` times as large as usual, drawn from a seed. Parallel axes turn about y, too."""
 
     def __init__(self, seed: int, size: float) -> None:
         rng, g = np.random.default_rng(seed), UR5_CB3
