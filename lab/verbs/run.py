@@ -629,7 +629,7 @@ def _plan_verb(a: argparse.Namespace) -> Result:
     return plan(a.protocol, a.rig, a.set, a.all, a.rehearse)
 
 
-PROTOCOL = "stiffness, bending, elongation, cycles, one of a package, or a file (.yaml, .py)"
+PROTOCOL = "stiffness, bending, elongation, cycles, arm_accuracy, one of a package, or a file (.yaml, .py)"
 SET = settings("change one parameter; `lab plan PROTOCOL --keys` lists them")
 
 VERBS = (
