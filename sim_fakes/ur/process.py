@@ -168,7 +168,7 @@ class UrFake:
     def _receive(self) -> None:
         """Put each new place of the arm into the plant, by its true kinematics, until stopped."""
         punctual()
-        arm, newest = TrueArm(self.seed, self.plant.arm_errors), b""
+        arm, newest = TrueArm(self.seed, self.plant.arm_errors), b""  # without the time
         while self._running:
             try:
                 if not timing.readable([self._poses], 0.2):
@@ -176,10 +176,9 @@ class UrFake:
                 data, sender = self._poses.recvfrom(256)
             except (OSError, ValueError):
                 return
-            place = data[8:]  # behind the time
-            if sender[0] != self.host or place == newest or len(data) != server.POSE_DATAGRAM.size:
+            if sender[0] != self.host or data[8:] == newest or len(data) != server.POSE_DATAGRAM.size:
                 continue
-            newest, numbers = place, np.array(server.POSE_DATAGRAM.unpack(data)[1:])
+            newest, numbers = data[8:], np.array(server.POSE_DATAGRAM.unpack(data)[1:])
             flange = arm.flange(numbers[:6])
             tcp = flange @ np.vstack([numbers[6:].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
             with self.plant.lock:
