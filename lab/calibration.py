@@ -94,13 +94,9 @@ def _spine_modulus(case: Case) -> dict[float, Estimate]:
         case.robot.spine.radius, [lengths[x] for x in nominal.tolist()], pushes.get("deflection"), pushes.get("force"),
         trial=pushes.trial,
     )  # fmt: skip
-    return {length: _with_length(e, length) for length, e in found.items()}
-
-
-def _with_length(e: Estimate, length: float) -> Estimate:
-    """E goes with the cube of the length, so what is not known of the length is added to the standard error."""
-    # 0.1 mm of the drum's reading are not known, with the play of cord and clamp
-    return replace(e, standard_error=math.hypot(e.standard_error, 3 * 0.1e-3 / length * e.value))
+    # E goes with the cube of the length; 0.1 mm of the drum's reading are not known, with the play of cord and clamp
+    length_sd = math.hypot(0.1e-3, case.robot.uncertainty.push_place or 0.0)
+    return {x: replace(e, standard_error=math.hypot(e.standard_error, 3 * length_sd / x * e.value)) for x, e in found.items()}
 
 
 def _body_modulus(case: Case) -> Estimate | None:
@@ -108,7 +104,9 @@ def _body_modulus(case: Case) -> Estimate | None:
     pushes = pushes.take(pushes.spine_length < 1e-3)
     if not len(pushes):
         return None
-    return fit_body_modulus(case.robot, pushes.get("deflection"), pushes.get("force"), trial=pushes.trial)
+    found = fit_body_modulus(case.robot, pushes.get("deflection"), pushes.get("force"), trial=pushes.trial)
+    place_error = 3 * (case.robot.uncertainty.push_place or 0.0) / case.robot.length * found.value
+    return replace(found, standard_error=math.hypot(found.standard_error, place_error))
 
 
 def _pushes(case: Case, specimen: str) -> Table:

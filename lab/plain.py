@@ -9,9 +9,7 @@ _ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\
 
 
 def plain(text: str) -> str:
-    """The text with every character that would act on a terminal or a page written out, as in \\x1b.
-
-    Tabs and line ends stay. Escaping for HTML is the template's business."""
+    """The text with every character that would act on a terminal or page written out, as in \\x1b, but tabs and line ends."""
     return _ACTS.sub(lambda found: found[0].encode("unicode_escape").decode(), text.replace("\r\n", "\n"))
 
 

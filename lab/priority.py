@@ -29,8 +29,7 @@ BEHIND = Priority(5, 5)
 
 
 def put_in_place(pid: int, place: Priority) -> None:
-    """Set the place of a process that leads a session; without CAP_SYS_NICE or RLIMIT_NICE the system refuses a better one, and
-    nothing changes."""
+    """Set the place of a session's leading process; nothing changes without CAP_SYS_NICE or RLIMIT_NICE for a better one."""
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, pid, place.process)
     if sys.platform == "linux":

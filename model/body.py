@@ -112,8 +112,7 @@ def body_of(robot: Robot) -> Body:
 
 
 def _piece(robot: Robot, part: Section, share: Array) -> tuple[float, ...]:
-    """The fields of `Body`, area to path_radius, of a piece that lies at shares 0..1 (m,) of a section: means over the piece, of
-    stiffnesses by their compliances."""
+    """Fields of `Body`, area to path_radius: means over a piece at shares 0..1 (m,) of a section, stiffnesses by compliance."""
 
     def along(name: str, otherwise: float | Array) -> Array:
         """The section's own value at the shares, `otherwise` where it has none."""

@@ -93,8 +93,7 @@ class States:
 
     @cached_property
     def pace(self) -> float | None:
-        """s, geometric mean of the median time from reading to reading and the median duration of a trial, between which a memory
-        shows; None where no time passes."""
+        """s, geometric mean of the median time between readings and the median duration of a trial; None where no time passes."""
         moving = self[~self.stiffness]
         first = np.diff(moving.trial, prepend=-1) != 0
         step = np.abs(np.where(first[:, None], moving.pressure, np.diff(moving.pressure, axis=0, prepend=0.0))).max(axis=1)

@@ -127,6 +127,8 @@ class Uncertainty(BaseModel):
     """Of the cameras' frame about each axis; usual 0.1 deg."""
     frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of its origin along each axis; usual 0.5 % of the length."""
+    push_place: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Of where the stand's probe pushes, along the specimen; usual 0, or `stand.position_sd` of rig.yaml."""
 
     @property
     def stated(self) -> dict[str, float]:

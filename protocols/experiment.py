@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeVar
 
 from drivers.errors import DeviceFault
+from drivers.interfaces import Vector6
 from recordings.ambient import AMBIENT
 from recordings.errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from recordings.events import Mark, marked
@@ -60,6 +61,8 @@ class Ask:
     """Below ambient."""
     probe: tuple[tuple[float, float | None], ...] = ()
     """Where the probe goes in the stand's frame: along the specimen, and depth (None: the standoff)."""
+    poses: tuple[Vector6, ...] = ()
+    """Poses of the TCP (m, rotation vector rad, arm base frame) between which the arm goes straight."""
     arm_speed: float | None = None
     arm_acceleration: float | None = None
     push: Push | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,6 +20,8 @@ class RobotFacts:
     """Hung at its tip, kg."""
     spine: bool
     """It has one; else neither length unit nor valve nor gauge is needed."""
+    arm: Mapping[str, Any] = field(default_factory=dict)
+    """Where the rig lets its arm go: parameters of `arm_accuracy`."""
 
 
 class Parameters(BaseModel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -101,12 +101,10 @@ class ProbeMotion:
         s = self.stand
         point = [o + along * a + depth * d for o, a, d in zip(s.origin, s.axis, s.push, strict=True)]
         goal = [*point, *s.tool_rotation]
-        for pose in waypoints(self.state.latest().tcp_pose, goal):
-            self.arm.move_to(pose, speed, self.p.acceleration)
-            self.bench.wait("arm: at its target", partial(self._arrived, inwards), 120.0)
+        go_to(self.bench, goal, speed, self.p.acceleration, partial(self._watch_force, inwards))
         self.along = along
 
-    def _arrived(self, inwards: bool) -> bool | None:
+    def _watch_force(self, inwards: bool) -> None:
         force = 0.0
         # without a fresh sample the arm waits by itself; when that lasts, `moving` or the watch ends the run
         with contextlib.suppress(StaleReading):
@@ -116,7 +114,6 @@ class ProbeMotion:
         if inwards and force > self.p.max_force:
             self.arm.stop()
             raise TooMuchForce(f"force: {force:.1f} N exceeded max_force {self.p.max_force:g} N; the arm was stopped")
-        return None if self.arm.moving() else True
 
     def retreat(self) -> None:
         """Away from the specimen, straight back."""
@@ -203,6 +200,21 @@ class ProbeMotion:
         free = self.pushing(HELD_SAMPLES)
         self.go(along, depth, self.p.push_speed)
         return (touching + self.pushing(HELD_SAMPLES)) / 2 - free
+
+
+def go_to(
+    bench: Bench, goal: Sequence[float], speed: float, acceleration: float, watch: Callable[[], None] = lambda: None
+) -> None:
+    """Move the arm straight to a pose (m, rotation vector rad) and wait until it is at rest; `watch` is called meanwhile."""
+    arm, state = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm")
+
+    def arrived() -> bool | None:
+        watch()
+        return None if arm.moving() else True
+
+    for pose in waypoints(state.latest().tcp_pose, goal):
+        arm.move_to(pose, speed, acceleration)
+        bench.wait("arm: at its target", arrived, 120.0)
 
 
 def waypoints(start: Sequence[float], goal: Sequence[float]) -> list[list[float]]:

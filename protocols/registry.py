@@ -21,14 +21,14 @@ from typing import Any
 
 from recordings.states.rules import PROTOCOL, PROTOCOL_IS
 
-from . import bending, cycles, elongation, stiffness
+from . import arm_accuracy, bending, cycles, elongation, stiffness
 from .bench import INSTRUMENTS, Bench
 from .experiment import Plan, Trials
 from .parameters import Parameters
 
 GROUP = "softlab.protocols"
 OWN: Mapping[str, ModuleType] = MappingProxyType(
-    {"stiffness": stiffness, "bending": bending, "elongation": elongation, "cycles": cycles}
+    {"stiffness": stiffness, "bending": bending, "elongation": elongation, "cycles": cycles, "arm_accuracy": arm_accuracy}
 )
 
 

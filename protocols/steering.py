@@ -110,8 +110,7 @@ class Steering:
     # -- who runs
     @contextlib.contextmanager
     def of_run(self, keep: Keep, finish: Callable[[], None], say: Callable[[str], object]) -> Iterator[None]:
-        """Requests belong to this run while the block lasts. `keep` records them, `finish` ends it after the present step,
-        `say` reports to the person at the run."""
+        """Requests belong to this run in the block: `keep` records them, `finish` ends it after a step, `say` tells people."""
         with self._lock:
             self._open.clear()
             self._keep, self._finish, self._say, self._place = keep, finish, say, (0, 0)

@@ -210,8 +210,7 @@ def _deflect(
     bench: Bench, p: Stiffness, trial: Trial, trials: Trials, work: Pushing, contact: Contact, deflection: float,
     expected_force: float, average: float,
 ) -> TrialRow:  # fmt: skip
-    """Read the state at one deflection (m from the first contact), averaged over `average` s; Suspended when a jammed specimen
-    that should push back with `expected_force` N is soft."""
+    """Read the state at a deflection (m from the contact), averaged over `average` s; Suspended for a soft jammed specimen."""
     depth = contact.depth + deflection
 
     def read(least_rise: float | None) -> TrialRow:

@@ -216,8 +216,7 @@ class MessageType:
         return all(bool((raw[:, at : at + len(c)] == np.frombuffer(c, np.uint8)).all()) for at, c in self.constants)
 
     def decode(self, raw: bytes | NDArray[np.uint8], out: NDArray[np.void] | None = None) -> NDArray[np.void]:
-        """Messages laid end to end -> structured array of `dtype`, or into `out`. Call `fits` first on foreign
-        bytes."""
+        """Messages laid end to end -> structured array of `dtype`, or into `out`. Call `fits` first on foreign bytes."""
         wire = np.frombuffer(raw, self.wire_dtype)
         if out is None:
             out = np.zeros(len(wire), self.dtype)
@@ -274,8 +273,7 @@ STREAMS: dict[str, MessageType] = {m.topic: m for m in (PRESSURE, SPINE, VALVE, 
 
 
 def streams(chambers: int = 9, markers: int = 0, sensors: Sequence[MessageType] = ()) -> dict[str, MessageType]:
-    """The streams of a recording, by topic, for a robot with this many chambers and tracked body markers, and with sensors of
-    the lab's own (see `sensor`)."""
+    """Streams of a recording by topic, for this many chambers and body markers and these sensors of the lab's own (`sensor`)."""
     own = {"/pressure": PRESSURE.sized(setpoint=(chambers,), measured=(chambers,)), "/tip": TIP.sized(markers=(markers, 3))}
     return STREAMS | own | {message.topic: message for message in sensors}
 

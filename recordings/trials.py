@@ -47,7 +47,7 @@ BESIDE_JSON = ("clipped", "force_drift", "doubt")
 
 _PRESSURE = re.compile(r"p([1-9][0-9]?)")
 _MARKER = re.compile(r"m([1-9][0-9]?)([xyz])")
-_SENSOR = re.compile(r"sensor_[a-z][a-z0-9_]{0,60}")
+SENSOR = re.compile(r"sensor_[a-z][a-z0-9_]{0,60}|joint[1-9]")
 """Of chambers and markers no robot has a hundred."""
 PRESSURES, MARKERS, SENSORS, SD = 1, 4, 6, 7
 """Where these groups of columns stand."""
@@ -64,7 +64,7 @@ def column_order(name: str) -> tuple[int, int, int] | None:
         return (PRESSURES, int(match[1]), 0)
     if match := _MARKER.fullmatch(name):
         return (MARKERS, int(match[1]), "xyz".index(match[2]))
-    if _SENSOR.fullmatch(name):
+    if SENSOR.fullmatch(name):
         return (SENSORS, 0, 0)
     if name.startswith("sd_") and (of := column_order(name[3:])) is not None and not name.startswith("sd_sd_"):
         return (SD + of[0], of[1], of[2])
@@ -86,6 +86,7 @@ COLUMNS = (
     (r"[xyz]", "m", "position of the tip, base frame"),
     (r"q[wxyz]", "1", "orientation of the tip, unit quaternion, base frame"),
     (r"m[0-9]+[xyz]", "m", "position of this marker, base frame"),
+    (r"joint[1-9]", "rad", "angle of this joint of the arm, whose flange then carries the tip's body"),
     (r"force", "N", "on the specimen along the push"),
     (r"deflection", "m", "of the specimen along the push"),
     (r"clipped", "1", "1 where the rig's limits clipped set-points on the way to this state"),
@@ -140,7 +141,7 @@ class TrialRow:
     doubt: str | None = None
     """One of `DOUBTS`."""
     sensors: Mapping[str, float] = field(default_factory=dict)
-    """What sensors of the lab's own measured, by column."""
+    """What sensors of the lab's own measured, and angles of the arm's joints that carries the tip's body, by column."""
     sd: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the averaged samples, by column."""
 
@@ -178,7 +179,7 @@ class TrialRow:
             tip=_group(given, TIP),
             orientation=_group(given, ORIENTATION),
             markers=tuple(_group(given, names) or (math.nan,) * 3 for names in marker_columns(markers)),
-            sensors={name: value for name, value in given.items() if name.startswith("sensor_")},
+            sensors={name: value for name, value in given.items() if SENSOR.fullmatch(name)},
             sd={name[3:]: value for name, value in given.items() if name.startswith("sd_")},
         )
 
@@ -378,7 +379,7 @@ class Table:
     @property
     def with_tip(self) -> NDArray[np.bool_]:
         """(n,) states of the robot with a tip."""
-        return np.asarray(~self.pushed & ~np.isnan(self.tip).all(axis=1))
+        return np.asarray(~self.pushed & np.isnan(self.get("joint1")) & ~np.isnan(self.tip).all(axis=1))
 
     @property
     def spine_length(self) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """Fake OptiTrack Motive: a NatNet server (bitstream 4.1, or any from 2.6 to 4.2) that tracks the virtual robot.
 
-Rigid bodies: Tip (1), Base (2), and M1..Mk (11..) at the robot's markers. Frames come at `rate` of host time at any
-speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as 32-bit floats.
-A hidden tip keeps its last pose with the tracking bit cleared.
+Rigid bodies: Tip (1), Base (2), the arm's Flange (3), M1..Mk (11..) at the robot's markers. Frames come at `rate` of
+host time at any speed of the rig; their stamps are rig time. Bodies are reported in a Y-up world, with seeded noise, as
+32-bit floats. A hidden tip keeps its last pose with the tracking bit cleared.
 
 A client may ask for an older bitstream, when it connects or by the request `Bitstream,3.1`; each is sent its own.
 
@@ -44,6 +44,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import timing
 from timing import RigClock
@@ -98,39 +99,21 @@ TICKS = 10_000_000
 """Clock frequency of the server's stamps, Hz."""
 CLIENT_TIMEOUT = 10.0
 """A client that is silent this long is forgotten, s of host time."""
-TIP, BASE, FIRST_MARKER = 1, 2, 11
+TIP, BASE, FLANGE, FIRST_MARKER = 1, 2, 3, 11
 NOWHERE = np.zeros(3)
 HALF = math.sqrt(0.5)
 MOCAP_TO_BASE: Transform = ((-0.5, 0.4, 1.2), (HALF, -HALF, 0.0, 0.0))
 """Takes the cameras' Y-up world to the robot's base, which hangs 1.2 m high with z down: position (m), w, x, y, z."""
+ARM_TO_BASE = np.array([[0.96, 0.28, 0.0, -0.5], [0.28, -0.96, 0.0, 0.15], [0.0, 0.0, -1.0, 1.1], [0.0, 0.0, 0.0, 1.0]])
+"""Pose of the arm's base in the robot's base frame, which nobody has measured."""
+BODY_ON_FLANGE = np.array([0.012, -0.035, 0.048, 1.0])
+"""Where the body called Flange is fixed, m in the flange's frame, and 1."""
 
 
 POSE = 32
 """Bytes of a body's number, position and orientation in a frame."""
 BODY_MARKER = struct.pack("<i3fif", 1, 0.01, 0, 0, 0, 0.01)
 """One marker of the body itself, which follows its pose before NatNet 3.0."""
-
-
-def rotation_matrix(q: tuple[float, float, float, float]) -> Array:
-    """Of a unit quaternion w, x, y, z: (w^2 - v.v) 1 + 2 v v^T + 2 w [v]."""
-    w, v = q[0], np.array(q[1:])
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return (w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross
-
-
-def quaternion_xyzw(rotation: Array) -> Array:
-    """Unit quaternion x, y, z, w with w >= 0: the eigenvector of Bar-Itzhack's matrix with the largest eigenvalue."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    k = np.array(
-        [
-            [a - e - i, b + d, c + g, h - f],
-            [b + d, e - a - i, f + h, c - g],
-            [c + g, f + h, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
-    q: Array = np.linalg.eigh(k)[1][:, 3]
-    return q if q[3] >= 0 else -q
 
 
 def shaken(q: Array, half: Array) -> Array:
@@ -204,9 +187,9 @@ class MotiveFake(timing.Thread):
         self.mocap_to_base = {"position": list(mocap_to_base[0]), "quaternion": list(mocap_to_base[1])}
         """The calibration that a person would write into rig.yaml."""
         self._origin = np.array(mocap_to_base[0])
-        self._rotation = rotation_matrix(mocap_to_base[1])
+        self._rotation = Rotation.from_quat(np.roll(mocap_to_base[1], -1)).as_matrix()
         self._random = np.random.default_rng(seed)
-        self._unturned = quaternion_xyzw(self._rotation.T)
+        self._unturned = self._xyzw(np.eye(3))
         """Of a body that stands as the base does, x, y, z, w."""
         self._tip_turn = np.eye(3), self._unturned
         """The tip's rotation in the base frame at the last reading, and its quaternion."""
@@ -220,7 +203,7 @@ class MotiveFake(timing.Thread):
         """Model definitions (kind, content) that are sent before those of the rigid bodies."""
         self.clients: dict[tuple[str, int], float] = {}
         """The known clients, and when each was last heard, s of host time."""
-        names = [(TIP, "Tip"), (BASE, "Base")] + [(FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)]
+        names = [(TIP, "Tip"), (BASE, "Base"), *((FIRST_MARKER + i, f"M{i + 1}") for i in range(markers)), (FLANGE, "Flange")]
         self._bodies = [StreamedBody(i, name, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) for i, name in names]
         self.versions: dict[tuple[str, int], Version] = {}
         """Bitstream of each client that asked for another than the server's own."""
@@ -405,17 +388,20 @@ class MotiveFake(timing.Thread):
         with self.plant.lock:
             tip, rotation = self.plant.tip_position.copy(), self.plant.tip_rotation.copy()
             markers, visible = self.plant.markers.copy(), self.plant.tip_visible
+            arm = self.plant.flange
         if not np.array_equal(rotation, self._tip_turn[0]):
-            self._tip_turn = rotation, quaternion_xyzw(self._rotation.T @ rotation)
+            self._tip_turn = rotation, self._xyzw(rotation)
+        seen = {TIP: (tip, self._tip_turn[1], visible), BASE: (NOWHERE, self._unturned, True)}
+        seen |= {FIRST_MARKER + k: (place, self._unturned, True) for k, place in enumerate(markers)}
+        if arm is not None:
+            flange = ARM_TO_BASE @ arm
+            seen[FLANGE] = flange[:3] @ BODY_ON_FLANGE, self._xyzw(flange[:3, :3]), visible
         for body in self._bodies:
-            if body.id == TIP:
-                self._see(body, tip, self._tip_turn[1], visible)
-            elif body.id == BASE:
-                self._see(body, NOWHERE, self._unturned, True)
-            else:
-                index = body.id - FIRST_MARKER
-                has_place = index < len(markers)
-                self._see(body, markers[index] if has_place else NOWHERE, self._unturned, has_place)
+            self._see(body, *seen.get(body.id, (NOWHERE, self._unturned, False)))
+
+    def _xyzw(self, rotation: Array) -> Array:
+        """Quaternion x, y, z, w (w >= 0) in the world of a rotation (3, 3) in the base frame."""
+        return np.asarray(Rotation.from_matrix(self._rotation.T @ rotation).as_quat(canonical=True))
 
     def _see(self, body: StreamedBody, position: Array, turn: Array, visible: bool) -> None:
         """Position in the base frame, orientation in the world -> world, plus noise; an unseen body keeps its pose."""

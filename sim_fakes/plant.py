@@ -43,6 +43,10 @@ class Plant:
     """Tip of the arm's probe, m, arm base frame."""
     probe_rotation: Array = field(default_factory=lambda: np.eye(3))
     """Orientation of the arm's TCP, columns = TCP axes in the arm base frame."""
+    flange: Array | None = None
+    """Pose (4, 4) of the arm's flange in the arm base frame; None while there is no arm."""
+    arm_errors: float = 0.0
+    """Size of the differences between the arm and its nominal kinematics, see `RobotTruth`."""
     mount: str = "robot"
     """What a person has mounted: "robot" (body hanging, spine inside), "body" (robot at the stand), "spine" (bare spine)."""
     tip_mass: float = 0.053

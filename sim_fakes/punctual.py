@@ -14,8 +14,7 @@ LATE = 0.1
 
 
 def punctual(process: int | None = None) -> None:
-    """Put the calling thread (Linux), or a process that has just been started, before others. Without CAP_SYS_NICE the system
-    says no, and all stays as it is."""
+    """Put the calling thread (Linux), or a process just started, before others, as far as the system lets it."""
     if timing.together():
         return
     with contextlib.suppress(OSError):

@@ -99,8 +99,8 @@ class BackDoor:
         return {"ok": True, **extra}
 
 
-PLANT_PERIOD = 0.01
-"""Host seconds between two steps of the plant."""
+PLANT_PERIOD, ARM_ERROR = 0.01, 1.3e-3
+"""Host seconds between two steps of the plant; m, standard deviation along an axis of what `arm_errors` of 1 do at the stand."""
 SENSORS = "sensors."
 """A sensor of the lab's own is this and its name, as in rig.yaml."""
 USUAL = MappingProxyType(
@@ -137,7 +137,7 @@ class FakeRig:
         """
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
-        self.plant = Plant(chambers)
+        self.plant = Plant(chambers, arm_errors=self.truth.arm_errors)
         self.clock = RigClock(speed)
         self.robot = VirtualRobot(self.truth, dict(effects or {}), seed)
         self._warm_up(dict(effects or {}))
@@ -294,6 +294,7 @@ class FakeRig:
                 "axis": stand[:3, 2].tolist(),
                 "push": stand[:3, 0].tolist(),
                 "tool_rotation": [0.0, float(np.pi / 2), 0.0],
+                "position_sd": ARM_ERROR * self.truth.arm_errors,
             },
         }
 

@@ -148,8 +148,7 @@ class Alicat:
         self._measured = [0.0] * self.channels
 
     def connect(self) -> None:
-        """Open the line and ask nothing: enough for `vent`, which must not wait for a unit that is dead; what else is on the
-        line gives way. Raises Unreachable."""
+        """Open the line and ask nothing, enough for `vent`; what else is on the line gives way. Raises Unreachable."""
         with self._line.lock.stopping():
             self._line.open()
 
@@ -255,8 +254,7 @@ class Alicat:
             self._line.close()
 
     def confirm_settings(self) -> None:
-        """Read again what a panel can change: unit of measure, range, controlled variable, set-point source, ramp; lock the
-        panels again. See the module `interfaces`."""
+        """Read again what a panel can change, and lock the panels again. See the module `interfaces`."""
         with self._line.lock:
             self._need_open()
             for channel in range(self.channels):

@@ -76,8 +76,7 @@ NO_SECONDARY_ID, FIRST_INVALID_ID = 255, 253
 
 
 def settings(servo: Servo) -> KeptSettings:
-    """The settings on which the length unit's promises rest, for `open` and after a restart; torque goes off before EEPROM is
-    written."""
+    """The settings on which the length unit relies, for `open` and after a restart; torque goes off before EEPROM is written."""
 
     def one(name: str, register: Register, needed: int | Callable[[int], int], why: str, written: bool = True) -> Setting:
         """One setting in a register; `written`: the driver may set it right, else another value is refused."""

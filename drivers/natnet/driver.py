@@ -135,8 +135,7 @@ class NatNetMocap:
     def __init__(
         self, name: str, config: Config, clock: Clock, sink: Sink[BodySample], notice: Callable[[str], None] = lambda text: None
     ) -> None:
-        """`notice` is called once after each `open` for each of: datagrams from anybody but the server, datagrams that
-        cannot be read."""
+        """`notice` is called once after each `open` for each of: datagrams from a stranger, datagrams that cannot be read."""
         self.name = name
         self._config = config
         self._clock = clock

@@ -298,8 +298,7 @@ def frame(c: Cursor, version: Version) -> MocapFrame:
 
 
 def _suffix(c: Cursor, version: Version) -> tuple[float, int, int]:
-    """The server's stamp (s), the frame's parameters, and the ticks from the cameras' data to the sending. Whether the optional
-    fields are there shows in the length."""
+    """Server's stamp (s), the frame's parameters, ticks from cameras to sending; the length shows what is there."""
     if version < (3, 0):  # latency, time code, stamp, parameters, end tag
         stamp = struct.Struct("<d" if version >= (2, 7) else "<f")
         c.skip(12 if c.left >= 12 + stamp.size + 2 + 4 else 8)

@@ -52,10 +52,7 @@ class NumatoValve:
         """Answers may be owed: to a request that failed, or to an earlier program."""
 
     def open(self) -> Identity:
-        """Connect and check that a relay module answers; the relay stays as it is.
-
-        Raises `Unreachable` or `WrongDevice`.
-        """
+        """Connect and check that a relay module answers; the relay stays as it is. Raises `Unreachable` or `WrongDevice`."""
         with self._lock:
             self._line.open()
             self._behind = True

@@ -71,11 +71,7 @@ REREAD_EVERY = 10
 
 @dataclass
 class _Behind:
-    """A line on which an answer was not in time: it may still come, and would pass for that of a later request.
-
-    The next request is followed by a mark; the answer right before the mark's is its own. When that fails too, the line
-    is `held` until it has been quiet: a new set-point goes out, once, and counts as not confirmed; nothing else does.
-    """
+    """A line on which an answer was late; a mark behind the next request tells it apart, else the line is `held` until quiet."""
 
     held: bool = False
     sent: bytes = b""

@@ -106,8 +106,7 @@ class ControlThread:
         return self._thread.is_alive()
 
     def call(self, do: Callable[[Any], T]) -> T:
-        """Run `do(control object)` in the owner's thread. Raises NoReply when it takes longer than the time-out, or when the
-        library gives up its connection."""
+        """Run `do(control object)` in the owner's thread. Raises NoReply after the time-out or a lost connection."""
         if self._broken is not None:
             raise self._broken
         job = _Call(do, _Pending())

@@ -221,20 +221,14 @@ class UR5:
             timing.sleep(LOOK_INTERVAL)
 
     def standing(self) -> bool:
-        """True when the newest state shows the arm standing, even if something else is wrong with it.
-
-        Raises NotReady before `open`, NoReply when no state comes.
-        """
+        """True when the newest state shows the arm standing, whatever else is wrong. Raises NotReady, NoReply."""
         try:
             return _still(self._state.latest())
         except StaleReading as error:
             raise NoReply(self.name, f"{error.message}; check that the arm stands still") from error
 
     def glance(self) -> bool:
-        """True when one look at the controller's state shows the arm standing; needs no `open` and takes no control.
-
-        Raises Unreachable, WrongDevice.
-        """
+        """True when one look at the state shows the arm standing, without `open` and control. Raises Unreachable, WrongDevice."""
         return _slow(self._controller.snapshot().tcp_speed)
 
     # -- checks

@@ -91,9 +91,7 @@ class Checked:
 
 
 def digest(rig: RigFile) -> str:
-    """SHA-256 of what the check depends on: every instrument's table but its limits and time-outs, and where the stand is.
-
-    When it changes, the check must be repeated."""
+    """SHA-256 of what the check depends on: instruments' tables but limits and time-outs, and where the stand is."""
     tables = rig.model_dump(mode="json", include={"instruments", "stand"})
     tables["instruments"].pop("sensors")  # they move nothing
     for table in tables["instruments"].values():

@@ -141,8 +141,9 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
 
 
 def _body(robot: Robot) -> Robot:
-    """What the model knows of a robot: how much pressure it bears may have been written down later."""
-    return robot.model_copy(update={"max_pressure": None})
+    """What the model knows of a robot: how much pressure it bears, and the arm's error, may have been written down later."""
+    known = robot.uncertainty.model_copy(update={"push_place": None})
+    return robot.model_copy(update={"max_pressure": None, "uncertainty": known})
 
 
 def same_robot(a: Robot, b: Robot) -> bool:

@@ -84,8 +84,7 @@ def _exchanged(new: Path, path: Path) -> None:
 
 
 def names_apart(paths: Sequence[Path]) -> list[str]:
-    """A name for each file or folder: its own without suffix, with those of the folders above where several have the same. Raises
-    ConfigError where one is given twice."""
+    """A name for each path: its stem, with folders above where several have the same. Raises ConfigError for one given twice."""
     parts = [(*path.resolve().parent.parts[1:], path.resolve().stem if path.is_file() else path.resolve().name) for path in paths]
     for k, path in enumerate(paths):
         if path.resolve() in [other.resolve() for other in paths[:k]]:

@@ -6,10 +6,11 @@ import functools
 import hashlib
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional, Union
 
+import yaml
 from pydantic import ConfigDict, Field, PrivateAttr, StringConstraints, create_model, field_validator, model_validator
 
 from drivers.configs import (
@@ -154,6 +155,9 @@ class Stand(FileTable):
     """Rotation vector of the TCP while pushing."""
     standoff: float = Field(0.08, gt=0, le=0.3, json_schema_extra={"unit": "m"})
     """Distance from the specimen's axis where an approach starts."""
+    position_sd: float = Field(0.0, ge=0, le=0.05, json_schema_extra={"unit": "m"})
+    """Standard deviation of the arm's error along each axis, as `lab run arm_accuracy` reports it; where the probe pushes is as
+    uncertain (`uncertainty.push_place` of the recorded robot.yaml)."""
 
     @model_validator(mode="after")
     def _directions(self) -> Stand:
@@ -300,6 +304,10 @@ def load_rig(path: Path) -> RigFile:
     if not robot.is_file():
         raise ConfigError(f"{path}: robot = {rig.robot}: no such file; give the path of robot.yaml relative to this file")
     of_robot = read_yaml(robot)
+    stated = of_robot.table.get("uncertainty", {})
+    if rig.stand is not None and rig.stand.position_sd and isinstance(stated, dict):
+        table = {**of_robot.table, "uncertainty": {"push_place": rig.stand.position_sd, **stated}}
+        of_robot = replace(of_robot, data=table, text=yaml.safe_dump(table, sort_keys=False).encode())
     texts = {"rig.yaml": source.text, "robot.yaml": of_robot.text}
     return rig.model_copy(update={"robot": robot}).read_from(path.resolve(), texts, check(of_robot, Robot))
 

@@ -152,8 +152,7 @@ class Door:
         """Who waits for the landing that is going on."""
 
     def open(self, within: float = TAKE_WITHIN) -> None:
-        """Own all names. Raises RigLocked at once when a guard owns one whose program is alive, and after `within` host
-        seconds when one that is ending has not ended."""
+        """Own all names. Raises RigLocked for a living program's guard, after `within` host seconds for one that is ending."""
         deadline = timing.now() + within
         try:
             for address in _addresses(self._names):
@@ -355,8 +354,7 @@ class Landed:
 
 
 def land(names: Iterable[str] | None = None, rig: str | Path | None = None) -> Landed:
-    """Have every guard that owns one of these names, or every guard of this computer, land its rig. `rig` decides who is
-    believed; without it, each guard's own."""
+    """Have every guard that owns one of these names, or any of this computer, land its rig; `rig` decides who is believed."""
     return Landed(_asked(None if names is None else _addresses(names), "land", rig))
 
 
@@ -454,8 +452,7 @@ class _Talk:
 
 
 def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
-    """Ask (`what`: who or land) the guards at these addresses, or at all of this computer, in parallel; each once, with its
-    answer to `land`, None where it gave none. `rig` decides who is believed."""
+    """Ask these guards, or all of this computer, in parallel (`what`: who or land); each once, with its answer or None."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
     where = _all_addresses() if addresses is None else addresses
     talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
@@ -563,8 +560,7 @@ def _free(path: str) -> bool:
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
-    """Listen at a file for this account and root, replacing the one that a crash left; returns a function that removes the file.
-    The socket is bound under another name and renamed, so that nobody finds it before it listens. Raises OSError."""
+    """Listen at a file for this account and root; returns what removes it. It gets its name once it listens. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     temporary = f".{secrets.token_hex(4)}.sock"

@@ -142,8 +142,7 @@ class Guard:
                 timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
 
     def go_on(self, what: str, look: Callable[[], None], over: Callable[[], bool]) -> None:
-        """Look again and again until it is `over`. A look that fails for a reason that it does not know lands a rig that is
-        energised, since its safety rests on it."""
+        """Look until it is `over`. A look that fails for an unknown reason lands an energised rig, whose safety rests on it."""
         while not over():
             try:
                 look()
@@ -253,8 +252,7 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed.
-        Where they do not confirm, the monitor takes any of them to be set. Clipping is reported, once a second."""
+        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -274,9 +272,7 @@ class Guard:
 
     # -- landing
     def make_safe(self, why: str, keep_vacuum: bool, names: Sequence[str] | None = None, reach: float = 0.0) -> SafeReport:
-        """Land what is open, or `names`, and read it back; the latch goes when all of it is confirmed. Never raises.
-
-        What is not open is opened, trying for `reach` host seconds."""
+        """Land what is open, or `names` (opened for `reach` host s), and read back; confirmed, the latch goes. Never raises."""
         with self._landing_lock:
             if self._closed:
                 return self._last
@@ -330,8 +326,7 @@ class Guard:
         go()
 
     def hand_over(self, by: str) -> SafeReport:
-        """Land for somebody else, and for good: no command is taken any more, whatever a person confirms. While nothing is
-        open yet, everything is opened for it."""
+        """Land for good for somebody else: no command is taken any more. What is not open yet is opened for it."""
         why = f"requested by {by}"
         with self._deciding:
             self.handed_over = by
@@ -381,8 +376,7 @@ class Guard:
         self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
 
     def _read(self, name: str, rate: PollRate) -> None:
-        """Read an instrument if it is open, tell the program the sample or error, and its notices; wait for the next reading.
-        Another device than expected, and a line that is lost, land the rig while it is energised."""
+        """Read an open instrument and hand its sample or error on; a strange device and a lost line land an energised rig."""
         due = timing.now() + 1 / self.rig.poll
         if name in self.own.opened:
             sample: Any

@@ -68,9 +68,7 @@ class Hosted:
         return self._ask(command, STOP_WITHIN if method in (LengthUnit.stop, Arm.stop) else CALL_WITHIN)
 
     def _open(self, command: Command[R]) -> R:
-        """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
-        connected is closed first, and gets a new process.
-        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing."""
+        """Connect the driver in a new process, tried twice where it hangs or crashes, and return the instrument's identity."""
         if self._connected:
             self._close()
         deadline = timing.now() + OPEN_WITHIN
@@ -103,8 +101,7 @@ class Hosted:
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, command: Command[R], within: float) -> R:
-        """Send a command to the host process and return its result; kill the process if none comes `within` host seconds.
-        Raises what the driver raises, NoReply where it was killed or an earlier call has not returned, NotReady if not open."""
+        """Return the result of a command there; NoReply, and the process is killed, where none comes `within` host seconds."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{command}: an earlier call has not returned; its process was killed")
         try:
@@ -234,8 +231,7 @@ class HostedArmState:
             line.close()
 
     def latest(self) -> ArmSample:
-        """The newest sample. Raises NotReady before `open`, StaleReading when it is older than `max_age` or the stream has ended,
-        BadReply when it cannot be true."""
+        """The newest sample. Raises NotReady before `open`, StaleReading beyond `max_age` or at the end, BadReply if untrue."""
         newest = self._newest
         if self._line is None or newest is None:
             raise NotReady(self.name, "not open; call open() first")

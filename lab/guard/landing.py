@@ -89,9 +89,7 @@ class Landing:
         """Host time until which the valve waits for a gauge that is being opened."""
 
     def make_safe(self, names: Sequence[str], keep_vacuum: bool, reach: float = 0.0) -> SafeReport:
-        """Stop these instruments; returns when each is confirmed or its time is over. Never raises.
-
-        Those that are not open are opened, trying for `reach` host seconds."""
+        """Stop these instruments, opened for `reach` host seconds, until each is confirmed or its time is over. Never raises."""
         began = timing.now()
         order = [n for n in self._policy.order if n in names and not (n == "valve" and keep_vacuum)]
         self.end(order)
@@ -143,8 +141,7 @@ class Landing:
         timing.Thread(target=go, name="open-gauge", daemon=True).start()
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
-        """Stop one instrument and read it, until it is confirmed safe or `end` is called; a thread of its own.
-        The stop is sent every `AGAIN`, and at once where it overtook a command that was on its way and may undo it."""
+        """Stop one instrument, again every `AGAIN`, and read it until it is confirmed safe or `end` is called, in a thread."""
         name = attempts.name
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened

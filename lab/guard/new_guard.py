@@ -69,9 +69,7 @@ RESCUING: list[Child] = []
 
 
 def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
-    """Start a process that opens these instruments again and again, and lands them, for `LIVES_ON` host seconds at most.
-
-    It unlocks the rig when everything is confirmed, unless it was locked anew meanwhile."""
+    """Start a process that opens and lands these instruments for `LIVES_ON` host seconds at most, and unlocks the rig."""
     nowhere = subprocess.DEVNULL
     process = start_child("lab.guard.new_guard", stdin=subprocess.PIPE, stdout=nowhere, stderr=nowhere)
     RESCUING.append(process)
@@ -81,8 +79,7 @@ def go_on_landing(rig: RigFile, names: Sequence[str], why: str) -> None:
 
 
 def main() -> int:
-    """Land one rig; unlock it when everything is confirmed, unless it was locked anew meanwhile. Returns the exit code: 1 where
-    another guard owns the rig by now."""
+    """Land one rig, and unlock it unless it was locked anew; the exit code: 1 where another guard owns the rig by now."""
     text, path, names, why = read_json(sys.stdin.buffer.read())
     rig = RigFile.model_validate_json(text).read_from(Path(path) if path else None)
     guard = Guard(rig, RigClock(rig.clock.speed), despite_latch=True, about=why)

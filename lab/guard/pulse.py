@@ -130,8 +130,7 @@ class Listener:
         os.close(self.pipe)
 
     def take(self) -> list[tuple[bytes, float]]:
-        """All records that have come since the last call: kind (see BEAT ..) and its value. Never waits; notes when the sender is
-        `gone`. A record of which only a part has come is kept for the next call."""
+        """All whole records since the last call: kind (see BEAT ..) and value. Never waits; notes when the sender is `gone`."""
         try:
             data = os.read(self.pipe, 65536)
         except BlockingIOError:  # nothing has come
@@ -176,8 +175,7 @@ class ForceLimit:
             self._pulse.send(*found)
 
     def _beyond(self, sample: WrenchSample) -> tuple[bytes, float] | None:
-        """The kind of record and the force or moment (N or N m) that is beyond a limit; None within all of them.
-        Raw readings count against the sensor's range; the load, beyond the zero or else the unloaded tool, against the limits."""
+        """Kind of record, and the force or moment (N or N m) beyond its limit: of raw readings, or of the load; else None."""
         force, moment = (max(map(abs, half)) for half in (sample.raw[:3], sample.raw[3:]))
         if force > self._sensor.max_force:
             return FORCE_RANGE, force

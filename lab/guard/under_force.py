@@ -66,8 +66,7 @@ class UnderForce:
 
     # -- the arm
     def move_to(self, *motion: Any) -> None:
-        """See Arm.move_to (pose, speed, acceleration); while no force is measured the motion waits, and is checked and begun by
-        the first call of `moving` when samples flow again."""
+        """See Arm.move_to; while no force is measured the motion waits until `moving` is called when samples flow again."""
         with self._turn:
             self._goal, self._waits, self._reported = motion, not self._flows(), False
             self._under_way.set()
@@ -77,8 +76,7 @@ class UnderForce:
                 self._drive(lambda: self._arm.move_to(*motion))
 
     def moving(self) -> bool:
-        """See Arm.moving; True as well while a motion waits, which is begun again once samples flow. Raises StaleReading when
-        motions have waited longer than `limits.max_age`."""
+        """See Arm.moving; True also while a motion waits. Raises StaleReading when it has waited longer than `limits.max_age`."""
         with self._turn:
             motion = self._goal
             if motion is None or not self._waits:

@@ -129,8 +129,7 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
 
 
 def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
-    """One column, numbers or words as `judge` has it, of cells with one number or text each; a table (n, k) of cells with k
-    numbers each; else the reason (text) why it is neither."""
+    """A column of cells with one number or text each; a table (n, k) of cells with k numbers each; else the reason (text)."""
     import pandas as pd
 
     contents = [np.asarray(cell).squeeze() for cell in cells.tolist()]
@@ -173,9 +172,7 @@ def _held(path: Path, given: Mapping[str, Any], name: str, place: str) -> Any:
 
 
 def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Array]]:
-    """Columns by label of arrays whose dimensions have names (`axes`, by array).
-    Each combination of indices of all dimensions but `point` and `axis` is a row, with a column of indices (from 1) for each of
-    these; `point` and `axis` tell columns NAME.1.x apart. An array that lacks a dimension repeats its values along it."""
+    """Columns by label of arrays with named dimensions: a row for each combination of all but `point` and `axis`."""
     arrays: dict[str, Array] = {}
     sizes: dict[str, int] = {}
     for name, dimensions in axes.items():

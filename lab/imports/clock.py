@@ -134,9 +134,7 @@ def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) 
 
 
 def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
-    """Where times step back or far ahead, shift all later ones so that they go on, and begin a run where they begin again.
-    A step is judged in this order: a counter overflowed; a clock was set by half hours; times begin again (another run); a clock
-    was set back a little. Any other step stays as it is."""
+    """Shift times behind a step (overflow, clock set, another run) so that they go on; a run begins where they begin again."""
     steps, usual = np.diff(line.t), period(line.t)
     small = np.abs(steps[np.abs(steps) < max(FAR * usual, LEAST_GAP)])
     regular = bool(len(small)) and float(np.percentile(small, 95)) <= 2 * usual

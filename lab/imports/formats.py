@@ -42,9 +42,7 @@ if TYPE_CHECKING:
 
 
 def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | None = None) -> Series:
-    """Read the columns of a file with the reader for its ending, or those of the parts of one recording; raises ConfigError.
-
-    `named`: columns that are wanted where reading others costs much; None: all."""
+    """Columns of a file by the reader for its ending, or of a recording's parts; `named`: those wanted. Raises ConfigError."""
     parts = (paths,) if isinstance(paths, Path) else paths
     path = parts[0]
     if path.suffix.lower() == RECORDING:
@@ -121,8 +119,7 @@ def of_data_frame(frame: pd.DataFrame, missing: Sequence[str | float] = ()) -> S
 def _of_columns(
     path: Path, form: str, columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]], missing: Sequence[str | float]
 ) -> Series:
-    """Judge columns (name, type, function that returns the cells) one by one; a note names each that cannot be read.
-    What lists and structures hold becomes columns NAME.1 .. and NAME.FIELD. Raises ConfigError where no column can be read."""
+    """Judge columns (name, type, function that returns the cells) one by one. Raises ConfigError where none can be read."""
     judged: dict[str, Judged] = {}
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):

@@ -121,9 +121,7 @@ def is_unit(text: str) -> bool:
 
 
 def heading(name: str, unit: str = "") -> Heading:
-    """Take a heading apart into words and unit: "Tip X [mm]", "p1_kPa", "tip.x (m)", "Time, s".
-
-    `unit`: what the file says of the column elsewhere; a unit in the heading goes before it."""
+    """Words and unit of a heading, such as "Tip X [mm]", "p1_kPa", "Time, s"; else `unit`, what the file says elsewhere."""
     stated = unit if is_unit(unit) else ""
     kind, unit = unit_named(unit) or ("", "")
     rest = name

@@ -338,8 +338,7 @@ def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Seri
 
 
 def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
-    """The rows, and the columns filled in them, of each stream, where rows of several streams stand in one table; else nothing.
-    Columns that are filled in the same rows are of one stream; streams share few rows and follow each other in turn."""
+    """Rows and filled columns of each stream where the rows of several stand in one table in turn; else nothing."""
     masks: list[tuple[NDArray[np.bool_], list[str]]] = []
     for name, values in series.numbers.items():
         filled = np.isfinite(values)

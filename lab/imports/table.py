@@ -131,8 +131,7 @@ def _recordings(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...
 def _read(
     given: Sequence[Path], wanted: Map, drive: Words, progress: Callable[[float, float], None]
 ) -> tuple[list[tuple[Series, FileRows, Map]], list[str], list[str]]:
-    """Files with their rows and maps, in the order of their times where these tell it; notes; files that cannot be read, and why.
-    Files that hold what the map names only together are joined in time. Raises ConfigError where none or a named one fails."""
+    """Files with rows and maps, in order of time; notes; files that cannot be read. Raises ConfigError if a named one fails."""
     files, made, read_files = _recordings(files_of(given, wanted)), [], []
     failed: list[ConfigError] = []
     for number, (parts, own_map) in enumerate(files):
@@ -304,8 +303,7 @@ def _why(wanted: Map, q: FileRows) -> str:
 def _without_strays(
     q: FileRows, states: Sequence[Cut], length: float, series: Series, notes: list[str]
 ) -> tuple[FileRows, list[Cut]]:
-    """The rows without places (NaN) that jump away within a state and back, and the torn states: those of which more than
-    `MOST_STRAY` of the rows do. A note names the first jump."""
+    """Rows without places (NaN) that jump away within a state and back, and the states of which most rows do; noted."""
     tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         of_state = cut.rows
@@ -386,9 +384,7 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
-    """States moved so that those at rest are where the robot stands then; a marker not seen there stays where it is.
-    first state: the first one at rest is the straight robot. at rest: the mean of those at rest, of those that begin a trial
-    where there are any, is where the model stands under its weight."""
+    """States moved so that those at rest (`first state`, or the mean of all: `at rest`) are where the robot stands then."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
     resting = np.flatnonzero(level == level.min())
     if straight == "first state":
@@ -423,8 +419,7 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 # ------------------------------------------------------------------ states
 def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
-    """One row per cut of a file, with its group as `trial`: means over its rows, their standard deviations (sd_..), and of words
-    the last one. Steps are 0. Each cut has a row with a tip and pressures. Raises ConfigError."""
+    """One row per cut of a file: means, standard deviations (sd_..), the last word; its group is `trial`. Raises ConfigError."""
     n, cut_rows, q_seen = len(kept), [cut.rows for _, cut in kept], q.seen
     turn, turned = _turns(q.table)
     columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
@@ -475,8 +470,7 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
 
 
 def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> Table:
-    """Number trials, steps and, where no column tells them, repeats (of the same inflation) from 1 on, and name branches.
-    `counted`: columns of trial and repeat, if any. Unless one counts trials, each is of one repeat: that of most states."""
+    """Number trials, steps and repeats (of the same inflation), unless a column of `counted` does, and name branches."""
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
@@ -523,8 +517,7 @@ def _kinds(states: Table, trial: NDArray[np.int64], gap: float) -> list[tuple[in
 
 
 def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float | None], wanted: Map) -> Table:
-    """Append stiffness rows, one per file with a force (`forces`, N; `file`: (n,) of each state): the force, and the deflection
-    (m) of the tip in the file's first state from that in the file of the same repeat with 0 N. Raises ConfigError."""
+    """Append stiffness rows, one per file with a force (N), deflected from that of the repeat with 0 N. Raises ConfigError."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]
     first = states.take(np.unique(file, return_index=True)[1])

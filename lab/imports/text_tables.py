@@ -79,8 +79,7 @@ def read_text(path: Path, source: Source) -> Series:
 
 
 def _read_table(path: Path, records: list[Record], source: Source, whole: bool) -> Series:
-    """Read one table of a file: split its lines, find the rows of data, the headings above them, and judge each column.
-    `whole`: the last line ends with a line break, so that it cannot be cut off. Raises ConfigError."""
+    """Read one table of a file; `whole`: its last line cannot be cut off. Raises ConfigError."""
     import pandas as pd
 
     stated = re.fullmatch(r"sep=(.)", records[0].text.strip())
@@ -132,8 +131,7 @@ def _is_data(record: Record) -> bool:
 
 
 def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> dict[str, Judged]:
-    """A column of times for frames that are divided into samples, where a line above them holds the samples a second alone: Vicon
-    Nexus writes such tables."""
+    """Times of frames divided into samples, where a line above holds the samples a second alone, as Vicon Nexus writes it."""
     frame, sample = (next((found[n] for n in found if n.casefold() == name), None) for name in ("frame", "sub frame"))
     rates = [v for r in above if len(cells := _any_cells(r.text)) == 1 and (v := number(cells[0])) is not None and v > 0]
     if frame is None or sample is None or not rates or "time" in found or frame.values.dtype.kind != "f":
@@ -222,8 +220,7 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _form(path: Path, records: Sequence[Record], given: str | None, missing: Sequence[str | float]) -> tuple[str, int]:
-    """Separator and number of columns: those for which lines of this many cells hold most values and fewest other words.
-    `given`: the separator that the map or the file states. Raises ConfigError where nothing splits the lines."""
+    """Separator (`given`: as stated) and number of columns that hold most values and fewest words. Raises ConfigError."""
     lines = [r for r in records if not r.comment]
     sample = lines[:SAMPLE] + (lines[-SAMPLE:] if len(lines) > 2 * SAMPLE else [])
     best: tuple[float, str, int] = (0.0, "", 0)
@@ -488,8 +485,7 @@ def are_units(cells: Sequence[str]) -> bool:
 
 
 def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
-    """One name for each column: that in the last line of `heads`, with those above it where it alone does not tell columns
-    apart; `labels`: numbers of the lines that name nothing."""
+    """A name for each column: that of the last of `heads`, with those above where it is not unique; not of `labels`."""
     if not heads:
         return []
     names = heads[-1].cells
@@ -509,8 +505,7 @@ def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
 def _telling(
     above: Sequence[Line], units: Sequence[str] | None, heads: list[Line], names: list[str]
 ) -> tuple[list[Line], list[str]]:
-    """The lines, and the names made of them, that say of most columns what they hold: those given, a line alone, or the last ones
-    together, of which upper ones may name groups of columns."""
+    """Lines, and the names made of them, that name most columns: those given, a line alone, or the last ones together."""
     near = [x for x in above if x.cells is not units and sum(map(bool, x.cells)) > 1 and not MOTIVE.match(x.text)][-MOST_LINES:]
     ways = [(heads, names), *(([line], list(line.cells)) for line in near)]
     for k in range(len(near) - 1):

@@ -303,8 +303,7 @@ class _Weighing:
 
 
 def run(w: Wanted) -> Result:
-    """Investigate; code 0 when it came to its end, 3 when samples were lost on the way, 1 when a run failed or was stopped.
-    Raises ConfigError, RecordingError, InstrumentError."""
+    """Investigate; code 0: done, 3: samples lost, 1: failed or stopped. Raises ConfigError, RecordingError, InstrumentError."""
     case = read_case(w.inputs, w.robot)
     rig = load_rig(w.rig)
     if not same_robot(rig.body, case.robot):

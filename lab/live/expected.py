@@ -61,9 +61,7 @@ def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
 
 
 def gaps(case: Case, with_intervals: bool) -> list[dict[str, Any] | None]:
-    """Of each row of a case the expected tip, its interval, and measured minus expected (m); None for a row without a tip.
-
-    `with_intervals`: robot.yaml states an uncertainty, so that there is an interval."""
+    """By row of a case: expected tip, its interval (`with_intervals`), measured minus expected (m); None without a tip."""
     if not case.table.with_tip.any():
         return [None] * len(case.table)
     comparison = expected(case, stated_by(case.robot), intervals=True)

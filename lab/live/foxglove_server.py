@@ -112,8 +112,7 @@ class Foxglove:
                 self._channels[number].log(payload, log_time=log_time)
 
     def expected(self, log_time: int, answer: dict[str, Any]) -> None:
-        """Send where the tip should be at a log time (ns), `tip` and where known `low` and `high` (m, base frame) of `answer`;
-        without a tip what was drawn before is deleted."""
+        """Send where the tip should be (`answer`: m, base frame) at a log time (ns); without a tip the drawing is deleted."""
         from foxglove import messages as m
 
         def place(x: float, y: float, z: float) -> m.Pose:

@@ -311,9 +311,10 @@ class Picture:
 
     def question(self) -> tuple[Numbers, Numbers] | None:
         """The question to the model (see `expected`) about the robot as it is now, and its moment: rig time `t` (s) and the tip
-        `measured` then (m; None where it was hidden). None without pressures, and while a specimen is in place of the robot."""
+        `measured` then (m; None where it was hidden). None without pressures, and of specimens and the arm."""
         state, pressure = self.state, self.newest.get("pressure")
-        if state is None or pressure is None or state.state.specimen is not None or None in pressure["measured"]:
+        of_arm = state is not None and (state.state.specimen is not None or "/arm" in state.state.topics)
+        if state is None or of_arm or pressure is None or None in pressure["measured"]:
             return None
         spine = self.newest.get("spine", {}).get("length")
         conditions = {

@@ -36,9 +36,7 @@ HATCHES = {
 
 
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
-    """The gap uncalibrated and calibrated, and what each step takes of the latter; `length` m of the robot.
-
-    Two scales: uncalibrated, the gap is often ten times what calibration leaves."""
+    """The gap uncalibrated and calibrated, on two scales, and what each step takes of the latter; `length` m of the robot."""
     calibrated = w.steps[0].left_mm
     with plt.rc_context(STYLE):
         figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
@@ -120,9 +118,7 @@ def _side(tip: Array) -> Array:
 
 
 def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
-    """Rms gap of all states over chambers, spine length and pressure, load and unload, on one colour scale.
-
-    `name` of the model with the cause."""
+    """Rms gap over chambers, spine length and pressure, load and unload, on one colour scale; `name`: model with the cause."""
     s, by_group = _states(d), groups(d)
     missed = {CALIBRATED: s["tip"] - s["calibrated"], name: s["tip"] - s["explained"]}
     rows = [(g, length) for g in sorted(by_group, key=lambda g: g.order) for length in g.lengths]
@@ -159,9 +155,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
 
 
 def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
-    """Gap along and across the bending direction over pressure, up and down: a panel for each group of chambers.
-
-    Above calibrated, below with the cause (`name`), with the band of the noise floor."""
+    """Gap along and across the bending direction over pressure by group of chambers: calibrated, and with the cause (`name`)."""
     s, by_group = _states(d), groups(d)
     half = d.locate.noise_floor_mm / np.sqrt(3)  # of the band: the floor along one of three axes
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
@@ -360,8 +354,7 @@ def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], 
 
 
 def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
-    """Draw the normal density of a size between two values, its mode within the bounds scaled to 1; the part beyond the bounds is
-    dotted, the 90 % interval shaded, zero grey, bounds red."""
+    """Draw the normal density of a size, its mode within the bounds scaled to 1: dotted beyond them, 90 % interval shaded."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
     x = np.unique(
@@ -389,9 +382,7 @@ State = Mapping[str, Any]
 
 
 def shapes(states: Sequence[State], name: str, folder: Path, words: Words) -> list[Path]:
-    """A panel for each state: x and y over z in mm with equal scales, the tip hanging down, and the tip close up below.
-
-    `name` of the model with the cause."""
+    """A panel for each state, x and y over z in mm, the tip hanging down, and close up; `name`: of the model with the cause."""
     return [_panel(state, name, folder / f"shape-{k}.svg", words) for k, state in enumerate(states)]
 
 

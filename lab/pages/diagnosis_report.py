@@ -423,9 +423,7 @@ def _miss(state: Mapping[str, Any], model: str) -> str:
 
 
 def alike(s: PageSection, d: Diagnosis) -> None:
-    """Write which effects these data would take for which, and which they cannot show.
-
-    separation[i][j]: T of taking effect j for effect i; on the diagonal that of effect i against no effect."""
+    """Write which effects these data would confuse or cannot show; separation[i][j]: T of taking effect j for i, i for none."""
     detail = d.detail["distinguishability"]
     effects, tied, separation = detail["effects"], detail["tied_below"], detail["separation"]
     seen = [i for i in range(len(effects)) if separation[i][i] >= tied]

@@ -151,9 +151,7 @@ class PageSection:
         return self
 
     def figure(self, pictures: Path | Sequence[Path], caption: str) -> PageSection:
-        """Add a picture (.svg or .png), or panels that stand in rows or, on a phone, below each other.
-
-        They are put into the page as images, so that nothing in them can run."""
+        """Add a picture (.svg or .png) or panels in rows, as images, so that nothing in them can run."""
         panels = [pictures] if isinstance(pictures, Path) else pictures
         data = [f"data:{IMAGES[p.suffix]};base64,{base64.b64encode(p.read_bytes()).decode()}" for p in panels]
         self.items.append(Item("figure", caption=caption, data=data))

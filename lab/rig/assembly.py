@@ -132,8 +132,7 @@ class Rig:
         return identity
 
     def needed(self, needs: Sequence[str]) -> list[str]:
-        """Of what the rig has, what a protocol with these needs opens: beside them the lab's own sensors, and the regulators,
-        which cannot be vented unless they are open."""
+        """Of what the rig has, what a protocol with these needs opens: the lab's sensors and (to be vented) regulators, too."""
         wanted = {*needs, "pressure", *self.sensors, *(("arm_state",) if "arm" in needs else ())}
         return [name for name in self.names if name in wanted]
 
@@ -262,7 +261,7 @@ class Rig:
             steering=steering,
             rest=rest,
             chambers=self.chambers,
-            stand=StandFrame(stand.origin, stand.axis, stand.push, stand.tool_rotation, stand.standoff) if stand else None,
+            stand=None if stand is None else StandFrame(**stand.model_dump(exclude={"position_sd"})),
             pressure=actuators.pressure if has("pressure") else None,
             spine=actuators.spine if has("spine") else None,
             valve=actuators.valve if has("valve") else None,

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from drivers.chambers import ChamberMap
 from model.body import body_of
 from model.robot import Robot
 from model.section import annulus_second_moment, body_area, body_second_moment
+from protocols.arm_accuracy import distance
 from protocols.experiment import Ask, Plan, Push
 from recordings.states.demands import Bodies
 
 from ..files.config import ConfigError
-from ..files.rig_file import RigFile, Stand
+from ..files.rig_file import RigFile
 from ..files.units import shown
 
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
 
-ACTIVE = ("pressure", "spine length", "deflection")
+ACTIVE = ("pressure", "spine length", "deflection", "arm speed")
 """A plan that asks for none of these moves neither robot nor specimen."""
 PUSHED = "a deflection of {mm:.2g} mm, for which the specimen should need "
 SUBJECTS = {"total pressure": "a total over the chambers of ", "vacuum": "a vacuum of ", "expected force": PUSHED,
@@ -175,25 +180,43 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
         remedy = "write spine_lengths: [0], or describe the spine there"
         limit = f"above what {rig.robot} allows: it has no spine"
         yield Excess(f"a spine of {shown(ask.spine_length, 'm')}", limit, math.inf, remedy)
-    if rig.stand is not None and (arm := rig.instruments.arm) is not None:
-        yield from _probe(ask.probe, rig.stand, arm.workspace_min, arm.workspace_max, path)
+    if rig.instruments.arm is not None:
+        yield from _places(ask, rig, robot, path)
 
 
-def _probe(
-    places: Sequence[tuple[float, float | None]], stand: Stand, low: Sequence[float], high: Sequence[float], path: Path
-) -> Iterator[Excess]:
-    """Places of the probe outside of the arm's box, `low` to `high` (m); between two places inside of it the way is inside too.
-    `places`: distance along the stand's axis and depth of the push (m); None: at the stand-off before the specimen."""
-    for along, depth in places:
-        deep = -stand.standoff if depth is None else depth
-        for i, axis in enumerate("xyz"):
-            x = stand.origin[i] + along * stand.axis[i] + deep * stand.push[i]
+def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess]:
+    """Places of the TCP outside of the arm's box, and ways of its poses that are nearer to the stand than the stand-off."""
+    stand, places = rig.stand, arm_places(rig, robot.length)
+    (low, high), points = places["box"], list[Sequence[float]](pose[:3] for pose in ask.poses)
+    if stand is not None:
+        for along, depth in ask.probe:
+            deep = -stand.standoff if depth is None else depth
+            points.append(tuple(o + along * a + deep * p for o, a, p in zip(stand.origin, stand.axis, stand.push, strict=True)))
+        ways = [np.linspace(a[:3], b[:3], 100) for a, b in itertools.pairwise(ask.poses)]
+        near = min((float(distance(way, places["keep_out"]).min()) for way in ways), default=math.inf)
+        if near < stand.standoff - 1e-9:  # m, rounding
+            limit = f"below stand.standoff = {shown(stand.standoff, 'm')} of {path}"
+            subject = f"a way {shown(round(near, 4), 'm')} from the stand's axis"
+            yield Excess(subject, limit, stand.standoff - near, "use the usual keep_out and keep_out_radius")
+    for point in points:
+        for i, (axis, x) in enumerate(zip("xyz", point, strict=True)):
             over = max(low[i] - x, x - high[i])
             if over > 1e-9:  # m, rounding
                 free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"
                 box = f"outside the workspace of instruments.arm, {axis} = {free} of {path}"
                 remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
                 yield Excess(f"the probe at {axis} = {shown(round(x, 4), 'm')}", box, over, remedy)
+
+
+def arm_places(rig: RigFile, length: float) -> dict[str, Any]:
+    """Where the arm may go, as parameters of `arm_accuracy`: in its box, and away from a specimen of `length` (m)."""
+    arm, stand = rig.instruments.arm, rig.stand
+    box = {} if arm is None else {"box": [arm.workspace_min, arm.workspace_max], "speed": min(0.1, arm.max_speed)}
+    if stand is None:
+        return box
+    end = tuple(o + length * a for o, a in zip(stand.origin, stand.axis, strict=True))
+    azimuth = math.degrees(math.atan2(stand.origin[1], stand.origin[0]))
+    return {**box, "keep_out": [stand.origin, end], "keep_out_radius": stand.standoff, "azimuth_deg": azimuth}
 
 
 def bodies(rig: RigFile, robot: Robot) -> Bodies:
@@ -213,9 +236,7 @@ def bodies(rig: RigFile, robot: Robot) -> Bodies:
 
 
 def expected_force(robot: Robot, push: Push) -> float | None:
-    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, by robot.yaml; None for the spine of a robot without one.
-
-    A body is stiffer as far as the spine reaches inside it; there both bend together."""
+    """Force (N) of a cantilever bent at its end, F = 3 E I d / L^3, a body with spine inside stiffer; None without a spine."""
     from model.rods.beam import bending_compliance  # with a compiler, which few runs need
 
     if push.specimen == "spine" and robot.spine is None:

@@ -56,9 +56,7 @@ def demand_running(rig: RigFile) -> None:
 
 
 def at_real_speed(rig: RigFile) -> tuple[RigFile, str]:
-    """The rig as it can be landed: at speed 1 where something is real, and what to tell of that (else empty).
-
-    A landing is never refused: a vent at the wrong speed is better than none."""
+    """The rig as it can be landed, at speed 1 where something is real, and what to tell of that; a landing is never refused."""
     try:
         demand_fakes(rig)
     except ConfigError as e:

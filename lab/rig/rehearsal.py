@@ -162,7 +162,8 @@ class Desk:
         # Pa below ambient, where neither plan nor set-up names a vacuum
         self.vacuum = max((step.ask.vacuum or 0.0 for step in plan.steps), default=0.0) or 80e3
         self.highest_setpoint = 0.0
-        self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump())
+        self.on_flange = any(step.ask.poses for step in plan.steps)
+        self.stand = None if rig.stand is None else StandFrame(**rig.stand.model_dump(exclude={"position_sd"}))
         self.places = bodies(rig, rig.body)
         channels = (0.0,) * len(self.chambers.channels)
         arcs = self.places.arcs[1:] or tuple(rig.body.length * (i + 1) / (markers + 1) for i in range(markers))
@@ -240,6 +241,8 @@ class Desk:
         """The arm has its pose (m, rad) at once; the force is -k h d at a depth h past the stand's origin along the push d."""
         x, y, z, *turn = map(float, pose)
         self.arm_state.show(tcp_pose=(x, y, z, *turn))
+        if self.on_flange:
+            self.mocap.show(position=(x, y, z))
         if self.stand is not None:
             direction, tool = np.array(self.stand.push), rotation_from_vector(turn)
             depth = sum((a - o) * d for a, o, d in zip((x, y, z), self.stand.origin, self.stand.push, strict=True))

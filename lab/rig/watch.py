@@ -367,8 +367,7 @@ class RigRecovery:
         self._say("Resuming")
 
     def rest(self, over: Callable[[], bool], stopping: Callable[[], bool]) -> None:
-        """The pause that a person asked for, until it is `over`; the instruments are watched all the while. Raises Stopped, or
-        what has failed meanwhile or stays wrong after it."""
+        """The pause that a person asked for, until it is `over`, under watch. Raises Stopped, or what fails or stays wrong."""
         for step in self._actuators.pause().steps:
             if not step.confirmed:
                 raise DeviceFault(step.instrument, f"the pause is not confirmed safe: {step.text}")

@@ -70,9 +70,7 @@ WITHIN = 30.0
 
 
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
-    """Try what the rig has, the air last, and end with the first that fails; the caller lands the rig.
-
-    The robot hangs free; `rig` as `within_robot` gives it."""
+    """Try what the rig (see `within_robot`) has, air last, until one fails; the caller lands it. The robot hangs free."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -181,8 +179,7 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
 
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
-    """Inflate one channel from empty to `STEP` and vent it; returns what was seen. Raises NotAsCommanded.
-    `per_pascal`: of each channel the tip's expected displacement, (3,) m per Pa; none without cameras."""
+    """Inflate a channel to `STEP` and vent it; `per_pascal`: (3,) m per Pa expected of the tip by each. Raises NotAsCommanded."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
@@ -237,8 +234,7 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded where the tip, by `moved` (3,) m, went sideways clearly farther than `expected`, by less than the
-    share `least` of it (None: not judged, nor is the direction), or elsewhere. `pressure`: Pa, for the message."""
+    """Raise NotAsCommanded where the tip moved clearly farther than expected, less than the share `least`, or elsewhere."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(
@@ -280,9 +276,7 @@ LOOK = 0.05
 
 
 def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
-    """Connect to everything, count samples for `seconds` of host time, and say what is missing and what to do.
-
-    With `move` try each actuator by a little; a person is asked once unless `yes`."""
+    """Connect to all, count samples for `seconds` of host time, say what is missing; `move`: try actuators (`yes`: unasked)."""
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
     if move:

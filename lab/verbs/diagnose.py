@@ -79,9 +79,7 @@ def diagnose(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Result:
-    """Diagnose recordings or a case folder, on cores of this machine or (`scheduler`) on a Dask cluster.
-
-    Raises ConfigError, BadEffect, RecordingError."""
+    """Diagnose recordings or a case, here or (`scheduler`) on a Dask cluster. Raises ConfigError, BadEffect, RecordingError."""
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
     if outputs.protocols is not None:
@@ -186,8 +184,7 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
-    """One protocol file for each proposed experiment, as `lab run` takes it, its numbers with units; the states to apply as a
-    table where no rig drives the robot."""
+    """A protocol file for `lab run` for each proposed experiment; a table of states where no rig drives the robot."""
     from ..files.all_protocols import found_protocols  # brings all drivers' interfaces, which an answer does not need
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -135,8 +135,7 @@ def _hidden(forward: ForwardModel, change: Array) -> float:
 
 
 def _columns(robot: Robot, spines: Array, how: str) -> Columns:
-    """Columns of trials.csv of a campaign: at each spine length (m) chamber 1 and its neighbours up and down, read as `how` says;
-    for stiffness trials, the bare spine bent at three lengths of its own."""
+    """Columns of trials.csv of a campaign: chamber 1 and its neighbours up and down at each spine length (m), or pushes."""
     if how == "stiffness":
         spines = robot.length * np.array([0.25, 0.5, 0.75])
         n = DEFLECTIONS.size
@@ -213,8 +212,7 @@ def _legend(s: Signature) -> list[Line2D]:
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
-    """The catalogue; draws signatures.png into `out`; `more` is a file with effects of one's own. Raises ConfigError, `BadEffect`
-    when that file declares effects wrongly."""
+    """The catalogue, drawn into `out` as signatures.png; `more`: a file of one's own effects. Raises ConfigError, `BadEffect`."""
     demand_free(out, OWN, replace)
     shown = robot if robot is not None else load_robot(paper_robot())
     effects, left_out = catalogue(shown, more)

@@ -161,10 +161,13 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             raise ConfigError(f"--sensor {setting}: must be NAME=DRIVER; small letters, digits and _ in the name")
         sensors[name] = _asked(f"--sensor {setting}", "sensor", driver)
     robot = None if a.robot is None else load(a.robot, Robot)
+    truth = RobotTruth() if robot is None else played(robot)
+    if not 0 <= a.arm_errors <= 10:
+        raise ConfigError(f"--arm-errors {a.arm_errors:g}: must be 0 to 10")
     how = regulators(a)
     try:
         return FakeRig(
-            truth=None if robot is None else played(robot),
+            truth=truth.model_copy(update={"arm_errors": a.arm_errors}),
             speed=a.speed,
             effects=effects(a.effect),
             seed=a.seed,
@@ -181,8 +184,7 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 
 def played(robot: Robot) -> RobotTruth:
-    """The virtual robot that has the geometry and the material of a robot.yaml, an area factor by spine length at the shortest
-    one; raises ConfigError for a robot that the fakes cannot simulate."""
+    """The virtual robot with geometry and material of a robot.yaml; raises ConfigError for one that the fakes cannot simulate."""
     factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:
@@ -277,6 +279,9 @@ VERBS = (
         options=(
             option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
+            option(
+                "--arm-errors", type=float, default=1.0, help="errors of the arm's build, as multiples of a UR5's (default 1)"
+            ),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
             option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),

@@ -268,9 +268,7 @@ LEAST_AREA, MOST_AREA = 1e-6, 20.0
 
 
 def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) -> tuple[tuple[str, ...], Array, list[Robot]]:
-    """Names (k), values (n, k) and robots (n) of the normal posterior cut at the parameters' bounds.
-
-    Raises ConfigError for a robot of which nothing is uncertain."""
+    """Names (k), values (n, k) and robots (n) of the posterior, cut at bounds. Raises ConfigError where nothing is uncertain."""
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
@@ -298,9 +296,7 @@ def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -
 
 
 def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = "") -> Iterator[Path]:
-    """One robot.yaml each, and samples.csv with a line for each and a column for each parameter, in its unit.
-
-    `given`: the robot.yaml that they were derived from, see `lab.files.robot_file`."""
+    """One robot.yaml each, derived from `given`, and samples.csv: a line for each, a column for each parameter in its unit."""
     rows: list[list[object]] = [["file", *names]]
     width = max(4, len(str(len(robots))))
     for k, (row, robot) in enumerate(zip(values.tolist(), robots, strict=True), 1):

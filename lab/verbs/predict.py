@@ -137,8 +137,7 @@ def invert(
     spine_length: float | None = None,
     groups: tuple[tuple[int, ...], ...] | None = None,
 ) -> Result:
-    """Pressures and spine lengths for wanted tips; `spine_length` in m, free where None; `groups`: chambers that share a
-    regulator. Raises ConfigError, ModelError."""
+    """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
     outputs.demand_writable()
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)

@@ -37,6 +37,7 @@ from recordings.campaign.replay import metadata as campaign
 from recordings.errors import RecordingError
 from recordings.events import Request
 from recordings.file.journal import Journal
+from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
 from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
@@ -46,6 +47,7 @@ from ..files.checked import announce, last
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
+from ..files.poses import write_poses
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
@@ -54,7 +56,7 @@ from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, set
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import ACTIVE, SLACK, Margin, margins, problems, wiring
+from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, margins, problems, wiring
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -151,7 +153,8 @@ def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
     """What protocols know of a robot with its rig, or with each chamber by itself; ConfigError for a rig wired otherwise."""
     each = tuple((c,) for c in range(1, len(robot.actuators.azimuths_deg) + 1))
     channels = each if rig is None else wiring(rig, robot).channels
-    return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None)
+    arm = {} if rig is None else arm_places(rig, robot.length)
+    return RobotFacts(len(each), channels, robot.tip_mass, robot.spine is not None, arm)
 
 
 def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: Sequence[str] = ()) -> Columns:
@@ -243,8 +246,7 @@ def _with(source: Source, settings: list[str]) -> Source:
 
 
 def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehearsing: bool = False) -> Result:
-    """Limits, duration and steps; connects to nothing. `whole`: each repeat, not the first with their number;
-    `rehearsing`: do the protocol's `run` at the desk, too."""
+    """Limits, duration and steps, without connecting. `whole`: each repeat; `rehearsing`: do the protocol's `run` at the desk."""
     j = job(protocol, rig_path, settings)
     p, speed = j.plan, j.rig.clock.speed
     margins_asked = margins(p, j.rig, j.rig.body)
@@ -393,8 +395,9 @@ def run(
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
     warn(rig.notices)
+    poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
-            "safe": result.safe, "resume": again}  # fmt: skip
+            "safe": result.safe, "resume": again, **poses}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
             f"the clock of this rig runs at {j.rig.clock.speed:g} times real speed; a computer that cannot keep up reads too "
@@ -404,11 +407,24 @@ def run(
     lossy = lost or result.displaced or result.table.doubtful.any()
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
-    return Result(data, lambda: _show_outcome(j, result), code, error, safe=result.safe, again=again)
+    return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
 
 
-def _show_outcome(j: Job, result: Outcome) -> None:
+def _poses_of_arm(result: Outcome) -> dict[str, Any]:
+    """Write the poses of the arm next to the recording, see `write_poses`; nothing where it has none or cannot be read."""
+    with contextlib.suppress(RecordingError):
+        if "joint1" in result.table.columns:
+            return write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
+    return {}
+
+
+def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
+    if poses:
+        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml", soft_wrap=True)
+        place, error = ", ".join(f"{x:.4f}" for x in poses["tool"]), poses["position_sd"]
+        out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
+        out.print(f"error of the arm: {error * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml", soft_wrap=True)
     for topic, n in result.lost.items():
         out.print(f"  lost on {topic}: {n} samples")
     note([*marked_notes(result.table), *beyond_plan(len(result.table), j.plan.states)])
@@ -453,8 +469,7 @@ def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
 
 
 def recording_of(folder: Path, protocol: str, started_ns: int) -> Path:
-    """A file for the recording that begins at `started_ns` (Unix time, ns), new in `folder`; names sort as the runs began, also
-    where two begin within a second (`_` comes after the `.` of the first)."""
+    """A new file in `folder` for the recording that begins at `started_ns` (Unix time, ns); names sort as the runs began."""
     file = folder / f"{protocol}-{time.strftime('%Y%m%d-%H%M%S', time.localtime(started_ns / 1e9))}.mcap"
     return file.with_stem(f"{file.stem}_{started_ns % 1_000_000_000 // 1_000_000:03d}") if file.exists() else file
 
@@ -614,7 +629,7 @@ def _plan_verb(a: argparse.Namespace) -> Result:
     return plan(a.protocol, a.rig, a.set, a.all, a.rehearse)
 
 
-PROTOCOL = "stiffness, bending, elongation, cycles, one of a package, or a file (.yaml, .py)"
+PROTOCOL = "stiffness, bending, elongation, cycles, arm_accuracy, one of a package, or a file (.yaml, .py)"
 SET = settings("change one parameter; `lab plan PROTOCOL --keys` lists them")
 
 VERBS = (

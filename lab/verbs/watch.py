@@ -27,8 +27,7 @@ GOING_ON = 3.0
 
 
 def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, foxglove: int | None = None) -> Result:
-    """Serve the page until Ctrl-C. `what`: a recording, or a rig.yaml whose runs are to be seen, the present one and those
-    that follow it. `foxglove`: the port at which Foxglove finds the same."""
+    """Serve the page of a recording, or of a rig.yaml's runs, until Ctrl-C; `foxglove`: the port at which Foxglove finds it."""
     if speed is not None and not speed > 0:
         raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
     file = _recording(what)

@@ -354,8 +354,7 @@ class ForwardModel:
         return self._with_sources(self._solved(theta, moving, also=sources), sources)
 
     def respond(self, change: Array) -> Array:
-        """(observations,) by how much the baseline's readings change with its pressures (n, chambers), Pa; what the robot
-        remembers stays."""
+        """(observations,) change of the baseline's readings with pressures (n, chambers), Pa; what the robot remembers stays."""
         spread = self._table.at(self._nominal)
         q = self._quantities(spread, InputChange(change[None], np.zeros((1, 1)), np.ones(1)))
         built = self._rows(rod_columns(q, self._shear))
@@ -566,8 +565,7 @@ class ForwardModel:
         return out
 
     def _rest_slopes(self, here: _At, batches: Sequence[_Varied]) -> list[Array | None]:
-        """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`, in the parameters' units; None
-        where memory adds the same."""
+        """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`; None where it adds the same."""
         columns = sorted({c for b in batches for c in b.columns})
         by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
         if here.remembers and columns:

@@ -6,7 +6,7 @@ They enter the forward model like effects, but are no causes to be named.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -89,6 +89,12 @@ def _touch(q: Quantities, v: Values) -> None:
     q.contact_offset = q.contact_offset + v["late"]
 
 
+def _push_place(q: Quantities, v: Values) -> None:
+    along = np.where(q.design.stiffness, v["along"], 0.0)
+    q.spine_length = q.spine_length + np.where(q.design.body, 0.0, along)
+    q.length = q.length + np.where(q.design.body, along, 0.0)
+
+
 def _zero(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["force"], 0.0)
 
@@ -100,7 +106,7 @@ def _tolerance(
     return VariationSource(spec, "nuisance", scope)
 
 
-def _xyz(unit: str, sd: float, axes: str = "xyz") -> tuple[Parameter, ...]:
+def _xyz(unit: str, sd: float, axes: Sequence[str] = "xyz") -> tuple[Parameter, ...]:
     return tuple(Parameter(axis, unit, sd, -10 * sd, 10 * sd) for axis in axes)
 
 
@@ -128,6 +134,8 @@ BY_PUSH = (
     _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
+PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_xyz("m", 1e-3, ("along",)))
+"""The same of all pushes, where robot.yaml states its standard deviation: the arm's error at the stand."""
 MOUNT = (
     _tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE), scope="mount"),
     _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3), scope="mount"),
@@ -208,5 +216,5 @@ def sources(
         if np.ptp(with_spine) > VACUUM_SWEEP * design.nominal_vacuum:
             chosen.append(JAMMING)
     if design.stiffness.any():
-        chosen += BY_PUSH
+        chosen += [*BY_PUSH, *([_as_stated(PUSH_PLACE, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
     return tuple(chosen)

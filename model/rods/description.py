@@ -134,8 +134,7 @@ class Rods:
         return _filled(Rods(self.form, self.values.copy()), fields)
 
     def arcs(self, arc_lengths: ArrayLike) -> Array:
-        """(n, k) m: arc lengths (k,) or (n, k) for every rod, none beyond its tip by rounding; raises `BadCondition` for
-        those that are not on it."""
+        """(n, k) m: arc lengths (k,) or (n, k) for every rod, none beyond its tip by rounding; `BadCondition` off the rod."""
         n = len(self)
         arcs = np.atleast_1d(np.asarray(arc_lengths, dtype=np.float64))
         arcs = np.broadcast_to(arcs, (n, arcs.shape[-1]))

@@ -90,8 +90,7 @@ class Solution:
         return self.status <= Status.SOLVED_IN_STEPS
 
     def trusted(self) -> Solution:
-        """Itself when every rod converged; raises `SolveFailed` naming the rods that did not, how far their load could be
-        followed and what to do."""
+        """Itself when every rod converged; raises `SolveFailed` with the others, how far their load was followed, a remedy."""
         bad = np.flatnonzero(~self.converged)
         if bad.size:
             listed = ", ".join(f"{i} ({self._why(i)})" for i in bad[:8])

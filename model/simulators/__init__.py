@@ -62,8 +62,7 @@ class Forward(Protocol):
     (`area.excess`, `youngs_modulus.excess`): its own response to these is used (differenced), the rod's to all others."""
 
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
-        """Readings of the states; `parameters` name -> how far from the robot as it is described, in the name's unit, 0 for
-        a name that is missing."""
+        """Readings of the states; `parameters`: name -> distance from the robot as described, in its unit, 0 if missing."""
 
 
 def rods_at(robot: Robot, states: States, parameters: Mapping[str, float]) -> Rods:

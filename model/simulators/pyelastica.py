@@ -71,8 +71,7 @@ class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping): 
 def relaxed(
     rods: Rods, i: int, density: float, elements: int = ELEMENTS, time_step: float = TIME_STEP, at_rest: float = 1e-4
 ) -> Array:
-    """(3,) m, the tip of rod `i` when no node is faster than `at_rest` (m/s); NaN where it does not come to rest. Many elements
-    need a short `time_step` (s)."""
+    """(3,) m, tip of rod `i` when no node is faster than `at_rest` (m/s), NaN: never. Many elements: short `time_step` (s)."""
     length = float(rods.whole_length[i])
     rod = ea.CosseratRod.straight_rod(
         elements, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), length, RADIUS, density,

@@ -65,8 +65,7 @@ class RecordedRun:
 
 
 def runs(folder: str | os.PathLike[str], where: Sequence[tuple[str, str]] = ()) -> list[RecordedRun]:
-    """The recordings below a folder, oldest first, after bringing the index up to date; `where`: labels that they have, name and
-    text."""
+    """Recordings below a folder, oldest first, once the index is up to date; `where`: labels that they have, name and text."""
     folder = Path(folder)
     place = folder / INDEX
     if place.is_symlink() or (place.exists() and not place.is_file()):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import Misplaced, NoResistance, NotSettled, TooFewSamples, VacuumLost
 from ..messages import SENSORS
-from ..trials import TrialRow
+from ..trials import SENSOR, TrialRow
 from .averaging import Average, Estimator, along_push, line, line_quaternion, mean, mean_quaternion
 from .buffer import Streams
 from .demands import jumped, left_band, places_of, too_far
@@ -26,7 +26,8 @@ SLOW_BACK, SLOW_OLDEST = 1.0, 10.0
 of the last second (s) before its end, one sample is enough; where there is none, the newest of the last ten seconds."""
 
 AVERAGED = {
-    "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"), "/arm": ("tcp_pose",),
+    "/pressure": ("measured",), "/spine": ("length",), "/vacuum": ("absolute",), "/force": ("raw", "zero"),
+    "/arm": ("tcp_pose", "joints"),
 }  # fmt: skip
 """What must be a number in every sample that is averaged; of the tip only tracked samples count."""
 SEEN = {"/tip": ("position", "orientation", "markers")}
@@ -34,8 +35,7 @@ SEEN = {"/tip": ("position", "orientation", "markers")}
 
 
 def of_sensor(topic: str) -> bool:
-    """Whether a topic is that of a sensor of the lab's own. How often it measures is not known here: it is read like those
-    that are polled seldom."""
+    """Whether a topic is a sensor of the lab's own, which is read like those that are polled seldom."""
     return topic.startswith(SENSORS)
 
 
@@ -152,6 +152,8 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
     if (vacuum := samples.get("/vacuum")) is not None:
         absolute = mean(vacuum["t"], vacuum["absolute"])
         measured["vacuum"] = Average(state.ambient - absolute.value, absolute.sd)
+    if tip is not None and (arm := samples.get("/arm")) is not None:
+        measured |= {f"joint{k}": e for k, e in enumerate(_each(estimate, arm, "joints"), 1)}
     for topic in of_sensors:
         for name in (samples[topic].dtype.names or ())[1:]:
             measured[sensor_column(topic, name)] = mean(samples[topic]["t"], samples[topic][name])
@@ -171,7 +173,7 @@ def _row(streams: Streams, state: State, span: Span, count: Callable[[int], obje
         tip=None if tip is None else (value["x"], value["y"], value["z"]),
         orientation=None if tip is None else _orientation(rule, span, tip),
         markers=() if tip is None else _markers(estimate, tip), force=value.get("force"), deflection=value.get("deflection"),
-        sensors={name: v for name, v in value.items() if name.startswith("sensor_")},
+        sensors={name: v for name, v in value.items() if SENSOR.fullmatch(name)},
         sd={name: e.sd for name, e in measured.items() if e.sd == e.sd},
     )  # fmt: skip
 

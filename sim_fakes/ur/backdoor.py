@@ -78,11 +78,11 @@ def act(hub: Hub, request: dict[str, Any]) -> None:
         case "protective_stop":
             controller.protective_stop("back door")
         case "emergency_stop":
-            controller.emergency_stop()
+            controller.safety_stop("ROBOT_EMERGENCY_STOP")
         case "pause":
             controller.pause()
         case "safeguard_stop":
-            controller.safeguard_stop()
+            controller.safety_stop("SAFEGUARD_STOP")
         case "safety":
             controller.safety_stop(str(request["name"]))
         case "remote":

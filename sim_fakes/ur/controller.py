@@ -197,14 +197,6 @@ class FakeController:
         self.safety, self._stopped_at = Safety.PROTECTIVE_STOP, self.t
         self.end_program(f"protective stop: {reason}")
 
-    def safeguard_stop(self) -> None:
-        """Somebody opened the cell: the arm halts as after a protective stop, with its brakes released."""
-        self.safety_stop("SAFEGUARD_STOP")
-
-    def emergency_stop(self) -> None:
-        """Somebody pressed the button: power is cut."""
-        self.safety_stop("ROBOT_EMERGENCY_STOP")
-
     def safety_stop(self, name: str) -> None:
         """Any state of the safety system, by the dashboard's name. Raises KeyError."""
         self.safety = {words: bits for bits, (_, words) in SAFETY_MODE.items()}[name]

@@ -2,7 +2,7 @@
 
 Poses are 4x4 matrices or (x, y, z [m], rotation vector [rad]); joint angles rad; everything in the arm's base frame.
 The Denavit-Hartenberg parameters are the nominal ones that Universal Robots publishes for the UR5 (CB3) and the UR5e; a
-real arm deviates by its calibration.
+real arm deviates (`TrueArm`), and its controller knows nothing of it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Geometry:
-    """Denavit-Hartenberg parameters of the six joints: a and d in m, alpha in rad."""
+    """Denavit-Hartenberg parameters of the six joints: a, d in m, alpha in rad; beta (rad): a turn about y behind alpha."""
 
     a: tuple[float, ...]
     d: tuple[float, ...]
     alpha: tuple[float, ...] = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
+    beta: tuple[float, ...] = (0.0,) * 6
 
 
 UR5_CB3 = Geometry(a=(0.0, -0.425, -0.39225, 0.0, 0.0, 0.0), d=(0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823))
@@ -80,7 +81,7 @@ def forward(geometry: Geometry, joints: Array, tool: Array) -> tuple[Array, Arra
     ax, ay, az, bx, by, bz, cx, cy, cz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0  # x, y and z axis
     px = py = pz = 0.0
     screws = []
-    for theta, a, d, alpha in zip(joints.tolist(), geometry.a, geometry.d, geometry.alpha, strict=True):
+    for theta, a, d, alpha, beta in zip(joints.tolist(), geometry.a, geometry.d, geometry.alpha, geometry.beta, strict=True):
         screws.append((cx, cy, cz, px, py, pz))
         ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
         sx, sy, sz = ct * bx - st * ax, ct * by - st * ay, ct * bz - st * az
@@ -88,6 +89,10 @@ def forward(geometry: Geometry, joints: Array, tool: Array) -> tuple[Array, Arra
         px, py, pz = px + d * cx + a * ax, py + d * cy + a * ay, pz + d * cz + a * az
         bx, by, bz = ca * sx + sa * cx, ca * sy + sa * cy, ca * sz + sa * cz
         cx, cy, cz = ca * cx - sa * sx, ca * cy - sa * sy, ca * cz - sa * sz
+        if beta:
+            cb, sb, (sx, sy, sz) = math.cos(beta), math.sin(beta), (ax, ay, az)
+            ax, ay, az = cb * ax - sb * cx, cb * ay - sb * cy, cb * az - sb * cz
+            cx, cy, cz = sb * sx + cb * cx, sb * sy + cb * cy, sb * sz + cb * cz
     pose = np.array([[ax, bx, cx, px], [ay, by, cy, py], [az, bz, cz, pz], [0.0, 0.0, 0.0, 1.0]]) @ tool
     x, y, z = pose[:3, 3].tolist()
     columns = [
@@ -113,3 +118,25 @@ def inverse(geometry: Geometry, target: Array, start: Array, tool: Array) -> Arr
         step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
         joints = joints + step * min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
     return joints if size < 1e-7 else None  # the error before the last step
+
+
+ZERO, LENGTH, TWIST = 1e-3, 0.5e-3, 1e-3
+"""rad, m, rad: standard deviations of a built arm's joint zeros, link lengths and twists of its axes."""
+WEIGHT, YIELD = 60.0, 15e-6
+"""N of an arm's weight, as at its flange; most that a joint turns under a torque, rad/(N m): 0.6 mrad of the stretched arm."""
+
+
+class TrueArm:
+    """A UR5 as it is built, with errors `size` times as large as usual, drawn from a seed. Parallel axes turn about y, too."""
+
+    def __init__(self, seed: int, size: float) -> None:
+        rng, g = np.random.default_rng(seed), UR5_CB3
+        zero, d, a, alpha, beta = size * np.array([[ZERO], [LENGTH], [LENGTH], [TWIST], [TWIST]]) * rng.standard_normal((5, 6))
+        self.geometry = Geometry(tuple(g.a + a), tuple(g.d + d), tuple(g.alpha + alpha), tuple(beta * (np.cos(g.alpha) > 0.5)))
+        self._zero, self._compliance = zero, size * YIELD * rng.uniform(0.3, 1.0, 6)
+
+    def flange(self, joints: Array) -> Array:
+        """Where the flange is (4x4) when the controller reports these joint angles: they yield under gravity's torques."""
+        joints = joints + self._zero
+        torques = -WEIGHT * forward(self.geometry, joints, np.eye(4))[1][2]  # N m: by the height that each joint lifts
+        return forward(self.geometry, joints + self._compliance * torques, np.eye(4))[0]

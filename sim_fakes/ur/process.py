@@ -9,7 +9,6 @@ import contextlib
 import json
 import random
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -24,7 +23,7 @@ from timing import RigClock
 from ..plant import Plant
 from ..punctual import punctual
 from . import dashboard, rtde, server
-from .kinematics import rotation_matrix
+from .kinematics import TrueArm
 
 START_TIMEOUT = 20.0
 """s of host time."""
@@ -167,22 +166,20 @@ class UrFake:
             self._thread.join(1.0)
 
     def _receive(self) -> None:
-        """Put each new TCP pose that the controller sends into the plant, until stopped."""
+        """Put each new place of the arm into the plant, by its true kinematics, until stopped."""
         punctual()
-        newest: tuple[float, ...] = ()
+        arm, newest = TrueArm(self.seed, self.plant.arm_errors), b""  # without the time
         while self._running:
             try:
                 if not timing.readable([self._poses], 0.2):
                     continue
                 data, sender = self._poses.recvfrom(256)
-                pose = struct.unpack("<7d", data)[1:]
-            except struct.error:
-                continue
             except (OSError, ValueError):
                 return
-            if sender[0] != self.host or pose == newest:
+            if sender[0] != self.host or data[8:] == newest or len(data) != server.POSE_DATAGRAM.size:
                 continue
-            newest = pose
+            newest, numbers = data[8:], np.array(server.POSE_DATAGRAM.unpack(data)[1:])
+            flange = arm.flange(numbers[:6])
+            tcp = flange @ np.vstack([numbers[6:].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
             with self.plant.lock:
-                self.plant.probe_position = np.array(pose[:3])
-                self.plant.probe_rotation = rotation_matrix(pose[3:])
+                self.plant.flange, self.plant.probe_position, self.plant.probe_rotation = flange, tcp[:3, 3], tcp[:3, :3]

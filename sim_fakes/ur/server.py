@@ -38,8 +38,8 @@ class UploadConnection(Connection):
 
 
 Address = tuple[str, int]
-POSE_DATAGRAM = struct.Struct("<7d")
-"""Rig time (s), TCP position (m), rotation vector (rad)."""
+POSE_DATAGRAM = struct.Struct("<19d")
+"""Rig time (s), angles of the joints (rad), and the first three rows of the TCP's pose (4, 4) in the flange's frame."""
 LONGEST_BACKLOG = 0.25
 """s; a host that sleeps longer than this has stopped the controller's time."""
 
@@ -76,7 +76,7 @@ class UrServer:
         await asyncio.get_running_loop().create_server(make, self.host, port)
 
     async def _cycles(self, plant: socket.socket, pose_to: Address | None) -> None:
-        """Run the controller's cycles; after each send the TCP pose to `pose_to`, and the RTDE packages."""
+        """Run the controller's cycles; after each send where the arm is to `pose_to`, and the RTDE packages."""
         controller, period = self.controller, self.controller.period
         due = began = timing.now()
         while True:
@@ -90,6 +90,6 @@ class UrServer:
             if pose_to is not None:
                 rig_time = (due - self.clock_start) * controller.speed
                 with contextlib.suppress(OSError):
-                    plant.sendto(POSE_DATAGRAM.pack(rig_time, *controller.arm.pose_vector()), pose_to)
+                    plant.sendto(POSE_DATAGRAM.pack(rig_time, *controller.arm.q, *controller.arm.tool[:3].flat), pose_to)
             if not self.hub.frozen:
                 rtde.publish(self.hub)

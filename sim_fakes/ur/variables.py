@@ -79,10 +79,7 @@ def outputs(version: Version) -> dict[str, str]:
 
 
 def inputs() -> dict[str, str]:
-    """Name -> type of everything a client may own and write.
-
-    That a CB3 offers `external_force_torque` is assumed; no real one of that version was at hand.
-    """
+    """Name -> type of all that a client may own and write; `external_force_torque` of a CB3 is assumed, none was at hand."""
     names = {f"input_int_register_{i}": INT32 for i in range(REGISTERS)}
     names |= {f"input_double_register_{i}": DOUBLE for i in range(REGISTERS)}
     names |= {"speed_slider_mask": UINT32, "speed_slider_fraction": DOUBLE, "external_force_torque": VECTOR6D}

@@ -23,8 +23,7 @@ Array = NDArray[np.float64]
 
 @kernel
 def contact_force(depth: float, soft_depth: float, soft: float, stiff: float) -> tuple[float, float]:
-    """Force (N) and stiffness (N/m) at a depth (m): nothing, a soft layer, then stiff with a start rounded over 1
-    um."""
+    """Force (N) and stiffness (N/m) at a depth (m): nothing, a soft layer, then stiff with a start rounded over 1 um."""
     if depth <= 0.0:
         return 0.0, 0.0
     force = soft * depth if soft_depth > 0.0 else 0.0

@@ -103,8 +103,7 @@ class Pneumatics:
         return np.asarray(area * p)
 
     def wrench(self, roll: float, h: Array) -> tuple[Array, Array]:
-        """Follower force at the tip (3) in N and follower moments at the nodes (n+1, 3) in N m, for segments of
-        lengths h and the robot rolled by so much (rad)."""
+        """Follower force (3) N at the tip, moments (n+1, 3) N m at nodes, for segments of lengths h and a roll in rad."""
         moments = np.zeros((len(h) + 1, 3))
         forces, azimuths = self.forces(), self._azimuths + roll
         radius = self._truth.chamber_path_radius
@@ -187,8 +186,7 @@ class VirtualRobot:
 
     # -- one step
     def move(self, dt: float) -> None:
-        """Let the rod follow its inputs for dt seconds; nothing is computed while neither they nor the rod move.
-        Raises `NoEquilibrium`."""
+        """Let the rod follow its inputs for dt seconds; computes nothing while neither moves. Raises `NoEquilibrium`."""
         self.time += dt
         self._pending += dt
         inputs = self._input_vector()

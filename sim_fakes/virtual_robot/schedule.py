@@ -28,8 +28,7 @@ HOLD_EDGES = (0.02, 0.1, 0.3, 0.6, 1.0)
 
 @dataclass(frozen=True)
 class Condition:
-    """One state to go to: lengths m, pressures Pa gauge (one a chamber), vacuum Pa below ambient, mass kg, roll rad,
-    hold s, rate Pa/s."""
+    """One state: lengths m, pressures Pa gauge by chamber, vacuum Pa below ambient, mass kg, roll rad, hold s, rate Pa/s."""
 
     spine_length: float
     pressures: tuple[float, ...] = (0.0,) * 9

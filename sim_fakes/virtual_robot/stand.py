@@ -90,8 +90,7 @@ class VirtualStand:
         self._bias = 0.0
 
     def reaches(self, chain: Chain, radius: float, probe: Array) -> tuple[float, float] | None:
-        """Level (m, specimen x of the axis at contact) and arc length (m) of a probe position in the arm base frame;
-        None: misses."""
+        """Level (m, specimen x of the axis) and arc length (m) of a probe position in the arm base frame; None: misses."""
         x, y, z = self._rotation.T @ (probe - self._origin)
         length = float(chain.h.sum())
         # the probe still meets the specimen 2 cm beyond its end

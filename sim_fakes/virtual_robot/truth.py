@@ -69,6 +69,8 @@ class RobotTruth(BaseModel):
     stand_gravity: tuple[float, float, float] = (0.0, 0.0, 9.81)
     """m/s^2, specimen frame; acts on the body only (the bare spine is taken as weightless)."""
     contact_stiffness: float = Field(default=1e7, gt=1e3, le=1e10, json_schema_extra={"unit": "N/m"})
+    arm_errors: float = Field(default=0.0, ge=0, le=10)
+    """Size of the arm's differences from its nominal kinematics; 1: those of a UR5 as it is built."""
     canonical_directions: bool = False
     """Effects that have a direction act along x (or about y) instead of in a direction drawn from the seed."""
 

@@ -12,9 +12,10 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.prepare import prepare
 from model.effects import CATALOGUE
-from recordings.trials import TrialRow
+from model.robot import Uncertainty
+from recordings.trials import Table, TrialRow
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
-from tests.diagnosis.test_case import ROBOT, case, sweep
+from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 
 LENGTHS = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 RIVALS = {e: CATALOGUE[e] for e in ("force_bias", "arm_compliance", "contact_offset", "spine_shear", "spine_slip", "area_moment")}
@@ -82,6 +83,14 @@ def test_an_effect_is_named_with_its_size(effect: str, size: float, parameter: s
     assert found.value == pytest.approx(size, abs=max(3 * found.sd, 0.05 * size))
     assert d.shrink is not None and d.shrink.how == "leave one spine length out"
     assert d.shrink.after_mm < 0.75 * d.shrink.before_mm
+
+
+@pytest.mark.parametrize(("stated", "effects"), [(None, ("spine_length_offset",)), (5e-3, ())])
+def test_a_probe_5_mm_off_is_no_cause_where_the_stand_states_its_error(stated: float | None, effects: tuple[str, ...]) -> None:
+    rows = [replace(r, force=(r.force or 0.0) * (r.spine_length / (r.spine_length + 5e-3)) ** 3) for r in pushes()]
+    robot = ROBOT.model_copy(update={"uncertainty": Uncertainty(push_place=stated)})
+    d = diagnose(Measured(robot, Table.of(rows)), Options(experiments=False))
+    assert d.attribute.effects == effects and d.locate.significant == bool(effects)
 
 
 def test_the_gap_is_told_as_deflection_and_the_json_reads_back() -> None:

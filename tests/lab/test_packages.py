@@ -129,7 +129,7 @@ def test_a_broken_one_takes_no_name_from_a_good_one(install: Install) -> None:
 def test_protocols(install: Install, cli: Cli) -> None:
     install("packaged", CREEP, protocols={"creep": "", "bending": ""})
     install("odd", "import nothing_of_this_name", protocols={"odd": ""})
-    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "creep"}
+    assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "arm_accuracy", "creep"}
     assert "note" not in cli("plan", "elongation", "--rig", RIG).err
     assert "package packaged 1.0: entry point bending" in cli("plan", "bending", "--rig", RIG).flat_err
     assert (

@@ -89,6 +89,7 @@ def puff(folder: Path, old: str = "", new: str = "") -> Path:
         ("stiffness", ["spine_lengths=[6 cm, 18 cm]", "steps=5"], 10, 2),
         ("stiffness", ["specimen=body", "spine_lengths=[0]"], 8, 1),
         ("cycles", ["cycles=2"], 0, 0),
+        ("arm_accuracy", ["poses=9"], 17, 17),
         (ROOT / "examples/protocol/staircase.py", ["chambers=[6, 7, 8]", "repeats=2"], 14, 2),
         (ROOT / "examples/protocol/creep.py", ["times=[3 s, 500 s]"], 2, 1),
     ],

@@ -11,6 +11,7 @@ from recordings.file.reader import Recording
 from sim_fakes.rig import FakeRig
 
 SMALL = {
+    "arm_accuracy": ("poses=8", "passes=1"),
     "bending": ("spine_lengths=[0.05]", "pressures=[60 kPa, 90 kPa]"),
     "cycles": ("cycles=2",),
     "elongation": ("spine_lengths=[0.05]", "pressures=[60 kPa]"),
@@ -23,6 +24,7 @@ SMALL = {
 def rig(whole_rig: FakeRig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rig") / "rig.yaml"
     write_rig(whole_rig, path)
+    write_rig(whole_rig, path.with_name("arm_accuracy.yaml"), {"instruments": {"mocap": {"body": "Flange", "markers": []}}})
     return path
 
 
@@ -35,7 +37,8 @@ def test_none_is_left_out() -> None:
 )
 def test_it_runs_to_its_end(protocol: str, rig: Path, tmp_path: Path) -> None:
     settings = [word for setting in SMALL[protocol] for word in ("--set", setting)]
-    assert main(["run", protocol, "--rig", str(rig), *settings, "--out", str(tmp_path)]) in (0, 3)
+    own = rig.with_name(f"{protocol}.yaml")
+    assert main(["run", protocol, "--rig", str(own if own.exists() else rig), *settings, "--out", str(tmp_path)]) in (0, 3)
     (file,) = tmp_path.glob("*.mcap")
     recording = Recording.open(file)
     assert recording.outcome == "completed" and recording.metadata["outcome"]["safe_state"] == "confirmed"

@@ -44,7 +44,7 @@ def test_a_wrong_one_fails_before_anything_is_connected(tmp_path: Path, capsys: 
     assert main(["plan", str(tmp_path / "mine_.py"), "--rig", RIG]) == 2
     assert capsys.readouterr().err == f"{tmp_path / 'mine_.py'}: no such file; do you mean {path}?\n"
     assert main(["plan", "bendin", "--rig", RIG]) == 2
-    assert "must be one of stiffness, bending, elongation, cycles, or a protocol file" in capsys.readouterr().err
+    assert "must be one of stiffness, bending, elongation, cycles, arm_accuracy, or a protocol file" in capsys.readouterr().err
 
 
 def test_a_copied_file_is_a_protocol_of_its_own_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -203,7 +203,7 @@ def test_power_and_brakes_take_seconds() -> None:
     assert answer(controller, "robotmode") == "Robotmode: RUNNING"
     controller.power(on=False)
     controller.power(on=True)
-    controller.emergency_stop()
+    controller.safety_stop("ROBOT_EMERGENCY_STOP")
     after(controller, 5)
     assert answer(controller, "robotmode") == "Robotmode: POWER_OFF"
 

@@ -140,8 +140,7 @@ def see_largest_moment(rod: Rod) -> None:
 
 @routine
 def exchange(rod: Rod, springs: int, memory: Array, row: int, keep: bool) -> None:
-    """Copy tip pose, Jacobians and largest moment of a rod into a row of `memory` (`keep`), or from there into the rod, which
-    then starts from an earlier solve."""
+    """Copy tip pose, Jacobians and largest moment of a rod to a row of `memory` (`keep`) or from there, to start from it."""
     unknowns = 6 if springs > 0 else 3
     at = carry(rod.tip, 1 + unknowns, memory, row, 0, keep)
     at = carry_rows(rod.jacobian.turn, unknowns, memory, row, at, keep)

@@ -32,8 +32,7 @@ WHOLE = 1.0
 
 @routine
 def evaluate(group: RodGroup, springs: int, dead: float) -> None:
-    """Shoot from the present unknowns and read what comes out at the base; dead loads count `dead` times, and this many
-    springs pull."""
+    """Shoot from the present unknowns, dead loads counting `dead` times, this many springs pulling, and read the residual."""
     start_at_tip(group, springs, dead)
     parts = group.parts
     for e in range(parts.size):
