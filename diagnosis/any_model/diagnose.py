@@ -32,7 +32,7 @@ from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from ..inference.problem import FitParameters, Problem
-from .answer import Answer, Experiment, Left, Ranked, Size, Step
+from .answer import Answer, Experiment, Left, Ranked, Share, Size, Step
 from .cause import Cause, Parameter, parameters
 from .model import Model, Predict
 from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
@@ -70,6 +70,12 @@ class Built:
         whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
         each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
         return np.array([whole, *each])
+
+    def by_row_and_output(self, values: Array) -> Array:
+        """(rows, outputs) of values (n,); NaN where not measured."""
+        out = np.full(self.table.measured.shape, np.nan)
+        out[self.table.kept] = values
+        return out
 
     def begun(self) -> list[tuple[Hypothesis, Array]]:
         """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
@@ -310,8 +316,22 @@ class _Diagnosis:
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
-            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), outputs=b.table.outputs,
+            names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(decision.effects),
+            residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
+
+    def _budget(self, named: Hypothesis) -> tuple[Share, ...]:
+        """How far each cause moves the outputs in the best model, largest in noise floors first."""
+        b, p, theta = self._b, self._p, self._w.best.fit.theta
+        whole, slope = b.problem.forward.linearise(theta)
+        weight, out = 1 / b.sd[b.output], []
+        for effect in p.ids:
+            moved = whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta))
+            beyond = p.beyond_calibration((moved * weight)[:, None], slope * weight[:, None])[:, 0]
+            rms = b.rms(beyond / weight)
+            out.append((rms[0], Share(effect, effect in named, dict(zip(b.table.outputs, rms[1:].tolist(), strict=True)))))
+        return tuple(share for _, share in sorted(out, key=lambda one: -one[0]))
 
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""
@@ -399,8 +419,10 @@ class _Diagnosis:
             labels = candidates[self._b.table.group_name]
         worth = pd.Series(square).groupby(labels.to_numpy()).sum().sort_values(ascending=False)
         names = tuple(" + ".join(h) or "none" for h, _ in leading)
+        first = candidates.groupby(labels.to_numpy()).first()
         return tuple(
-            Experiment(at if isinstance(at, str) else int(at), float(x), names) for at, x in worth[:MOST_PROPOSED].items()
+            Experiment(at if isinstance(at, str) else int(at), float(x), names, first.loc[at].to_dict())
+            for at, x in worth[:MOST_PROPOSED].items()
         )
 
     def _fitted_of(self, named: Hypothesis) -> Array:
