@@ -32,7 +32,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "verify": ("verbs.recorded", "compare every checksum, record and index of a recording"),
         "recover": ("verbs.recorded", "save all that can be read of a damaged or truncated recording"),
         "replay": ("verbs.recorded", "compute the trials again from the recording alone and compare with the live run"),
-        "export": ("verbs.export", "recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate, ArviZ"),
+        "export": ("verbs.export", "recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate"),
         "import": ("verbs.import_data", "measurements of other programs as a case, by a map of their columns"),
     },
     "model and diagnosis": {
