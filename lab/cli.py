@@ -46,7 +46,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "for developers": {
         "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, ending in an HTML report"),
         "schema": ("verbs.developer",
-                   "JSON schema of rig.yaml, robot.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
+                   "JSON schema of rig.yaml, robot.yaml, arm.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
         "completion": ("verbs.developer", "print the shell's completion script for verbs, options and files"),
     },
 }  # fmt: skip

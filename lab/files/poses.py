@@ -13,6 +13,7 @@ import pandas as pd
 from model.arm import Arm
 from recordings.errors import BadTable
 from recordings.table_file import MOST_STATES, read_columns
+from recordings.trials import ORIENTATION
 
 from .config import ConfigError
 from .units import KINDS, plain_unit
@@ -43,13 +44,15 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
             raise BadTable(f"{path}: no column {name}{hint}; the first line must name {wanted}")
         return list(headings.values())
 
-    _, columns, place = read_columns(path, chosen, MOST_STATES, finite=False)
+    header, columns, place = read_columns(path, chosen, MOST_STATES, finite=False)
     table = pd.DataFrame({bare: columns[name] * _factor(path, bare, name) for bare, name in headings.items()})
     lacking = ~np.isfinite(table[list(needed)].to_numpy())
     rows = np.flatnonzero(lacking.any(axis=1)).tolist()
     notes = [f"{place(i)}, {needed[int(lacking[i].argmax())]}: holds no finite number; the row is left out" for i in rows]
     if len(notes) > MOST_NAMED:
         notes[MOST_NAMED:] = [f"{path}: {len(notes) - MOST_NAMED} more rows lack a number and are left out"]
+    if measured and {*ORIENTATION} & {*header}:
+        notes.append(f"{path}: {', '.join(ORIENTATION)} are not used: positions alone are weighed")
     whole = np.flatnonzero(~lacking.any(axis=1))
     if not len(whole):
         raise BadTable(f"{path}: no row has all of {', '.join(needed)}; fill in the cells")
