@@ -195,8 +195,7 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
 
 
 def save(answer: Answer, folder: Place) -> Path:
-    """Keep an answer of `diagnose_model`: diagnosis.json and the page diagnosis.html, in a folder that is made where there is
-    none; returns the page."""
+    """Write diagnosis.json and diagnosis.html of an answer of `diagnose_model`; returns the page."""
     from .pages.answer_page import save as _save  # with what draws
 
     return _save(answer, folder)

@@ -204,8 +204,7 @@ class Session:
         return found_of(self.folder / run.folder)
 
     def _one(self, run: CampaignRun | None, job: Job, needs: Sequence[str], folder: Path, broken: Broken | None) -> Ended | None:
-        """Make one recording (of a run, or of a warm-up: None), with the instruments `needs` open, and note it in the journal.
-        Returns how the session ended or `Ended(True)`; None: the run failed, and may be tried again."""
+        """Make one recording (of a run, or of a warm-up: None) and note it in the journal; None: it failed, try again."""
         if why := self.stops.before(job.plan, self.journal.done):
             return Ended(False, why)
         number = None if run is None else run.number

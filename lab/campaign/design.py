@@ -250,8 +250,7 @@ def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
 
 
 def _lines(source: Source, place: Loc, picked: Mapping[str, int]) -> dict[Loc, int]:
-    """Key of one run's parameters -> line of the campaign's file: below `parameters`, or that of the value picked (its number in
-    the list, `picked`) below `conditions`; `place`: where the protocol stands."""
+    """Key of one run's parameters -> its line in the campaign's file; `picked`: number of the value in `conditions`."""
     line_of: dict[Loc, int] = {}
     same, varied = (*place, "parameters"), (*place, "conditions")
     for loc, line in source.lines.items():

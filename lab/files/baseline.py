@@ -63,8 +63,7 @@ def _by_step(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
 
 
 def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
-    """(rows,) line of the file with the nearest state (spine length and pressures within `SPINE_WITHIN` and `PRESSURE_WITHIN`,
-    mass and roll the same) for each row of the table, -1 where it has none. Raises ConfigError."""
+    """(rows,) line of the file with the nearest state for each row of the table, -1 where it has none. Raises ConfigError."""
     pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
     missing = [name for name in pressures if name not in predicted]
     if missing:

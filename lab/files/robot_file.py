@@ -117,8 +117,7 @@ class _Edited:
         return "".join([*parts, self._given[start:end]])
 
     def _value(self, node: yaml.Node, data: Any, before: Any, after: Any, loc: Loc) -> Iterator[_Edit]:
-        """Edits of the text that change a value: `node` and `data` are as in it, `before` and `after` as in models. Raises _Anew,
-        on which the caller writes the entry anew."""
+        """Edits of the text that change a value; `node`, `data`: as in it. Raises _Anew where the entry must be written anew."""
         if isinstance(node, yaml.MappingNode) and isinstance(before, dict) and isinstance(after, dict):
             yield from self._table(node, data, before, after, loc)
             return

@@ -454,8 +454,7 @@ class _Talk:
 
 
 def _asked(addresses: Sequence[str] | None, what: str, rig: str | Path | None) -> dict[Owner, LandingAnswer | None]:
-    """Ask (`what`: who or land) the guards at these addresses, or at all of this computer, in parallel; each once, with its
-    answer to `land`, None where it gave none. `rig` decides who is believed."""
+    """Ask (`what`: who or land) guards in parallel: each once, with its answer to `land`, None where it gave none."""
     until, accounts, own_rig = timing.now() + WHO_WITHIN, believed_accounts(rig), addresses is None
     where = _all_addresses() if addresses is None else addresses
     talks = [_Talk(address, what, accounts, own_rig, until) for address in where]
@@ -563,8 +562,7 @@ def _free(path: str) -> bool:
 
 
 def _bind_file(listening: socket.socket, path: str) -> Callable[[], None]:
-    """Listen at a file for this account and root, replacing the one that a crash left; returns a function that removes the file.
-    The socket is bound under another name and renamed, so that nobody finds it before it listens. Raises OSError."""
+    """Listen at a file, bound under another name and renamed once it listens; returns what removes it. Raises OSError."""
     place, name = os.path.split(path)
     folder = os.open(place, os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC)
     temporary = f".{secrets.token_hex(4)}.sock"

@@ -253,8 +253,7 @@ class Guard:
         return self._cause or RigLanded(f"the guard has made the rig safe: {self.landed}")
 
     def _set_pressure(self, pressures: tuple[float, ...]) -> tuple[float, ...]:
-        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed.
-        Where they do not confirm, the monitor takes any of them to be set. Clipping is reported, once a second."""
+        """Set the pressures (Pa gauge, one a channel), clipped to the limits; returns what the regulators confirmed."""
         allowed = self.monitor.setpoints(pressures)
         self.monitor.setpoints_confirmed = None
         try:
@@ -381,8 +380,7 @@ class Guard:
         self.go_on(f"the polling of {name}", lambda: self._read(name, rate), lambda: not self.running)
 
     def _read(self, name: str, rate: PollRate) -> None:
-        """Read an instrument if it is open, tell the program the sample or error, and its notices; wait for the next reading.
-        Another device than expected, and a line that is lost, land the rig while it is energised."""
+        """Read an instrument that is open, tell the program, and wait; a lost line or another device lands an energised rig."""
         due = timing.now() + 1 / self.rig.poll
         if name in self.own.opened:
             sample: Any

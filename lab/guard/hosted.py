@@ -68,9 +68,7 @@ class Hosted:
         return self._ask(command, STOP_WITHIN if method in (LengthUnit.stop, Arm.stop) else CALL_WITHIN)
 
     def _open(self, command: Command[R]) -> R:
-        """Start the process if there is none, connect the driver there, and return the instrument's identity. A driver that is
-        connected is closed first, and gets a new process.
-        A driver that hangs, crashes or does not answer is tried once more in a new process: connecting moves nothing."""
+        """Connect the driver in its process, in a new one if it is connected or fails once, and return the identity."""
         if self._connected:
             self._close()
         deadline = timing.now() + OPEN_WITHIN
@@ -103,8 +101,7 @@ class Hosted:
             timing.Thread(target=self._ping, args=(line,), name=f"ping-{self.name}", daemon=True).start()
 
     def _ask(self, command: Command[R], within: float) -> R:
-        """Send a command to the host process and return its result; kill the process if none comes `within` host seconds.
-        Raises what the driver raises, NoReply where it was killed or an earlier call has not returned, NotReady if not open."""
+        """Return a command's result; kill the process if none comes `within` host s. Raises NoReply, NotReady, the driver's."""
         if not self._lock.acquire(timeout=within):
             raise self._give_up(f"{command}: an earlier call has not returned; its process was killed")
         try:

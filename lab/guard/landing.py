@@ -143,8 +143,7 @@ class Landing:
         timing.Thread(target=go, name="open-gauge", daemon=True).start()
 
     def _one(self, attempts: _Attempts, reach: float) -> None:
-        """Stop one instrument and read it, until it is confirmed safe or `end` is called; a thread of its own.
-        The stop is sent every `AGAIN`, and at once where it overtook a command that was on its way and may undo it."""
+        """Stop one instrument, every `AGAIN` and after a command it overtook, until it is confirmed safe or `end` is called."""
         name = attempts.name
         stop, is_safe = self._ways(name)
         closed = name not in self._rig.opened

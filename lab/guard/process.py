@@ -85,8 +85,7 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _look(self) -> None:
-        """Take in the pulse, once: act on its records, land an energised rig whose program was silent for `safe.heartbeat` s of
-        the time this process was awake, and send a sign of life back."""
+        """Take in the pulse, once; land an energised rig whose program was silent for `safe.heartbeat` s of time awake."""
         guard = self._guard
         timing.readable([self._pulse.pipe], LOOK)
         records = self._pulse.take()

@@ -176,8 +176,7 @@ class ForceLimit:
             self._pulse.send(*found)
 
     def _beyond(self, sample: WrenchSample) -> tuple[bytes, float] | None:
-        """The kind of record and the force or moment (N or N m) that is beyond a limit; None within all of them.
-        Raw readings count against the sensor's range; the load, beyond the zero or else the unloaded tool, against the limits."""
+        """The kind of record and the force or moment (N or N m) beyond a limit: raw of the sensor's range, else of the load."""
         force, moment = (max(map(abs, half)) for half in (sample.raw[:3], sample.raw[3:]))
         if force > self._sensor.max_force:
             return FORCE_RANGE, force

@@ -129,8 +129,7 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
 
 
 def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
-    """One column, numbers or words as `judge` has it, of cells with one number or text each; a table (n, k) of cells with k
-    numbers each; else the reason (text) why it is neither."""
+    """One column of cells with one number or text each, a table (n, k) of cells with k numbers each, or why it is neither."""
     import pandas as pd
 
     contents = [np.asarray(cell).squeeze() for cell in cells.tolist()]

@@ -121,8 +121,7 @@ def of_data_frame(frame: pd.DataFrame, missing: Sequence[str | float] = ()) -> S
 def _of_columns(
     path: Path, form: str, columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]], missing: Sequence[str | float]
 ) -> Series:
-    """Judge columns (name, type, function that returns the cells) one by one; a note names each that cannot be read.
-    What lists and structures hold becomes columns NAME.1 .. and NAME.FIELD. Raises ConfigError where no column can be read."""
+    """Judge columns (name, type, function that returns the cells); lists and structures become columns. Raises ConfigError."""
     judged: dict[str, Judged] = {}
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):

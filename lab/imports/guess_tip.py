@@ -278,8 +278,7 @@ def _mass_at_rest(series: Series, rest: NDArray[np.bool_]) -> float | None:
 
 
 def _under_its_weight(robot: Robot, mass: float | None) -> tuple[float, float]:
-    """m that the tip of the robot at rest lies off the axis, and m from the base; of a straight one where it cannot stand. `mass`
-    (kg) hangs at the tip, by default robot.yaml's."""
+    """m that the resting tip lies off the axis, and from the base, under `mass` (kg, else robot.yaml's); straight if none."""
     still = np.zeros((1, len(robot.actuators.azimuths_deg)))
     found = solve(rods_of(robot, conditions(robot, 0.0, still, mass)), FINE)
     tip = found.tip[0] if found.converged[0] else np.array([0.0, 0.0, robot.length])

@@ -197,8 +197,7 @@ def _places(rows: list[dict[str, float]]) -> int:
 
 
 def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
-    """Give each quaternion (columns STEM.w .x .y .z) the sign that is nearer to the one before: q and -q are one turn, and values
-    between two readings are interpolated."""
+    """Give each quaternion (columns STEM.w .x .y .z) the sign nearer to the one before, as values are interpolated."""
     for stem in [name[:-1] for name in columns if name.endswith(".w")]:
         names = [f"{stem}{part}" for part in "wxyz"]
         if not all(name in columns for name in names):

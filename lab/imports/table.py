@@ -304,8 +304,7 @@ def _why(wanted: Map, q: FileRows) -> str:
 def _without_strays(
     q: FileRows, states: Sequence[Cut], length: float, series: Series, notes: list[str]
 ) -> tuple[FileRows, list[Cut]]:
-    """The rows without places (NaN) that jump away within a state and back, and the torn states: those of which more than
-    `MOST_STRAY` of the rows do. A note names the first jump."""
+    """The rows without places that jump away within a state, and states torn by more than `MOST_STRAY` of such rows."""
     tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         of_state = cut.rows

@@ -132,8 +132,7 @@ def _is_data(record: Record) -> bool:
 
 
 def _times_of_frames(found: Mapping[str, Judged], above: Sequence[Record]) -> dict[str, Judged]:
-    """A column of times for frames that are divided into samples, where a line above them holds the samples a second alone: Vicon
-    Nexus writes such tables."""
+    """Times of frames divided into samples, where a line above holds the samples a second alone, as Vicon Nexus writes it."""
     frame, sample = (next((found[n] for n in found if n.casefold() == name), None) for name in ("frame", "sub frame"))
     rates = [v for r in above if len(cells := _any_cells(r.text)) == 1 and (v := number(cells[0])) is not None and v > 0]
     if frame is None or sample is None or not rates or "time" in found or frame.values.dtype.kind != "f":
@@ -488,8 +487,7 @@ def are_units(cells: Sequence[str]) -> bool:
 
 
 def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
-    """One name for each column: that in the last line of `heads`, with those above it where it alone does not tell columns
-    apart; `labels`: numbers of the lines that name nothing."""
+    """One name for each column: that in the last line of `heads`, with those above where needed; `labels` name nothing."""
     if not heads:
         return []
     names = heads[-1].cells
@@ -509,8 +507,7 @@ def _joined(heads: Sequence[Line], labels: Collection[int]) -> list[str]:
 def _telling(
     above: Sequence[Line], units: Sequence[str] | None, heads: list[Line], names: list[str]
 ) -> tuple[list[Line], list[str]]:
-    """The lines, and the names made of them, that say of most columns what they hold: those given, a line alone, or the last ones
-    together, of which upper ones may name groups of columns."""
+    """The lines, and names made of them, that say of most columns what they hold; upper ones may name groups of columns."""
     near = [x for x in above if x.cells is not units and sum(map(bool, x.cells)) > 1 and not MOTIVE.match(x.text)][-MOST_LINES:]
     ways = [(heads, names), *(([line], list(line.cells)) for line in near)]
     for k in range(len(near) - 1):

@@ -239,8 +239,7 @@ def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tu
 
 
 def _borders(own: Sequence[Change], middle: int) -> list[int]:
-    """Rows with which trials begin in one rest: each change of the column that changes most often, else one row: `middle`, or
-    the nearest to it at which a column may have changed."""
+    """Rows with which trials begin in one rest: changes of the column that changes most often, else the row near `middle`."""
     most = max(own, key=lambda c: sum(o.column == c.column for o in own), default=None)
     several = [c.row for c in own if most is not None and c.column == most.column]
     if len(several) > 2:

@@ -364,8 +364,7 @@ def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], 
 
 
 def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
-    """Draw the normal density of a size between two values, its mode within the bounds scaled to 1; the part beyond the bounds is
-    dotted, the 90 % interval shaded, zero grey, bounds red."""
+    """Draw the normal density of a size: dotted beyond its bounds (red), the 90 % interval shaded, zero grey."""
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     low, high = (b if b is not None else sign * np.inf for b, sign in ((size["low"], -1), (size["high"], 1)))
     x = np.unique(

@@ -237,8 +237,7 @@ def _pressures(bench: Bench) -> Array:
 
 
 def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded where the tip, by `moved` (3,) m, went sideways clearly farther than `expected`, by less than the
-    share `least` of it (None: not judged, nor is the direction), or elsewhere. `pressure`: Pa, for the message."""
+    """Raise NotAsCommanded where `moved` (3,) m is far off `expected`, or below the share `least` of it (None: not judged)."""
     size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(

@@ -190,8 +190,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """Copy a case, or recordings as a case, and all further files into a crate; returns the files and the table of trials.
-    Raises ConfigError for several cases, for none, and for two files of one name."""
+    """Copy a case, or recordings as one, and all further files into a crate; returns files and trials. Raises ConfigError."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")

@@ -79,8 +79,7 @@ def told(made: Imported, folder: Path) -> Result:
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
-    """The columns of the first file that names pressures and tip, else of the files that together do, joined in time, else of the
-    first of which a map can be made out all the same; with the map proposed for them. Raises ConfigError."""
+    """Columns, and the map proposed for them, of the first file, or of files together, that name pressures and tip."""
     failed: list[ConfigError] = []
     tables: list[Series] = []
     for path in inputs:

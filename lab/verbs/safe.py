@@ -104,8 +104,7 @@ def safe_all() -> Result:
 
 
 def _landed(rig_path: Path, clear: bool) -> RigLanding:
-    """Land one rig, by its guard or else by this process, and return what was reached; `clear`: unlock it when all is confirmed.
-    Raises ConfigError when no guard owns it and nothing can be read of it, or its fakes have ended."""
+    """Land one rig, by its guard or this process; `clear`: unlock it when all is confirmed. Raises ConfigError."""
     result = RigLanding()
     result.ask(names_of_path(rig_path), rig_path)
     # the rest is imported after the asking, which needs none of it
@@ -178,8 +177,7 @@ def _ended(landed: Landed) -> list[str]:
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:
-    """Land (vent, stop, read back) the actuators that no guard has landed; steps and notes go to `result`; `clear`: then unlock.
-    Raises ConfigError when nothing of the rig can be read, FakesEnded for ended fakes."""
+    """Land the actuators that no guard has landed; steps and notes go to `result`. Raises ConfigError, FakesEnded."""
     from timing import RigClock
 
     from ..files.rig_file import rig_to_make_safe
