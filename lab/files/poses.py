@@ -16,7 +16,7 @@ from recordings.table_file import MOST_STATES, read_columns
 from recordings.trials import ORIENTATION
 
 from .config import ConfigError
-from .units import KINDS, plain_unit
+from .units import UnitError, to_si
 
 POSITION = ("x", "y", "z")
 OPTIONAL = ("repeat",)
@@ -62,9 +62,7 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
 def _factor(path: Path, bare: str, heading: str) -> float:
     """Of the unit that a heading states, to rad or m; raises ConfigError."""
     stated = re.search(r"[\[(](.*)[\])]", heading)
-    units = KINDS["m" if bare in POSITION else "1" if bare in OPTIONAL else "rad"]
-    if stated is None:
-        return 1.0
-    if (unit := plain_unit(stated[1].strip())) not in units:
-        raise ConfigError(f"{path}, {heading}: {stated[1]!r} is no unit of it; write one of {', '.join(units)}")
-    return units[unit]
+    try:
+        return 1.0 if stated is None else to_si(f"1 {stated[1]}", "m" if bare in POSITION else "1" if bare in OPTIONAL else "rad")
+    except UnitError as e:
+        raise ConfigError(f"{path}, {heading}: {e}") from e

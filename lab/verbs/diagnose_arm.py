@@ -32,12 +32,12 @@ def diagnose_arm(
         raise ConfigError(f"{inputs[1]}: poses of an arm are one table; join the tables into one")
     poses, notes, place = read_poses(inputs[0], arm)
     try:
-        found = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
-        model = ArmModel(found.arm)
-        causes, calibration, left_out = weighed(model, int(found.kept.sum()))
+        own, kept, misplaced = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
+        model = ArmModel(own)
+        causes, calibration, left_out = weighed(model, int(kept.sum()))
     except BadCondition as e:
         raise ConfigError(f"{inputs[0]}: {e}") from e
-    note((*notes, *found.notes, *left_out))
+    note((*notes, *misplaced, *left_out))
     next_ = poses_within(arm, RANDOM_POSES)
     if candidates is not None:
         next_, notes, place = read_poses(candidates, arm, measured=False)
@@ -48,7 +48,7 @@ def diagnose_arm(
     forward = ArmForward(model)
     with Screen("weighing hypotheses"):
         answer = diagnose_model(
-            forward, poses[found.kept], dict.fromkeys(POSITION, "m"),
+            forward, poses[kept], dict.fromkeys(POSITION, "m"),
             [Cause(c.id, c.parameters, c.stage, c.says) for c in causes], calibration,
             repeat="repeat" if "repeat" in poses else None, candidates=next_,
         )  # fmt: skip

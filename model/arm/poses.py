@@ -1,14 +1,14 @@
 """Measured poses of an arm: whether they can be its own, where its base stands among them, what they are worth weighing for.
 
-The base's frame is seldom known to the instrument that measures: base and tool are fitted first, so that robustly that single
-wrong poses do not matter (soft L1, least squares beyond `ROBUST`), from the rotation that fits all points best (Kabsch 1976).
+The instrument seldom knows the base's frame: base and tool are fitted first, from the rotation that fits all points best (Kabsch
+1976), by soft L1, so that single wrong poses do not matter.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,21 +48,11 @@ STEPS = 30
 """Of the fit of base and tool: one that fits needs fewer."""
 
 
-@dataclass(frozen=True)
-class Placed:
-    """An arm among its poses."""
-
-    arm: Arm
-    """With base and tool where the poses show them, if that is not where they are stated."""
-    kept: NDArray[np.bool_]
-    """(n,) poses that can be its own."""
-    notes: tuple[str, ...]
-
-
-def placed(arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]) -> Placed:
-    """The arm among its measured positions `at` (n, 3), m. Raises `BadCondition` where they cannot be its own in rad and m.
-
-    `place` names a row, from 0, in messages.
+def placed(
+    arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]
+) -> tuple[Arm, NDArray[np.bool_], tuple[str, ...]]:
+    """The arm with base and tool where measured positions `at` (n, 3) m show them, if not where they are stated; (n,) the poses
+    that can be its own; notes, in which `place` names a row. Raises `BadCondition` where the poses are not its own in rad and m.
     """
     q = inputs[list(arm.joints)].to_numpy(float)
     wide = (np.abs(q) > LARGEST_ANGLE).any(axis=1)
@@ -80,7 +70,7 @@ def placed(arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str
         far = f"{1e3 * missed[i]:.3g} mm from where the arm reaches, the others {1e3 * middle:.2g} mm (median)"
         notes.append(f"{place(int(rows[i]))}: the position is {far}; left out")
     moved = _moved(arm, fitted)
-    return Placed(fitted if moved else arm, kept, (*notes, *([moved] if moved else [])))
+    return fitted if moved else arm, kept, (*notes, *([moved] if moved else []))
 
 
 def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
@@ -133,8 +123,8 @@ def _moved(arm: Arm, fitted: Arm) -> str:
 
 def _otherwise(arm: Arm, inputs: pd.DataFrame, at: Array, misfit: float) -> str:
     """The complaint about poses that cannot be the arm's own, with how they could be read instead."""
-    chosen = np.random.default_rng(0).permutation(len(at))[:TRIED]
-    tried = list(_tried(arm, inputs.iloc[chosen].reset_index(drop=True), at[chosen]))
+    some = slice(None, None, max(1, len(at) // TRIED))
+    tried = list(_tried(arm, inputs[some], at[some]))
     best = min(left for left, _ in tried)
     remedy = " or ".join(way for left, way in tried if left <= 2 * best)
     if not best <= FITS or best > misfit / 3:
@@ -148,22 +138,18 @@ def _otherwise(arm: Arm, inputs: pd.DataFrame, at: Array, misfit: float) -> str:
 
 
 def _extent(at: Array) -> float:
-    """Median distance of positions (n, 3) from their middle."""
-    return float(np.median(np.linalg.norm(at - np.median(at, axis=0), axis=1)))
+    """Distance of positions (n, 3) from their middle that all but `MOST_STRAYS` keep."""
+    return float(np.quantile(np.linalg.norm(at - np.median(at, axis=0), axis=1), 1 - MOST_STRAYS))
 
 
 def _tried(arm: Arm, inputs: pd.DataFrame, at: Array) -> Iterator[tuple[float, str]]:
     """Misfit of poses read in another way, see `_misfit`, and what to do about it."""
     names = list(arm.joints)
     degrees = inputs.assign(**{name: np.radians(inputs[name]) for name in names})
-    factors = {"": 1.0, **UNITS}
-    ways = [(degrees, f"{names[0]} [deg]", unit) for unit in factors] + [(inputs, "", unit) for unit in UNITS]
-    for read, heading, unit in ways:
-        headings = [*([heading] if heading else []), *([f"x [{unit}]"] if unit else [])]
-        text = (
-            f"the numbers look like {' and '.join(h.split('[')[1].rstrip(']') for h in headings)}: write {', '.join(headings)} .."
-        )
-        yield _misfit(arm, read, at * factors[unit]), f"{text} in the first line"
+    ways = {"deg": (degrees, 1.0)} | {f"deg and {u}": (degrees, f) for u, f in UNITS.items()}
+    for units, (read, factor) in (ways | {u: (inputs, f) for u, f in UNITS.items()}).items():
+        remedy = f"the numbers look like {units}: write units into the headings, {names[0]} [deg], x [mm]"
+        yield _misfit(arm, read, at * factor), remedy
     for name in names:
         yield _misfit(arm, inputs.assign(**{name: -inputs[name]}), at), f"{name} is counted the other way: change its sign"
     yield _misfit(arm, inputs, at * [1, 1, -1]), "the axes of x, y, z are left-handed: change the sign of z"
@@ -175,16 +161,13 @@ def _misfit(arm: Arm, inputs: pd.DataFrame, at: Array) -> float:
     if within.mean() < 1 - MOST_STRAYS:
         return math.inf
     own = _extent(ArmModel(arm).predict({}, inputs[within]))
-    if not own / EXTENT <= _extent(at[within]) <= own * EXTENT:
+    if not 0 < own / EXTENT <= _extent(at[within]) <= own * EXTENT:
         return math.inf
     return float(np.median(_fitted(arm, inputs[within], at[within])[1])) / own
 
 
 def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[str, tuple[float, float, str]], tuple[str, ...]]:
-    """The causes that so many poses can be weighed for, what is calibrated in every hypothesis, and notes on what is left out.
-
-    Raises `BadCondition` where there are too few for any cause.
-    """
+    """The causes that so many poses can be weighed for, what is calibrated always, notes. Raises `BadCondition`."""
     calibration = {name: values for name, values in model.parameters.items() if name in FRAME}
     chosen, notes, count = list[ArmCause](), list[str](), len(calibration)
     for cause in (c for c in model.causes if not c.parameters.keys() <= {*FRAME} and len(c.parameters) <= MOST_PARAMETERS):
@@ -220,5 +203,4 @@ class ArmForward:
 
     def derivatives(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> dict[str, Array]:
         """Parameter -> its derivatives (n, 3), m per unit."""
-        names: Sequence[str] = list(theta)
-        return dict(zip(names, np.moveaxis(self.model.derivatives(theta, inputs, names), -1, 0), strict=True))
+        return dict(zip(theta, np.moveaxis(self.model.derivatives(theta, inputs, list(theta)), -1, 0), strict=True))
