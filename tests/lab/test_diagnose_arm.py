@@ -164,4 +164,4 @@ def test_the_page_and_json_serve_an_answer_about_any_model(tmp_path: Path) -> No
     page = lab.save(answer, tmp_path / "kept" / "here").read_text()
     found = json.loads((tmp_path / "kept" / "here" / "diagnosis.json").read_text())
     assert found["attribute"]["effects"] == ["hinge"] and found["next_experiment"][0]["inputs"] == {"load": 2.0}
-    assert "the hinge &lt;gives&gt;" in page and "measure load = 2" in page and re.search(r"[\d.]+ mm, [\d.]+ K", page)
+    assert "the hinge &lt;gives&gt;" in page and "measure at load = 2" in page and re.search(r"[\d.]+ mm, [\d.]+ K", page)
