@@ -34,7 +34,7 @@ from recordings.table_file import csv_text
 
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
-from ..files.config import ConfigError, check, demand_writable, in_units, read_yaml
+from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
@@ -288,14 +288,12 @@ def _separated(p: Proposal) -> str:
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:
     robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
-    if robot is not None and robot.is_file() and "links" in (described := read_yaml(robot)).table:
-        from model.arm import Arm  # with pandas
-
-        from .diagnose_arm import diagnose_arm
-
+    if robot is not None and "links" in (described := read_yaml(robot)).table:
         if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
             raise ConfigError(f"--{foreign[0]}: is of soft robots, and {robot} describes an arm: leave it out")
-        return diagnose_arm(a.inputs, check(described, Arm), a.candidates, a.holdout, a.json, a.report)
+        from .diagnose_arm import diagnose_arm  # with pandas
+
+        return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
     if a.candidates is not None:
         raise ConfigError(f"--candidates {a.candidates}: are poses of an arm; give its description with --robot")
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)

@@ -15,7 +15,7 @@ from model.arm import Arm, ArmForward, ArmModel, placed, poses_within, weighed
 from model.errors import BadCondition
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, demand_writable
+from ..files.config import ConfigError, Source, check, demand_writable
 from ..files.poses import POSITION, read_poses
 from ..options import Result
 
@@ -24,10 +24,11 @@ RANDOM_POSES = 500
 
 
 def diagnose_arm(
-    inputs: Sequence[Path], arm: Arm, candidates: Path | None, holdout: Path | None, json: Path | None, report: Path | None
+    inputs: Sequence[Path], robot: Source, candidates: Path | None, holdout: Path | None, json: Path | None, report: Path | None
 ) -> Result:
-    """Diagnose poses of an arm; raises ConfigError, `BadTable`, `BadCondition`."""
+    """Diagnose poses of an arm; raises ConfigError, `BadTable`."""
     demand_writable(json, report)
+    arm = check(robot, Arm)
     if len(inputs) > 1:
         raise ConfigError(f"{inputs[1]}: poses of an arm are one table; join the tables into one")
     poses, notes, place = read_poses(inputs[0], arm)
@@ -37,12 +38,17 @@ def diagnose_arm(
         causes, calibration, left_out = weighed(model, int(kept.sum()))
     except BadCondition as e:
         raise ConfigError(f"{inputs[0]}: {e}") from e
-    note((*notes, *misplaced, *left_out))
+    notes = (*notes, *misplaced, *left_out)
     next_ = poses_within(arm, RANDOM_POSES)
     if candidates is not None:
-        next_, notes, place = read_poses(candidates, arm, measured=False)
-        note(notes)
-    if next_ is not None:  # what was read with the poses, an approach say, is as if each stood where it is
+        next_, left_out, place = read_poses(candidates, arm, measured=False)
+        notes += left_out
+    if next_ is None:
+        notes += (f"no poses are proposed: give --candidates, or limits_deg of every link in {robot.name}",)
+    else:
+        if candidates is None:
+            notes += ("poses are proposed within the joints' limits alone: check each for collisions before the arm moves",)
+        # what was read with the poses, an approach say, is as if each stood where it is
         joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
         next_ = next_.assign(**{before: next_[joint] for before, joint in joints.items() if before not in next_})
     forward = ArmForward(model)
@@ -52,9 +58,9 @@ def diagnose_arm(
             [Cause(c.id, c.parameters, c.stage, c.says) for c in causes], calibration,
             repeat="repeat" if "repeat" in poses else None, candidates=next_,
         )  # fmt: skip
+    answer = replace(answer, notes=(*notes, *answer.notes))
     if candidates is not None:  # by their lines in the file
-        proposals = tuple(replace(p, at=place(int(p.at))) for p in answer.next_experiment)
-        answer = replace(answer, next_experiment=proposals)
+        answer = replace(answer, next_experiment=tuple(replace(p, at=place(int(p.at))) for p in answer.next_experiment))
     unseen = "" if holdout is None else _held_out(answer, forward, arm, holdout)
     from ..pages.answer_page import write, write_json  # what draws takes a third of the start, and only a page needs it
 
@@ -83,7 +89,6 @@ def show(answer: Answer) -> None:
     """Print an answer."""
     from ..pages.answer_page import proposals, shares, steps
 
-    out.print(answer.headline)
     out.print(answer.statement)
     note(answer.notes)
     titles = ("How far the gap shrinks", "What the data support", "What to measure next, most telling first")

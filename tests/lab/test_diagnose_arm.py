@@ -138,6 +138,7 @@ def test_bad_poses_are_one_clear_error(change: Any, message: str, cli: Cli, tmp_
         (("--protocols", "next"), "--protocols: is of soft robots"),
         (("--candidates", "none.csv"), "none.csv"),
         (("--report", "no/such/folder.html"), "cannot be written"),
+        (("--robot", "arn.yaml"), "arn.yaml"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(words: tuple[str, ...], message: str, cli: Cli, tmp_path: Path) -> None:
