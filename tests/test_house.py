@@ -37,8 +37,8 @@ def test_no_folder_holds_more_than_a_person_can_keep_in_the_head_and_each_says_w
 
 
 MOST_LINES = {
-    "lab": 25_351, "drivers": 7_232, "model": 12_300, "protocols": 2_484, "recordings": 7_012, "diagnosis": 13_198,
-    "sim_fakes": 7_437, "product": 75_303, "tests": 36_345, "benchmarks": 9_653,
+    "lab": 25_351, "drivers": 7_232, "model": 12_300, "protocols": 2_484, "recordings": 7_012, "diagnosis": 13_185,
+    "sim_fakes": 7_437, "product": 75_290, "tests": 36_345, "benchmarks": 9_653,
 }  # fmt: skip
 """Lines of Python of each room, of the product as a whole (its rooms and timing.py), of its tests and of the research on it: what
 a person has to scroll through. A change may lower a number; it raises none."""

@@ -79,17 +79,6 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Share:
-    """How far one cause moves the outputs in the best model, beyond what calibration would do in its place."""
-
-    effect: str
-    named: bool
-    """Else it is tolerated: fitted to be as small as the data allow."""
-    by_output: Mapping[str, float]
-    """Root mean square over the rows, in each output's unit."""
-
-
-@dataclass(frozen=True)
 class Answer:
     """Which cause explains the gap between a model and its data."""
 
@@ -126,8 +115,8 @@ class Answer:
     """Name -> unit."""
     names: Mapping[str, str] = field(default_factory=dict)
     """Every cause as a sentence."""
-    budget: tuple[Share, ...] = ()
-    """Largest first."""
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
     residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
 

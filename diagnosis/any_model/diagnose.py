@@ -32,7 +32,7 @@ from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from ..inference.problem import FitParameters, Problem
-from .answer import Answer, Experiment, Left, Ranked, Share, Size, Step
+from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .cause import Cause, Parameter, parameters
 from .model import Model, Predict
 from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
@@ -317,21 +317,19 @@ class _Diagnosis:
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), outputs=b.table.outputs,
-            names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(decision.effects),
+            names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
 
-    def _budget(self, named: Hypothesis) -> tuple[Share, ...]:
-        """How far each cause moves the outputs in the best model, largest in noise floors first."""
+    def _budget(self) -> dict[str, Mapping[str, float]]:
+        """How far each cause moves the outputs in the best model, beyond what calibration would do in its place."""
         b, p, theta = self._b, self._p, self._w.best.fit.theta
         whole, slope = b.problem.forward.linearise(theta)
-        weight, out = 1 / b.sd[b.output], []
-        for effect in p.ids:
-            moved = whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta))
-            beyond = p.beyond_calibration((moved * weight)[:, None], slope * weight[:, None])[:, 0]
-            rms = b.rms(beyond / weight)
-            out.append((rms[0], Share(effect, effect in named, dict(zip(b.table.outputs, rms[1:].tolist(), strict=True)))))
-        return tuple(share for _, share in sorted(out, key=lambda one: -one[0]))
+        moved = [whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta)) for effect in p.ids]
+        sd = b.sd[b.output][:, None]
+        beyond = p.beyond_calibration(np.transpose(moved) / sd, slope / sd) * sd
+        left = sorted(zip(p.ids, map(self._left, map(b.rms, beyond.T)), strict=True), key=lambda one: -one[1].floors)
+        return {effect: share.by_output for effect, share in left}
 
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""

@@ -119,12 +119,12 @@ def steps(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
 def shares(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
     """Head and rows of a table of the causes: probability, how far each moves the outputs, and its role."""
     rows = []
-    for share in answer.budget:
-        probability = sum(r.probability for r in answer.ranking if share.effect in r.effects)
-        least = {name: LEAST_SHARE * floor for name, floor in answer.steps[-1].seen.by_output.items()}
-        moves = rms(share.by_output, answer.outputs) if any(share.by_output[n] > least[n] for n in least) else ""
-        role = "named" if share.named else "tolerated" if moves else ""
-        rows.append([with_id(share.effect, answer.names), stated(probability), moves, role])
+    for effect, share in answer.budget.items():
+        probability = sum(r.probability for r in answer.ranking if effect in r.effects)
+        floor = answer.steps[-1].seen.by_output
+        moves = rms(share, answer.outputs) if any(share[name] > LEAST_SHARE * floor[name] for name in floor) else ""
+        role = "named" if effect in answer.effects else "tolerated" if moves else ""
+        rows.append([with_id(effect, answer.names), stated(probability), moves, role])
     rest = [(r.effects, r.probability) for r in answer.ranking if not r.effects or r.effects[0] not in answer.names]
     rows += [[hypothesis_name(effects, answer.names), stated(p), "", ""] for effects, p in rest]
     return ("cause", "probability", "moves the outputs beyond calibration by, rms", "role"), rows

@@ -64,8 +64,8 @@ def test_a_joint_s_zero_is_named_with_its_size_and_mm(cli: Cli, tmp_path: Path) 
     (named,) = [r for r in found["attribute"]["ranking"] if r["effects"] == ["joint_zeros"]]
     zero = next(p for p in named["parameters"] if p["key"] == "zero_3")
     assert abs(zero["value"] - ZERO) < 4 * zero["sd"] < 1e-3 and found["attribute"]["probability"] > 0.9
-    moved = next(share for share in found["budget"] if share["effect"] == "joint_zeros")
-    assert moved["named"] and 0.2e-3 < np.hypot(moved["by_output"]["x"], moved["by_output"]["z"]) < 2e-3
+    moved = found["budget"]["joint_zeros"]
+    assert next(iter(found["budget"])) == "joint_zeros" and 0.2e-3 < np.hypot(moved["x"], moved["z"]) < 2e-3
     before, after = (np.hypot(*(step["unseen"]["by_output"][axis] for axis in "xz")) for step in found["steps"][1:3])
     assert after < 1e-4 < 3e-4 < before
     assert re.fullmatch(r".*next\.csv line \d+", found["next_experiment"][0]["at"])
