@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from diagnosis.answer.result import Diagnosis
 from diagnosis.any_model import Cause as Cause
 from diagnosis.any_model import diagnose_model as diagnose_model
+from diagnosis.any_model.answer import Answer
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as _diagnose
 from diagnosis.fit_effects import Fitted, fit_effects
@@ -191,6 +192,13 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
     `experiments=False` what to do next; `holdout=lab.case(..)` is a campaign on which the answer is tested; `catalogue` are the
     effects that are weighed."""
     return _diagnose(measured, options)
+
+
+def save(answer: Answer, folder: Place) -> Path:
+    """Write diagnosis.json and diagnosis.html of an answer of `diagnose_model`; returns the page."""
+    from .pages.answer_page import save as _save  # with what draws
+
+    return _save(answer, folder)
 
 
 def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:

@@ -32,7 +32,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "verify": ("verbs.recorded", "compare every checksum, record and index of a recording"),
         "recover": ("verbs.recorded", "save all that can be read of a damaged or truncated recording"),
         "replay": ("verbs.recorded", "compute the trials again from the recording alone and compare with the live run"),
-        "export": ("verbs.export", "recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate, ArviZ"),
+        "export": ("verbs.export", "recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate"),
         "import": ("verbs.import_data", "measurements of other programs as a case, by a map of their columns"),
     },
     "model and diagnosis": {
@@ -46,7 +46,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "for developers": {
         "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, ending in an HTML report"),
         "schema": ("verbs.developer",
-                   "JSON schema of rig.yaml, robot.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
+                   "JSON schema of rig.yaml, robot.yaml, arm.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
         "completion": ("verbs.developer", "print the shell's completion script for verbs, options and files"),
     },
 }  # fmt: skip

@@ -81,11 +81,11 @@ def read_csv(path: str | os.PathLike[str]) -> Table:
 
 
 def read_columns(
-    path: Path, choose: Callable[[list[str]], Collection[str]], most_rows: int
+    path: Path, choose: Callable[[list[str]], Collection[str]], most_rows: int, finite: bool = True
 ) -> tuple[list[str], dict[str, NDArray[Any]], Callable[[int], str]]:
     """The first line of a CSV file, the columns (n,) that `choose` picks of it, and what names a row, from 0, in messages.
 
-    Columns hold text, or numbers with NaN where a cell is empty. Raises `BadTable` naming file, line, column and value.
+    Columns hold text, or numbers, NaN where a cell is empty. Raises `BadTable` naming the cell, if `finite` also of inf and NaN.
     """
     data = read_bounded(path, LARGEST, BadTable)
     try:
@@ -110,7 +110,7 @@ def read_columns(
         return f"{path} line {rows[row][0]}"
 
     cells = zip(header, zip(*(line for _, line in rows), strict=True), strict=True)
-    return header, {n: _parsed(n, [cell.strip() for cell in column], place) for n, column in cells if n in chosen}, place
+    return header, {n: _parsed(n, [cell.strip() for cell in column], place, finite) for n, column in cells if n in chosen}, place
 
 
 def read_numbers(path: Path, wanted: Collection[str], pattern: str, needed: str) -> dict[str, NDArray[Any]]:
@@ -158,7 +158,7 @@ def _trials_columns(path: Path, header: list[str]) -> list[str]:
     return known
 
 
-def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str]) -> NDArray[Any]:
+def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str], finite: bool) -> NDArray[Any]:
     """A column as text or numbers, NaN where a cell is empty; raises `BadTable`."""
     if name in TEXTS:
         return np.array(cells, np.str_)
@@ -169,7 +169,7 @@ def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str]) -> NDA
         except ValueError:
             comma = f"; looks like a decimal comma: write {text.replace(',', '.')}" if _DECIMAL_COMMA.fullmatch(text[:80]) else ""
             raise BadTable(f"{place(row)}, {name}: {text[:80]!r} is not a number{comma}") from None
-        if text and not math.isfinite(values[row]):
+        if finite and text and not math.isfinite(values[row]):
             raise BadTable(f"{place(row)}, {name}: is {text[:80]}; leave the cell empty where nothing was measured")
     return values
 

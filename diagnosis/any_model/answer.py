@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from ..answer.decision import Verdict
+from ..arrays import Array
 from ..judgement import CAUSE_PROBABILITY
 
 SCHEMA = "diagnosis/1"
@@ -73,6 +74,8 @@ class Experiment:
     squared_difference: float
     """Expected squared difference between the predictions of the hypotheses, in noise floors squared."""
     separates: tuple[str, ...]
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    """Of that row; the first of a group."""
 
 
 @dataclass(frozen=True)
@@ -108,11 +111,19 @@ class Answer:
     """Why what is named is not certain."""
     notes: tuple[str, ...]
     rows: int
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    """Name -> unit."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """Every cause as a sentence."""
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
+    residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
+    """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
 
     @property
     def certain(self) -> bool:
-        """Whether the cause is certain: probable, determined, and on unseen rows it leaves little."""
-        determined = all(s.certain for s in self.sizes if s.role == "size")
+        """Whether the cause is certain: probable, some size of it determined, and on unseen rows it leaves little."""
+        determined = {s.effect for s in self.sizes if s.role == "size" and s.certain} >= {*self.effects}
         return self.verdict == "effect" and self.probability >= CAUSE_PROBABILITY and not self.doubts and determined
 
     @property
@@ -149,7 +160,7 @@ class Answer:
         """Plain data for JSON: the keys of diagnosis.json where they apply, residuals in each output's unit."""
         plain = asdict(self)
         attribute = {k: plain[k] for k in ("verdict", "effects", "probability", "ranking", "cannot_tell_apart", "doubts")}
-        rest = {k: plain[k] for k in ("steps", "how", "share_closed", "next_experiment", "calibration", "notes")}
-        data = {"rows": self.rows, "noise_from": self.noise_from}
+        rest = {k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "notes")}
+        data = {"rows": self.rows, "outputs": plain["outputs"], "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
         return {**words, "data": data, "attribute": {**attribute, "outside": self.outside}, **rest}

@@ -71,6 +71,12 @@ class Built:
         each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
         return np.array([whole, *each])
 
+    def by_row_and_output(self, values: Array) -> Array:
+        """(rows, outputs) of values (n,); NaN where not measured."""
+        out = np.full(self.table.measured.shape, np.nan)
+        out[self.table.kept] = values
+        return out
+
     def begun(self) -> list[tuple[Hypothesis, Array]]:
         """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
         points: list[tuple[Hypothesis, Array]] = []
@@ -310,8 +316,20 @@ class _Diagnosis:
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
-            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), outputs=b.table.outputs,
+            names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
+            residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
+
+    def _budget(self) -> dict[str, Mapping[str, float]]:
+        """How far each cause moves the outputs in the best model, beyond what calibration would do in its place."""
+        b, p, theta = self._b, self._p, self._w.best.fit.theta
+        whole, slope = b.problem.forward.linearise(theta)
+        moved = [whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta)) for effect in p.ids]
+        sd = b.sd[b.output][:, None]
+        beyond = p.beyond_calibration(np.transpose(moved) / sd, slope / sd) * sd
+        left = sorted(zip(p.ids, map(self._left, map(b.rms, beyond.T)), strict=True), key=lambda one: -one[1].floors)
+        return {effect: share.by_output for effect, share in left}
 
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""
@@ -399,8 +417,10 @@ class _Diagnosis:
             labels = candidates[self._b.table.group_name]
         worth = pd.Series(square).groupby(labels.to_numpy()).sum().sort_values(ascending=False)
         names = tuple(" + ".join(h) or "none" for h, _ in leading)
+        first = candidates.groupby(labels.to_numpy()).first()
         return tuple(
-            Experiment(at if isinstance(at, str) else int(at), float(x), names) for at, x in worth[:MOST_PROPOSED].items()
+            Experiment(at if isinstance(at, str) else int(at), float(x), names, first.loc[at].to_dict())
+            for at, x in worth[:MOST_PROPOSED].items()
         )
 
     def _fitted_of(self, named: Hypothesis) -> Array:

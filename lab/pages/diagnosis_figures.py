@@ -15,7 +15,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from diagnosis.answer.headline import for_people, hypothesis_name, plain_name
-from diagnosis.answer.result import Diagnosis, Waterfall
+from diagnosis.answer.result import Diagnosis, Ranked, Waterfall
+from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
 from model.actuators import Words
 
@@ -225,12 +226,14 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     return pictures
 
 
-def posterior(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
+def posterior(
+    hypotheses: Sequence[Ranked] | Sequence[OfAnyModel], alike: Sequence[Sequence[str]], names: Mapping[str, str], path: Path
+) -> Path:
     """Probability of each hypothesis, a star where data cannot distinguish it from another; `names` effect -> plain name."""
-    ranking = [r for r in d.attribute.ranking if r.probability > 0.002][:10][::-1]
+    ranking = [r for r in hypotheses if r.probability > 0.002][:10][::-1]
     labels = [fill(hypothesis_name(r.effects, names, ids=False), 30) for r in ranking]
     lines = sum(label.count("\n") + 1 for label in labels)
-    tied = {e for group in d.attribute.cannot_tell_apart for e in group}
+    tied = {e for group in alike for e in group}
     with plt.rc_context(STYLE):
         figure, axis = plt.subplots(figsize=(5.2, 0.7 + 0.14 * len(labels) + 0.2 * lines), layout="constrained")
         shades = [RED if r.effects == ("unknown",) else GREY if not r.effects else BLUE for r in ranking]

@@ -322,7 +322,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
             "direction; grey: noise floor",
         )
     s.figure(
-        draw.posterior(d, d.names, folder / "posterior.svg"),
+        draw.posterior(d.attribute.ranking, d.attribute.cannot_tell_apart, d.names, folder / "posterior.svg"),
         f"Probability of each hypothesis ({d.detail['calibrated_on']})"
         + ("; *: these data cannot distinguish it from another" if d.attribute.cannot_tell_apart else ""),
     )

@@ -10,6 +10,7 @@ from typing import Any
 import shtab
 from pydantic import BaseModel
 
+from model.arm import Arm
 from model.effects import CATALOGUE
 from model.robot import Robot
 
@@ -25,11 +26,12 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def schema(name: str) -> Result:
-    """The JSON schema of rig.yaml, robot.yaml, map.yaml, a campaign, or the file of a protocol; raises ConfigError."""
+    """The JSON schema of rig.yaml, robot.yaml, arm.yaml, map.yaml, a campaign, or the file of a protocol; raises ConfigError."""
     protocols = found_protocols()
     models: dict[str, type[BaseModel]] = {
         "rig": RigFile,
         "robot": Robot,
+        "arm": Arm,
         "map": Map,
         "campaign": CampaignFile,
         **{n: p.parameters for n, p in protocols.usable.items()},
@@ -119,7 +121,7 @@ VERBS = (
     Verb(
         "schema",
         lambda a: schema(a.file),
-        options=(option("file", metavar="rig|robot|map|campaign|PROTOCOL"),),
+        options=(option("file", metavar="rig|robot|arm|map|campaign|PROTOCOL"),),
         examples=("lab schema rig > rig.schema.json", "lab schema bending"),
         page="docs/howto/command.md",
     ),

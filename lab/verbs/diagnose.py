@@ -34,7 +34,7 @@ from recordings.table_file import csv_text
 
 from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
-from ..files.config import ConfigError, demand_writable, in_units
+from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
@@ -284,10 +284,21 @@ def _separated(p: Proposal) -> str:
 
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:
+    robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
+    if robot is not None and "links" in (described := read_yaml(robot)).table:
+        if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
+            raise ConfigError(f"--{foreign[0]}: is of soft robots, and {robot} describes an arm: leave it out")
+        from .diagnose_arm import diagnose_arm  # with pandas
+
+        return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
+    if a.candidates is not None:
+        raise ConfigError(f"--candidates {a.candidates}: are poses of an arm; give its description with --robot")
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
 
 
+OF_SOFT_ROBOTS = ("protocols", "replace", "reference", "effects", "baseline", "simulator", "workers", "scheduler")
+"""Options without a meaning for an arm."""
 VERBS = (
     Verb(
         "diagnose",
@@ -308,13 +319,17 @@ VERBS = (
             REPLACE,
             option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),
             option("--holdout", type=Path, metavar="CASE", help="a campaign (case folder or .mcap) to test the answer on"),
+            option("--candidates", type=Path, metavar="POSES.csv", help="of an arm: poses among which the next are proposed"),
             option("--baseline", type=Path, metavar="PREDICTED.csv", help="predictions of another simulator: diagnose its gap"),
             option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
             WORKERS,
             SCHEDULER,
             OWN_EFFECTS,
         ),
-        examples=("lab diagnose runs/*.mcap --report diagnosis.html", "lab diagnose case --json diagnosis.json --protocols next"),
+        examples=(
+            "lab diagnose runs/*.mcap --report diagnosis.html",
+            "lab diagnose poses.csv --robot arm.yaml --json diagnosis.json",
+        ),
         page="docs/explanations/diagnosis.md",
     ),
 )

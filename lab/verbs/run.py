@@ -47,7 +47,6 @@ from ..files.checked import announce, last
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
-from ..files.poses import write_poses
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
@@ -414,6 +413,8 @@ def _poses_of_arm(result: Outcome) -> dict[str, Any]:
     """Write the poses of the arm next to the recording, see `write_poses`; nothing where it has none or cannot be read."""
     with contextlib.suppress(RecordingError):
         if "joint1" in result.table.columns:
+            from ..files.poses import write_poses  # slow to import
+
             return write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
     return {}
 

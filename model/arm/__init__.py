@@ -3,10 +3,15 @@
 description   Arm: Denavit-Hartenberg numbers, base, tool, masses; load_arm reads arm.yaml
 kinematics    where the point on the tool is, for many variants of the parameters at once; torques of gravity
 causes        ArmCause, and ArmModel: predict and derivatives over named parameters
+poses         whether measured poses can be the arm's own, and where its base stands among them
 """
 
 from model.arm.causes import ArmCause, ArmModel, arm_causes
 from model.arm.description import Arm, Link, arm_from_dict, load_arm
 from model.arm.kinematics import gravity_torques, link_frames
+from model.arm.poses import ArmForward, placed, poses_within, weighed
 
-__all__ = ["Arm", "ArmCause", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques", "link_frames", "load_arm"]
+__all__ = [
+    "Arm", "ArmCause", "ArmForward", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques",
+    "link_frames", "load_arm", "placed", "poses_within", "weighed",
+]  # fmt: skip

@@ -48,9 +48,13 @@ class Link(BaseModel):
     mass: FiniteFloat | None = Field(default=None, ge=0, le=1e4, json_schema_extra={"unit": "kg"})
     centre: Vector3 | None = Field(default=None, json_schema_extra={"unit": "m"})
     """Centre of mass in the link's own frame; half way along the link unless given."""
+    limits_deg: tuple[FiniteFloat, FiniteFloat] | None = Field(default=None, json_schema_extra={"unit": "deg"})
+    """Least and greatest angle q of the joint, between which poses are proposed."""
 
     @model_validator(mode="after")
     def _is_in_degrees(self) -> Link:
+        if self.limits_deg is not None and not -720 <= self.limits_deg[0] < self.limits_deg[1] <= 720:
+            raise ValueError(f"limits_deg: {list(self.limits_deg)} deg, must be [least, greatest] within -720 .. 720 deg")
         if 0 < abs(self.alpha_deg) <= math.pi and round(math.degrees(self.alpha_deg), 1) % 90 == 0:
             raise ValueError(f"alpha_deg: {self.alpha_deg:g} looks like rad, must be in degrees: multiply by 57.2958")
         return self

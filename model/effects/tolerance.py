@@ -216,5 +216,5 @@ def sources(
         if np.ptp(with_spine) > VACUUM_SWEEP * design.nominal_vacuum:
             chosen.append(JAMMING)
     if design.stiffness.any():
-        chosen += [*BY_PUSH, *([_as_stated(PUSH_PLACE, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
+        chosen += [*BY_PUSH, *([_as_stated(PUSH_PLACE, sized, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
     return tuple(chosen)

@@ -1,17 +1,14 @@
-"""`lab export --crate` and `--arviz`: what other programs read; and no folder of results is written through a link."""
+"""`lab export --crate`: what other programs read; and no folder of results is written through a link."""
 
 import hashlib
 import json
 import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import Cli
-from diagnosed_case import Answered
 
 from lab.verbs.export import write_crate
 from recordings.campaign.info import info
@@ -68,66 +65,6 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
 def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], words: str, cli: Cli) -> None:
     assert words in cli("export", case, "--out", tmp_path, *options, code=2).err
     assert "give recordings" in cli("export", case / "robot.yaml", "--crate", "--out", tmp_path, code=2).err
-
-
-@pytest.fixture(scope="module")
-def diagnosed(answered: Answered, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    case = Path(shutil.copytree(answered.case, tmp_path_factory.mktemp("arviz") / "spine"))
-    shutil.copy(answered.json, case / "diagnosis.json")
-    return case
-
-
-def test_arviz_opens_what_a_diagnosis_states(diagnosed: Path, tmp_path: Path, cli: Cli) -> None:
-    for place in "ab":
-        cli("export", diagnosed, "--arviz", "--out", tmp_path / place)
-    import arviz  # writes a file of its own when imported, which two processes at once cannot
-
-    opened, again = (arviz.from_netcdf(tmp_path / place / "spine.nc") for place in "ab")
-    said = json.loads((diagnosed / "diagnosis.json").read_text())
-    leading = next(r for r in said["attribute"]["ranking"] if r["parameters"])
-    posterior, evidence = opened.posterior, opened.evidence
-    assert set(posterior.data_vars) == set(leading["parameters"]) and posterior.sizes == {"chain": 4, "draw": 1000}
-    assert posterior.attrs["hypothesis"] == " + ".join(leading["effects"])
-    assert posterior.attrs["robot"] and posterior.attrs["inference_library_version"]
-    assert "no covariance" in posterior.attrs["drawn_from"]
-    for size in said["detail"]["sizes"]:
-        draws = posterior[size["name"]]
-        assert draws.attrs["units"] == size["unit"] and float(draws.min()) >= size["low"] and float(draws.max()) <= size["high"]
-        for quantile, stated in ((0.05, size["low90"]), (0.95, size["high90"])):
-            assert float(draws.quantile(quantile)) == pytest.approx(stated, abs=0.1 * size["sd"])
-        assert np.array_equal(draws, again.posterior[size["name"]])
-    assert arviz.summary(opened, var_names=list(leading["parameters"])).shape[0] == len(leading["parameters"])
-    for r in said["attribute"]["ranking"]:
-        row = evidence.sel(hypothesis=" + ".join(r["effects"]) or "none")
-        assert (float(row.probability), float(row.log_evidence)) == (r["probability"], r["log_evidence"])
-        assert {str(e) for e in evidence.effect.values if row.named.sel(effect=e) == 1} == set(r["effects"])
-        stated = {
-            str(n): float(row.value.sel(parameter=n)) for n in evidence.parameter.values if np.isfinite(row.sd.sel(parameter=n))
-        }
-        assert stated == {n: v["value"] for n, v in r["parameters"].items()}
-    assert float(evidence.probability.sum()) <= 1 + 1e-9
-
-
-@pytest.mark.parametrize("lacking", ["xarray", "h5netcdf"])
-def test_arviz_without_its_library_says_what_to_install(
-    lacking: str, diagnosed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli
-) -> None:
-    monkeypatch.setitem(sys.modules, lacking, None)
-    assert "pip install 'softlab[arviz]'" in cli("export", diagnosed, "--arviz", "--out", tmp_path, code=2).err and not list(
-        tmp_path.iterdir()
-    )
-
-
-def test_what_was_not_diagnosed_has_no_probabilities(case: Path, tmp_path: Path, cli: Cli) -> None:
-    assert (
-        "--arviz takes case folders that were diagnosed"
-        in cli("export", RECORDING, "--arviz", "--out", tmp_path, code=2).flat_err
-    )
-    assert "not a diagnosis/1 file" in cli("export", case, "--arviz", "--out", tmp_path, code=2).flat_err
-    bare = tmp_path / "bare"
-    bare.mkdir()
-    assert "first: lab diagnose" in cli("export", bare, "--arviz", "--out", tmp_path / "out", code=2).flat_err
-    assert not (tmp_path / "out").exists()
 
 
 # ------------------------------------------------------------------ symbolic links
@@ -193,12 +130,6 @@ def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> 
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(apart)
     said = cli("export", files[0], tmp_path / "a" / ".." / "a" / "x" / "run.mcap", "--out", tmp_path / "twice", code=2)
     assert "is given twice" in said.flat_err and not (tmp_path / "twice").exists()
-
-
-def test_cases_of_one_name_are_exported_apart(diagnosed: Path, tmp_path: Path, cli: Cli) -> None:
-    both = [Path(shutil.copytree(diagnosed, tmp_path / place / "case")) for place in "ab"]
-    cli("export", *both, "--arviz", "--out", tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a-case.nc", "b-case.nc"]
 
 
 @pytest.mark.parametrize(

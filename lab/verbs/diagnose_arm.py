@@ -1,0 +1,100 @@
+"""`lab diagnose` of an arm: which cause moves its point by how much, what cannot be told apart, which poses to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table as Sheet
+
+from diagnosis.any_model import Cause, diagnose_model
+from diagnosis.any_model.answer import Answer
+from model.arm import Arm, ArmForward, ArmModel, placed, poses_within, weighed
+from model.errors import BadCondition
+
+from ..console import Screen, note, out
+from ..files.config import ConfigError, Source, check, demand_writable
+from ..files.poses import POSITION, read_poses
+from ..options import Result
+
+RANDOM_POSES = 500
+"""Within the joints' limits, among which the next are proposed."""
+
+
+def diagnose_arm(
+    inputs: Sequence[Path], robot: Source, candidates: Path | None, holdout: Path | None, json: Path | None, report: Path | None
+) -> Result:
+    """Diagnose poses of an arm; raises ConfigError, `BadTable`."""
+    demand_writable(json, report)
+    arm = check(robot, Arm)
+    if len(inputs) > 1:
+        raise ConfigError(f"{inputs[1]}: poses of an arm are one table; join the tables into one")
+    poses, notes, place = read_poses(inputs[0], arm)
+    try:
+        own, kept, misplaced = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
+        model = ArmModel(own)
+        causes, calibration, left_out = weighed(model, int(kept.sum()))
+    except BadCondition as e:
+        raise ConfigError(f"{inputs[0]}: {e}") from e
+    notes = (*notes, *misplaced, *left_out)
+    next_ = poses_within(arm, RANDOM_POSES)
+    if candidates is not None:
+        next_, left_out, place = read_poses(candidates, arm, measured=False)
+        notes += left_out
+    if next_ is None:
+        notes += (f"no poses are proposed: give --candidates, or limits_deg of every link in {robot.name}",)
+    else:
+        if candidates is None:
+            notes += ("poses are proposed within the joints' limits alone: check each for collisions before the arm moves",)
+        # what was read with the poses, an approach say, is as if each stood where it is
+        joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
+        next_ = next_.assign(**{before: next_[joint] for before, joint in joints.items() if before not in next_})
+    forward = ArmForward(model)
+    with Screen("weighing hypotheses"):
+        answer = diagnose_model(
+            forward, poses[kept], dict.fromkeys(POSITION, "m"),
+            [Cause(c.id, c.parameters, c.stage, c.says) for c in causes], calibration,
+            repeat="repeat" if "repeat" in poses else None, candidates=next_,
+        )  # fmt: skip
+    answer = replace(answer, notes=(*notes, *answer.notes))
+    if candidates is not None:  # by their lines in the file
+        answer = replace(answer, next_experiment=tuple(replace(p, at=place(int(p.at))) for p in answer.next_experiment))
+    unseen = "" if holdout is None else _held_out(answer, forward, arm, holdout)
+    from ..pages.answer_page import write, write_json  # what draws takes a third of the start, and only a page needs it
+
+    if json is not None:
+        write_json(answer, json)
+    show(answer)
+    if unseen:
+        out.print(unseen)
+    if report is not None:
+        write(answer, report.resolve(), f"The gap between {arm.name} and its description", f"{inputs[0]}. {unseen}")
+        out.print(f"report: {report}")
+    return Result()
+
+
+def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
+    """How far the description and the answer miss poses that no fit saw."""
+    poses, notes, _ = read_poses(path, arm)
+    note(notes)
+    theta = {key: value for key, (value, _) in answer.calibration.items()} | {s.key: s.value for s in answer.sizes}
+    at = poses[[*POSITION]].to_numpy()
+    before, after = (1e3 * np.linalg.norm(forward(values, poses) - at, axis=1).mean() for values in ({}, theta))
+    return f"{len(poses)} poses of {path}, which were not fitted: mean distance {after:.3g} mm, {before:.3g} mm as described."
+
+
+def show(answer: Answer) -> None:
+    """Print an answer."""
+    from ..pages.answer_page import proposals, shares, steps
+
+    out.print(answer.statement)
+    note(answer.notes)
+    titles = ("How far the gap shrinks", "What the data support", "What to measure next, most telling first")
+    for title, (head, rows) in zip(titles, (steps(answer), shares(answer), proposals(answer)), strict=True):
+        sheet = Sheet(*head, title=title, title_justify="left")
+        for row in rows:
+            sheet.add_row(*row)
+        if rows:
+            out.print(sheet)
