@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from diagnosis.answer.headline import percent, stated
-from diagnosis.answer.headline import hypothesis_name, with_id
+from diagnosis.answer.headline import hypothesis_name, percent, stated, with_id
 from diagnosis.any_model.answer import Answer, Experiment, Left
 from recordings.own_files import replaced
 
