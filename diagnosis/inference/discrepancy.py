@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
 
+GRAIN, MOST_PLACES = 1e-3, 1000
+"""Correlation lengths to which places are rounded, twice as coarsely as often as it takes to be no more than so many: the work
+grows with their cube, and within a tenth of a correlation length the process hardly changes."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -55,7 +59,12 @@ def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, 
 def eigenfunctions(place: Array) -> Array:
     """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths; coefficients of unit variance draw a
     process of size 1."""
+    grain = GRAIN
     distinct, index = np.unique(np.round(place, 3), axis=0, return_inverse=True)
+    while len(distinct) > MOST_PLACES:
+        grain *= 2
+        distinct, index = np.unique(np.round(place / grain), axis=0, return_inverse=True)
+        distinct *= grain
     squared = ((distinct[:, None, :] - distinct[None, :, :]) ** 2).sum(axis=-1)
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
     kept = value > 2e-3 * value.max()

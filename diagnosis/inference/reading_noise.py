@@ -38,6 +38,8 @@ VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
 """States of a trial whose errors are taken to go together at most."""
+MOST_TELLING, MOST_REPEATS = 3000, 12
+"""States, and repeats of each of their conditions, from which the noise is estimated in larger campaigns."""
 USUAL = NoiseComponents(DEFAULT_NOISE, DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
 """Of cameras and regulators as usual."""
 OFFSET = "pressure_offset.offset"
@@ -203,6 +205,7 @@ def floor_of(
 
     residual = grid(missed)
     complete = np.isfinite(residual).all(axis=1)
+    complete[complete] = telling(states.condition[complete], states.trial[complete])
     number_of = {"trial": states.trial, "repeat": states.repeat}
     drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of and p.source not in PUSH_SOURCES}
 
@@ -235,6 +238,25 @@ def floor_of(
     if not noise.contrasts:
         return noise, _usual(noise), _usual(noise)
     return noise, reading_rms(data, tips), reading_rms(as_read, tips)
+
+
+def telling(condition: Ints, trial: Ints) -> Mask:
+    """(n,) states of whole trials that tell enough of the noise: all up to `MOST_TELLING`; else, condition by condition, the first
+    `MOST_REPEATS` of its trials, trials and conditions taken all over the campaign. The work grows with their cube."""
+    chosen = np.zeros(len(trial), bool)
+    if len(trial) <= MOST_TELLING:
+        return ~chosen
+    for c in _all_over(np.unique(condition)):
+        trials = _all_over(np.unique(trial[condition == c]))
+        chosen |= np.isin(trial, trials[:MOST_REPEATS])
+        if chosen.sum() >= MOST_TELLING:
+            break
+    return chosen
+
+
+def _all_over(values: Ints) -> Ints:
+    """The values in an order of which each beginning is spread evenly, by multiples of the golden ratio."""
+    return values[np.argsort((np.arange(len(values)) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")]
 
 
 def by_readings(states: Campaign) -> Array:
