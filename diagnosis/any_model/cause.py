@@ -44,7 +44,9 @@ class Parameter:
     """Bounds of the difference from nominal."""
     high: float
     sides: tuple[float, ...] = ()
-    """Of a cause: differences from nominal, of its plausible size, at which fits begin."""
+    """Of a cause: differences from nominal, of its plausible size, at which it does something."""
+    linear: bool = True
+    """Whether what it does grows with its size, so that fits may begin at nominal."""
     starts: tuple[float, ...] = (0.0,)
     role: str = "size"
     """size, or shape where it changes nothing unless another parameter of its cause differs from nominal."""

@@ -7,9 +7,8 @@ itself or as a factor of what a listed cause does (`criticism.stage_errors`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +17,9 @@ import pandas as pd
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
 from ..answer.distinguishability import distinguishability
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
-from ..data.noise import Noise
 from ..errors import BadCase
 from ..inference.budget import BudgetPart, weighed
 from ..inference.cross_validation import CrossValidation
@@ -31,66 +29,16 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
-from ..inference.problem import FitParameters, Problem
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
-from .cause import Cause, Parameter, parameters
-from .model import Model, Predict
-from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
+from .built import FREE_ROUNDS, Built, build
+from .cause import Cause, parameters
+from .model import Predict
+from .table import Table, read, repeats
 
-FOLDS, FREE_ROUNDS, ESTIMATES, MOST_STARTS = 5, 12, 3, 8
-"""Parts in which a table without groups is held out; steps of a fit by itself; times the noise is estimated; most
-starts of a cause."""
+FOLDS = 5
+"""Parts in which a table without groups is held out."""
 MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
-
-
-@dataclass(frozen=True)
-class Built:
-    """A problem, and what its values mean."""
-
-    table: Table
-    model: Model
-    problem: Problem
-    parameters: tuple[Parameter, ...]
-    row: Ints
-    """(n,) row of each value."""
-    output: Ints
-    """(n,) output of each value."""
-    sd: Array
-    """(outputs,) noise, in each output's unit."""
-    noise_from: str
-    by_row: bool
-    """Whether the model answers each row by itself; else it integrates over the rows of a group."""
-    notes: tuple[str, ...]
-    response: Array
-    """(k, n) what each parameter does at its plausible size."""
-
-    def rms(self, residual: Array) -> Array:
-        """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
-        whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
-        each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
-        return np.array([whole, *each])
-
-    def begun(self) -> list[tuple[Hypothesis, Array]]:
-        """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
-        points: list[tuple[Hypothesis, Array]] = []
-        for cause in self.problem.parameters.ids:
-            own = [i for i, p in enumerate(self.parameters) if p.source == cause]
-            for sizes in itertools.islice(itertools.product(*(self.parameters[i].sides for i in own)), MOST_STARTS):
-                theta = np.zeros(len(self.parameters))
-                theta[own] = sizes
-                points.append(((cause,), theta))
-        return points
-
-    def functions(self, fitted: Fit) -> dict[str, Array]:
-        """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
-        places = {"the inputs": self.table.settings()}
-        if not self.by_row:
-            state = self.model.table(fitted.theta)
-            change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
-            change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
-            places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
-        return {name: smooth_functions(place)[self.row] for name, place in places.items() if place.shape[1]}
 
 
 @one_thread
@@ -113,7 +61,7 @@ def diagnose_model(
     """
     table = read(data, outputs, group, repeat)
     made = parameters(causes, calibration or {})
-    built = _built(predict, table, list(causes), made)
+    built = build(predict, table, list(causes), made)
     seen = [c for c in causes if c.name in built.problem.parameters.ids]
     return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
 
@@ -126,138 +74,6 @@ def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:
     return candidates.reset_index(drop=True)
 
 
-# ------------------------------------------------------------------ the problem
-def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[Parameter, ...]) -> Built:
-    """The problem of a table. Raises `BadCase` where the model has no answer at nominal parameters or plausible sizes."""
-    nominal = {p.key: p.nominal for p in every}
-
-    def model_of(of: Sequence[Parameter]) -> Model:
-        return Model(predict, table.inputs, list(table.outputs), of, table.kept, nominal)
-
-    at_nominal = model_of(every).table(np.zeros(len(every)))
-    lost = np.asarray(~np.isfinite(at_nominal) & table.kept).any(axis=1)
-    if lost.any():
-        raise BadCase(f"predict returned NaN at nominal parameters in {lost.sum()} rows, the first {lost.argmax()}")
-    made, response = _with_roles(model_of(every), every, at_nominal)
-    known = {p.source for p in made}
-    unseen = [*(c.name for c in causes if c.name not in known)]
-    unseen += [p.name for p in every if p.source in known and p.name not in {m.name for m in made}]
-    notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
-    if not any(p.group == "effect" for p in made):
-        raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
-    by_row = _answers_by_row(model_of(every), _plausible(every))
-    row, output = np.nonzero(table.kept)
-    sd = noise_of_repeats(table, repeats(table, by_row))
-    observed, estimated = table.measured[table.kept], np.isnan(sd)
-    rough = np.sqrt(np.nanmean((table.measured - at_nominal) ** 2, axis=0))
-    sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), sd)
-    problem = Problem(
-        model_of(made), FitParameters(made, np.array([p.sd for p in made])), observed, _noise(row, output, sd),
-        np.zeros((len(observed), 0)), np.zeros((len(observed), 0)),
-    )  # fmt: skip
-    text = "from repeats"
-    if estimated.any():
-        whose = ", ".join(name for name, own in zip(table.outputs, estimated, strict=True) if own)
-        text = f"too few repeats, so the noise of {whose} is what the richest model leaves, {NOISE_FLOOR:g} of its spread or more"
-        notes = (*notes, f"{text}; repeat some rows for a noise of their own")
-    built = Built(table, model_of(made), problem, made, row, output, sd, text, by_row, notes, response)
-    for _ in range(ESTIMATES if estimated.any() else 0):
-        sd = np.where(estimated, _noise_left(built), sd)
-        built = replace(built, sd=sd, problem=replace(built.problem, noise=_noise(row, output, sd)))
-    return _with_discrepancy(built)
-
-
-def _noise(row: Ints, output: Ints, sd: Array) -> Noise:
-    """Independent noise of each value."""
-    return Noise(row.astype(np.int64), sd[output], np.zeros((len(row), 0)))
-
-
-def _answers_by_row(model: Model, plausible: Array) -> bool:
-    """Whether the order of rows is of no matter to the model."""
-    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
-    # at nominal a model may rest, so that the order shows at plausible sizes alone
-    for theta in (np.zeros(len(plausible)), plausible):
-        expected, answer = model.table(theta), turned.table(theta)[::-1]
-        if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
-            return False
-    return True
-
-
-def _plausible(every: Sequence[Parameter]) -> Array:
-    """(k,) all parameters at their plausible size, within bounds."""
-    return np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
-
-
-def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
-    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
-    plausible = _plausible(every)
-    kept, responses = [], []
-
-    def moved(theta: Array, since: Array) -> Array:
-        change = model.table(theta) - since
-        return np.where(np.isfinite(change), change, 0.0)[model.kept]
-
-    def least(change: Array) -> bool:
-        return bool(np.abs(change).max(initial=0.0) > 1e-12 * np.abs(at_nominal[model.kept]).max(initial=1e-300))
-
-    for i, p in enumerate(every):
-        one = np.arange(len(every)) == i
-        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
-        alone = {s: moved(np.where(one, s, 0.0), at_nominal) for s in sides}
-        effective = tuple(s for s in sides if least(alone[s]))
-        if effective:
-            kept.append(replace(p, sides=effective if p.group == "effect" else ()))
-            responses.append(max(alone.values(), key=lambda change: float(change @ change)))
-            continue
-        together = np.where([q.source == p.source for q in every], plausible, 0.0)
-        change = moved(together, model.table(np.where(one, 0.0, together)))
-        if least(change):
-            kept.append(replace(p, role="shape", sides=(float(plausible[i]),)))
-            responses.append(change)
-    for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
-        own = [i for i, p in enumerate(kept) if p.source == cause]
-        if all(kept[i].role == "shape" for i in own):  # none does anything without the others
-            kept[own[0]] = replace(kept[own[0]], role="size")
-    return tuple(kept), np.array(responses)
-
-
-def _noise_left(b: Built) -> Array:
-    """(outputs,) what the richest model leaves of each output: all causes at once, calibration, and smooth functions."""
-    problem, p = b.problem, b.problem.parameters
-    wide = p.prior(np.ones(len(p.scale), bool), 0.0)
-    points = [np.zeros(len(p.sd)), *(theta for _, theta in b.begun())]
-    fitted = min((fit(problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
-    slope, missed = fitted.derivatives(problem).whole * p.sd, problem.observed - fitted.predicted
-    functions, out = b.functions(fitted), np.empty(len(b.sd))
-    for i in range(len(b.sd)):
-        own = b.output == i
-        most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
-        columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
-        solution, _, rank, _ = np.linalg.lstsq(columns, missed[own], rcond=1e-8)
-        free = max(int(own.sum()) - int(rank), 1)
-        out[i] = np.linalg.norm(missed[own] - columns @ solution) / np.sqrt(free)
-    return np.asarray(np.maximum(out, NOISE_FLOOR * b.table.spread))
-
-
-def _with_discrepancy(b: Built) -> Built:
-    """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
-    problem, p = b.problem, b.problem.parameters
-    fitted = fit(problem, p.no_effects(), 0.0, p.mean, FREE_ROUNDS)
-    gap = b.rms(problem.observed - fitted.predicted)[1:]
-    draws = smooth_functions(b.table.settings() if b.by_row else b.table.time())[b.row]
-    value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
-    basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
-    white = problem.noise.whiten(b.response.T / p.sd)
-    left = p.beyond_calibration(white * p.sd, white)
-    carried = np.sqrt((left**2).mean(axis=0))
-    least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
-    whole = replace(
-        problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
-        parameters=replace(p, least=tuple(least.tolist())),
-    )  # fmt: skip
-    return replace(b, problem=whole)
-
-
 # ------------------------------------------------------------------ the answer
 class _Diagnosis:
     """Weighs the causes of one problem, and says what follows."""
@@ -267,8 +83,8 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun())
-        self._calibrated = fit(b.problem, self._p.no_effects(), 0.0, self._p.mean, FREE_ROUNDS)
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun)
+        self._calibrated = b.calibrated
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
         """Everything that is said."""

@@ -12,10 +12,6 @@ from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from ..judgement import CORRELATION_PRESSURE, CORRELATION_TIME
 
-LEAST_DIFFERENCES = 5
-"""Independent differences between repeats from which an output's noise is taken from them."""
-NOISE_FLOOR = 1e-4
-"""Least noise of an output, standard deviations of its measured values: what repeats that agree exactly are given."""
 LANDMARKS, FUNCTIONS, SMALLEST_SHARE = 400, 24, 2e-3
 """Most places from which smooth functions are made, most functions, and least variance of one as a share of the largest."""
 
@@ -88,9 +84,9 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     whole &= np.isfinite(numbers).all(axis=1)
     notes = []
     if not whole.all():
-        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {_rows(~whole)}")
+        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {rows_in_words(~whole)}")
     if missing := int(np.isnan(measured[whole]).any(axis=1).sum()):
-        notes.append(f"{missing} rows lack an output, which is ignored: {_rows(whole & np.isnan(measured).any(axis=1))}")
+        notes.append(f"{missing} rows lack an output, which is ignored: {rows_in_words(whole & np.isnan(measured).any(axis=1))}")
     inputs, measured = inputs[whole].reset_index(drop=True), measured[whole]
     if np.isfinite(measured).sum() < 3 or not np.isfinite(measured).any(axis=0).all():
         empty = [name for name, column in zip(outputs, measured.T, strict=True) if not np.isfinite(column).any()]
@@ -99,7 +95,7 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     return Table(inputs, measured, dict(outputs), number, group, labels, tuple(notes))
 
 
-def _rows(chosen: Mask) -> str:
+def rows_in_words(chosen: Mask) -> str:
     """The first few of the chosen rows, counted from 0."""
     rows = np.flatnonzero(chosen).tolist()
     return "rows " + ", ".join(map(str, rows[:5])) + (" .." if len(rows) > 5 else "")
@@ -115,17 +111,6 @@ def repeats(table: Table, by_row: bool) -> Ints:
     series = row.groupby(table.group).agg(lambda own: hash(tuple(own)))
     place = pd.Series(table.group).groupby(table.group).cumcount()
     return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series.to_numpy()[table.group], place]))[0], np.int64)
-
-
-def noise_of_repeats(table: Table, repeat: Ints) -> Array:
-    """(outputs,) standard deviation of one reading about the mean of its repeats; NaN where there are too few."""
-    out = np.full(table.measured.shape[1], np.nan)
-    for i, values in enumerate(table.measured.T):
-        by = pd.Series(values).groupby(repeat)
-        away, free = values - by.transform("mean").to_numpy(), int((by.count() - 1).clip(lower=0).sum())
-        if free >= LEAST_DIFFERENCES:
-            out[i] = np.sqrt(np.nansum(away**2) / free)
-    return np.where(np.isfinite(out), np.maximum(out, NOISE_FLOOR * table.spread), np.nan)
 
 
 def scaled(columns: Array, correlation: float) -> Array:
