@@ -105,15 +105,14 @@ class Answer:
     next_experiment: tuple[Experiment, ...]
     noise_from: str
     doubts: tuple[str, ...]
-    """Why what is named is not certain."""
+    """Why the verdict is not certain; its probability is then at most `judgement.DOUBTED_PROBABILITY`."""
     notes: tuple[str, ...]
     rows: int
 
     @property
     def certain(self) -> bool:
-        """Whether the cause is certain: probable, determined, and on unseen rows it leaves little."""
-        determined = all(s.certain for s in self.sizes if s.role == "size")
-        return self.verdict == "effect" and self.probability >= CAUSE_PROBABILITY and not self.doubts and determined
+        """Whether the cause is certain: probable, and nothing is doubted."""
+        return self.verdict == "effect" and self.probability >= CAUSE_PROBABILITY and not self.doubts
 
     @property
     def sizes(self) -> tuple[Size, ...]:

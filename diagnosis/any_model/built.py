@@ -49,13 +49,15 @@ class Built:
     """The fit of the calibration alone."""
     begun: tuple[tuple[Hypothesis, Array], ...] = ()
     """Causes that are not linear, each by itself, with parameters (k,) fitted from their plausible size."""
+    estimated: bool = False
+    """Whether an output has too few repeats to show its noise."""
     lasting: tuple[str, ...] = ()
     """Outputs whose errors seem to last, by what the richest model leaves of them."""
 
     @property
     def sd(self) -> Array:
-        """(outputs,) noise, in each output's unit."""
-        return self.estimate.sd
+        """(outputs,) noise floor, in each output's unit."""
+        return self.estimate.floor
 
     def rms(self, residual: Array) -> Array:
         """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
@@ -160,23 +162,21 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
     for i, p in enumerate(every):
         one = np.arange(len(every)) == i
         sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
-        alone = {s: moved(np.where(one, s, 0.0), at_nominal) for s in sides}
-        effective = tuple(s for s in sides if least(alone[s]))
-        if effective:
-            largest = max(alone.values(), key=lambda change: float(change @ change))
-            responses.append(largest)
+        change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
+        if effective := tuple(s for s, own in change.items() if least(own)):
+            responses.append(max(change.values(), key=lambda own: float(own @ own)))
             if p.group == "effect":
                 # by the other side, else by a tenth of the size
-                line = -alone[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
-                bent = np.linalg.norm(alone[sides[0]] - line) > NONLINEAR * np.linalg.norm(largest)
+                line = -change[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
+                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(responses[-1])
                 p = replace(p, sides=effective, linear=not bent)
             kept.append(p)
             continue
         together = np.where([q.source == p.source for q in every], plausible, 0.0)
-        change = moved(together, model.table(np.where(one, 0.0, together)))
-        if least(change):
+        in_shape = moved(together, model.table(np.where(one, 0.0, together)))
+        if least(in_shape):
             kept.append(replace(p, role="shape", sides=(float(plausible[i]),), linear=False))
-            responses.append(change)
+            responses.append(in_shape)
     for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
         own = [i for i, p in enumerate(kept) if p.source == cause]
         if all(kept[i].role == "shape" for i in own):  # none does anything without the others
@@ -216,7 +216,7 @@ def _with_estimate(b: Built, estimated: Mask) -> Built:
         b, points = b.with_noise(_left(b, fitted, estimated)), [fitted.theta]
     lasting = tuple(name for name, q, own in zip(b.table.outputs, b.estimate.share, estimated, strict=True) if own and q)
     again = fit(b.problem, p.no_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    return replace(b, calibrated=again, lasting=lasting)
+    return replace(b, calibrated=again, estimated=True, lasting=lasting)
 
 
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
@@ -224,15 +224,15 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     block, place = blocks(b.table)
     slope = fitted.derivatives(b.problem).whole * b.problem.parameters.sd
     missed, known = b.problem.observed - fitted.predicted, b.estimate
-    sd, share, memory = known.sd.copy(), known.share.copy(), known.memory.copy()
+    sd, share, memory, smooth = known.sd.copy(), known.share.copy(), known.memory.copy(), known.smooth.copy()
     functions = {name: f for name, f in b.functions(fitted).items() if name != "time"}
     for i in np.flatnonzero(estimated):
         own = b.output == i
         most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
         columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
         row = b.row[own]
-        sd[i], share[i], memory[i] = left(block[row], place[row], missed[own], columns)
-    return NoiseEstimate(np.maximum(sd, NOISE_FLOOR * b.table.spread), share, memory)
+        sd[i], share[i], memory[i], smooth[i] = left(block[row], place[row], missed[own], columns)
+    return NoiseEstimate(np.maximum(sd, NOISE_FLOOR * b.table.spread), share, memory, smooth)
 
 
 def _with_discrepancy(b: Built) -> Built:

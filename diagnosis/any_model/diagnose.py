@@ -37,6 +37,12 @@ from .table import Table, read, repeats
 
 FOLDS = 5
 """Parts in which a table without groups is held out."""
+COMPARABLE = 0.1
+"""Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
+LARGEST_SIZE = 3.0
+"""Plausible sizes above which a cause is doubted."""
+LEAST_LEFT, OUTSTANDING = 1.3, 5.0
+"""Noise floors within which the remainder may be chance, and above which a gap is none where the noise had to be estimated."""
 MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
 
@@ -83,8 +89,8 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun)
-        self._calibrated = b.calibrated
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, COMPARABLE)
+        self._calibrated, self._fits = b.calibrated, {NONE: b.calibrated}
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
         """Everything that is said."""
@@ -100,12 +106,15 @@ class _Diagnosis:
         before, after = (b.rms(residual) for residual in unseen)
         closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
-        why = []
-        if decision.verdict == "effect" and after[0] > max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before[0]):
-            why.append(f"on unseen rows {after[0]:.2g} noise floors remain of {before[0]:.2g}, so that other causes may act too")
+        if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
+            decision = replace(decision, verdict="unknown", probability=1 - 1 / before[0] ** 2, outside=1 - 1 / before[0] ** 2)
+        why = self._doubts(decision, before[0], after[0])
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
-            ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / (1 - decision.outside))
+        elif why:
+            most = min(decision.probability, judgement.DOUBTED_PROBABILITY)
+            decision = replace(decision, probability=most, outside=most if decision.verdict == "unknown" else 1 - most)
+        ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
@@ -129,6 +138,31 @@ class _Diagnosis:
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
         )  # fmt: skip
 
+    def _doubts(self, d: Decision, before: float, after: float) -> list[str]:
+        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows."""
+        b, why = self._b, list[str]()
+        lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+        if d.verdict != "effect":
+            if b.lasting:
+                why.append(lasting)
+            elif d.verdict == "unknown" and before < OUTSTANDING and b.estimated:
+                why.append("the noise had to be estimated without repeats")
+            return why
+        limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + judgement.LEFT_SHARE * before**2))
+        if after > max(limit, LEAST_LEFT):
+            why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
+        sizes = [s for s in self._sizes(d.effects) if s.role == "size"]
+        why += [f"the size of {e} may be zero" for e in d.effects if not any(s.certain for s in sizes if s.effect == e)]
+        theta = self._fitted(d.effects).theta
+        for p, x in zip(b.parameters, theta.tolist(), strict=True):
+            if p.source in d.effects and x and min(x - p.low, p.high - x) < 1e-3 * p.sd:
+                why.append(f"{p.key} lies at its bound {p.nominal + x:.4g} {p.unit}")
+            elif p.source in d.effects and p.role == "size" and abs(x) > LARGEST_SIZE * p.sd:
+                why.append(f"{p.key} is {abs(x) / p.sd:.2g} times its plausible size")
+            elif p.group == "calibration" and abs(x) > judgement.TENSE_SD * p.sd:
+                why.append(f"{p.key} = {p.nominal + x:.4g} {p.unit} lies {abs(x) / p.sd:.2g} spreads from nominal")
+        return why
+
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""
         b, p = self._b, self._p
@@ -147,10 +181,11 @@ class _Diagnosis:
 
     def _fitted(self, named: Hypothesis) -> Fit:
         """What is named and the calibration fitted, nothing else."""
+        if named in self._fits:
+            return self._fits[named]
         start = np.where(np.isin(self._p.effects, ["", *named]), self._w.best.fit.theta, 0.0)
-        if not named:
-            return self._calibrated
-        return fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+        self._fits[named] = fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+        return self._fits[named]
 
     def _sizes(self, named: Hypothesis, fitted: Fit | None = None) -> tuple[Size, ...]:
         """Parameters of what a hypothesis names; values of `fitted` where it is given."""
@@ -181,7 +216,8 @@ class _Diagnosis:
         return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
 
     def _held_out(self) -> tuple[list[Array], str]:
-        """Residuals (n,) of the calibrated model and of the best hypothesis on rows that their fits did not see, and how."""
+        """Residuals (n,) of the calibrated model and of what the best hypothesis names, nothing else, on rows that their fits did
+        not see, and how."""
         b, w = self._b, self._w
         groups = int(b.table.group.max()) + 1
         if groups > 1:
@@ -195,7 +231,7 @@ class _Diagnosis:
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(w.best.prior(self._p), w.best.grid_point.size, w.best.fit.theta),
+            Refitted(self._p.prior(self._p.mask(w.best.named), 0.0), 0.0, self._fitted(w.best.named).theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 

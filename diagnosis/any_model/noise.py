@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from ..data.noise import Lasting, Noise
 from .table import Table
 
@@ -41,6 +41,13 @@ class NoiseEstimate:
     """(outputs,) q."""
     memory: Array
     """(outputs,) T, rows."""
+    smooth: Mask
+    """(outputs,) what lasts is smooth over the rows, as no instrument's error is but a model's."""
+
+    @property
+    def floor(self) -> Array:
+        """(outputs,) standard deviation of the readings' own errors: without what lasts where that is smooth."""
+        return np.where(self.smooth, self.sd * np.sqrt(1 - self.share), self.sd)
 
     def noise(self, block: Ints, place: Ints, output: Ints) -> Noise:
         """Of values (n,) of a series' `block`, at a `place` in it, of an output."""
@@ -72,16 +79,17 @@ def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
         if free >= LEAST_DIFFERENCES:
             own = np.isfinite(values) & (count > 1)
             away = ((values - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1)))[own]
-            share[i], memory[i] = _lasting(block[own], place[own], away, np.zeros((len(away), 0)))
+            share[i], memory[i], _ = _lasting(block[own], place[own], away, np.zeros((len(away), 0)))
             sd[i] = max(np.sqrt(np.mean(away**2)), NOISE_FLOOR * table.spread[i])
-    return NoiseEstimate(sd, share, memory)
+    return NoiseEstimate(sd, share, memory, np.zeros(outputs, bool))
 
 
-def left(block: Ints, place: Ints, missed: Array, columns: Array) -> tuple[float, float, float]:
-    """sd, q and T of what a model leaves of the values (n,) of one output, with what `columns` (n, c) absorb of them."""
-    share, memory = _lasting(block, place, missed, columns)
+def left(block: Ints, place: Ints, missed: Array, columns: Array) -> tuple[float, float, float, bool]:
+    """sd, q, T and whether it is smooth, of what a model leaves of the values (n,) of one output, with what `columns` (n, c)
+    absorb of them."""
+    share, memory, smooth = _lasting(block, place, missed, columns)
     turned, value = _turned(block, place, np.column_stack([_basis(columns), missed]), memory)
-    return float(np.sqrt(_restricted(turned, value, share)[1])), share, memory
+    return float(np.sqrt(_restricted(turned, value, share)[1])), share, memory, smooth
 
 
 def _basis(columns: Array) -> Array:
@@ -91,24 +99,26 @@ def _basis(columns: Array) -> Array:
     return np.asarray(u[:, value > 1e-8 * value.max(initial=0.0)])
 
 
-def _lasting(block: Ints, place: Ints, values: Array, columns: Array) -> tuple[float, float]:
-    """q and T that make values (n,) most probable, up to `columns` (n, c); q = 0 where that gains less than `LASTING_GAIN`."""
+def _lasting(block: Ints, place: Ints, values: Array, columns: Array) -> tuple[float, float, bool]:
+    """q and T that make values (n,) most probable, up to `columns` (n, c), and whether a smooth function of the row, of squared
+    exponential covariance, makes them more probable still; q = 0 where that gains less than `LASTING_GAIN`."""
     kept = block % int(np.ceil(len(values) / MOST_VALUES)) == 0
     together = np.column_stack([_basis(columns[kept]), values[kept]])
     if len(together) < together.shape[1] + LEAST_DIFFERENCES:
-        return 0.0, 1.0
-    gain, best = LASTING_GAIN, (0.0, 1.0)
-    for memory in MEMORIES:
-        turned, value = _turned(block[kept], place[kept], together, memory)
-        alone = _restricted(turned, value, 0.0)[0]
-        for share in LASTING_SHARES.tolist():
-            likelihood = _restricted(turned, value, share)[0] - alone
-            if likelihood > gain:
-                gain, best = likelihood, (share, memory)
-    return best
+        return 0.0, 1.0, False
+    gains: dict[bool, tuple[float, float, float]] = {}
+    for smooth in (False, True):
+        gains[smooth] = LASTING_GAIN, 0.0, 1.0
+        for memory in MEMORIES:
+            turned, value = _turned(block[kept], place[kept], together, memory, smooth)
+            alone = _restricted(turned, value, 0.0)[0]
+            for share in LASTING_SHARES.tolist():
+                gains[smooth] = max(gains[smooth], (_restricted(turned, value, share)[0] - alone, share, memory))
+    gain, share, memory = gains[False]
+    return share, memory, bool(share) and gains[True][0] > gain + LASTING_GAIN
 
 
-def _turned(block: Ints, place: Ints, columns: Array, memory: float) -> tuple[Array, Array]:
+def _turned(block: Ints, place: Ints, columns: Array, memory: float, smooth: bool = False) -> tuple[Array, Array]:
     """Columns (n, c), those of each block turned onto the principal axes of what lasts there, and its variances (n,)."""
     out, value = np.empty(columns.shape), np.empty(len(columns))
     known: dict[bytes, tuple[Array, Array]] = {}
@@ -116,8 +126,8 @@ def _turned(block: Ints, place: Ints, columns: Array, memory: float) -> tuple[Ar
         own = np.flatnonzero(block == one)
         at = place[own]
         if at.tobytes() not in known:
-            value_there, axes = np.linalg.eigh(np.exp(-np.abs(at[:, None] - at) / memory))
-            known[at.tobytes()] = value_there, axes
+            apart = np.abs(at[:, None] - at) / memory
+            known[at.tobytes()] = np.linalg.eigh(np.exp(-0.5 * apart**2 if smooth else -apart))
         value[own], axes = known[at.tobytes()]
         out[own] = axes.T @ columns[own]
     return out, value
