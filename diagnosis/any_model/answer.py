@@ -108,6 +108,8 @@ class Answer:
     """Why the verdict is not certain; its probability is then at most `judgement.DOUBTED_PROBABILITY`."""
     notes: tuple[str, ...]
     rows: int
+    relatives: tuple[str, ...] = ()
+    """Relatives of the causes that explain the data as well, in words."""
 
     @property
     def certain(self) -> bool:
@@ -135,6 +137,8 @@ class Answer:
             parts.append(f"{', '.join(map(str, self.sizes))}.")
         if self.verdict == "unknown" and self.goes_with:
             parts.append(f"What no listed cause explains varies with {self.goes_with}.")
+        if self.verdict == "unknown" and self.relatives:
+            parts.append(f"Most like: {', '.join(self.relatives)}.")
         path = [f"{s.step} {(s.unseen or s.seen).floors:.3g}" for s in self.steps]
         parts.append(f"Root mean square residual in noise floors: {', '.join(path)} ({self.how}).")
         parts += [f"Not certain: {why}." for why in self.doubts]
@@ -151,4 +155,4 @@ class Answer:
         rest = {k: plain[k] for k in ("steps", "how", "share_closed", "next_experiment", "calibration", "notes")}
         data = {"rows": self.rows, "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
-        return {**words, "data": data, "attribute": {**attribute, "outside": self.outside}, **rest}
+        return {**words, "data": data, "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives}, **rest}

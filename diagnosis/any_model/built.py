@@ -47,6 +47,8 @@ class Built:
     """(k, n) what each parameter does at its plausible size."""
     calibrated: Fit
     """The fit of the calibration alone."""
+    of_relatives: tuple[Parameter, ...] = ()
+    """Those of the causes' relatives that change anything."""
     begun: tuple[tuple[Hypothesis, Array], ...] = ()
     """Causes that are not linear, each by itself, with parameters (k,) fitted from their plausible size."""
     estimated: bool = False
@@ -89,13 +91,18 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     table = _answered(table, at_nominal)
     model = model.by(every, table.kept)
     made, response = _with_roles(model, every, at_nominal)
+    listed = {*(c.name for c in causes)}
+    of_relatives = tuple(p for p in made if p.group == "effect" and p.source not in listed)
+    every = tuple(p for p in every if p.group != "effect" or p.source in listed)
+    chosen = np.array([p not in of_relatives for p in made], bool)
+    made, response = tuple(itertools.compress(made, chosen)), response[chosen]
     known = {p.source for p in made}
     unseen = [*(c.name for c in causes if c.name not in known)]
     unseen += [p.name for p in every if p.source in known | {p.key} and p.name not in {m.name for m in made}]
     notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
     if not any(p.group == "effect" for p in made):
         raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
-    by_row = _answers_by_row(model, _plausible(every))
+    by_row = _answers_by_row(model.by(every), _plausible(every))
     row, output = np.nonzero(table.kept)
     estimate = of_repeats(table, repeats(table, by_row))
     estimated = np.isnan(estimate.sd)
@@ -113,7 +120,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     none, noise = np.zeros((len(row), 0)), estimate.noise(block[row], place[row], output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
-    built = Built(table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated)
+    built = Built(table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, of_relatives)
     built = replace(built, begun=tuple(_begun(built)))
     return _with_discrepancy(_with_estimate(built, estimated) if estimated.any() else built)
 
@@ -226,12 +233,16 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     missed, known = b.problem.observed - fitted.predicted, b.estimate
     sd, share, memory, smooth = known.sd.copy(), known.share.copy(), known.memory.copy(), known.smooth.copy()
     functions = {name: f for name, f in b.functions(fitted).items() if name != "time"}
+    basis, _, _ = np.linalg.svd(slope / known.sd[b.output][:, None], full_matrices=False)
     for i in np.flatnonzero(estimated):
         own = b.output == i
-        most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
-        columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
-        row = b.row[own]
-        sd[i], share[i], memory[i], smooth[i] = left(block[row], place[row], missed[own], columns)
+        free = int(own.sum()) - float((basis[own] ** 2).sum())  # what parameters, shared by all outputs, absorb of this one
+        sd[i], share[i], smooth[i] = np.sqrt((missed[own] ** 2).sum() / max(free, 1.0)), 0.0, False
+        if own.sum() > 4 * slope.shape[1]:
+            most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
+            columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
+            row = b.row[own]
+            sd[i], share[i], memory[i], smooth[i] = left(block[row], place[row], missed[own], columns)
     return NoiseEstimate(np.maximum(sd, NOISE_FLOOR * b.table.spread), share, memory, smooth)
 
 

@@ -23,6 +23,9 @@ class Cause:
     """The cause in a sentence."""
     exact: bool = False
     """Whether its law is geometry."""
+    relatives: Sequence[Cause] = ()
+    """Other forms of it, and what looks like it: never named, but weighed in its place, so that it is doubted where they do as
+    well."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]
     """All parameters, those of causes first. Raises `BadCase` where one is not stated soundly or has two owners."""
     if not causes:
         raise BadCase("causes: none given; list at least one, lab.Cause(name, {parameter: (nominal, plausible size, unit)})")
+    causes = [*causes, *(r for c in causes for r in c.relatives)]
     stated = [(c.name, key, quantity, c.exact) for c in causes for key, quantity in c.parameters.items()]
     stated += [("", key, quantity, False) for key, quantity in calibration.items()]
     names = [c.name for c in causes]

@@ -33,6 +33,8 @@ from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build
 from .cause import Cause, parameters
 from .model import Predict
+from .relatives import alike, related
+from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats
 
 FOLDS = 5
@@ -41,8 +43,9 @@ COMPARABLE = 0.1
 """Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
 LARGEST_SIZE = 3.0
 """Plausible sizes above which a cause is doubted."""
-LEAST_LEFT, OUTSTANDING = 1.3, 5.0
-"""Noise floors within which the remainder may be chance, and above which a gap is none where the noise had to be estimated."""
+LEAST_LEFT, OUTSTANDING = 3.0, 5.0
+"""Standard errors within which the remainder may be noise, and noise floors of a gap above which it is certainly no noise, though
+that had to be estimated."""
 MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
 
@@ -96,7 +99,8 @@ class _Diagnosis:
         """Everything that is said."""
         b, w = self._b, self._w
         asking = min((self._asking(c) for c in {c.named: c for c in (w.leading, w.best)}.values()), key=total_gain)
-        odds = odds_unnamed(total_gain(asking), 1.0)
+        among = related(b, self._causes.values(), [*{c.named: c for c in (w.leading, w.best)}.values()])
+        odds = odds_unnamed(total_gain(asking), 1.0) + odds_of_relatives(among, [*w.search.found.values()], len(self._p.ids))
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
         enough = len(b.row) > len(b.parameters) + 2
         decision = decide(ranked, enough, w.budget.nothing_stands_out)
@@ -107,8 +111,11 @@ class _Diagnosis:
         closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
-            decision = replace(decision, verdict="unknown", probability=1 - 1 / before[0] ** 2, outside=1 - 1 / before[0] ** 2)
-        why = self._doubts(decision, before[0], after[0])
+            most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
+            decision = replace(decision, verdict="unknown", probability=most, outside=most)
+        best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
+        as_well = alike(among, decision.effects, best)
+        why = self._doubts(decision, before[0], after[0], as_well)
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
         elif why:
@@ -135,11 +142,12 @@ class _Diagnosis:
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
-            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs),
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
         )  # fmt: skip
 
-    def _doubts(self, d: Decision, before: float, after: float) -> list[str]:
-        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows."""
+    def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
+        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows;
+        `as_well`: relatives that do the same."""
         b, why = self._b, list[str]()
         lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
         if d.verdict != "effect":
@@ -149,8 +157,10 @@ class _Diagnosis:
                 why.append("the noise had to be estimated without repeats")
             return why
         limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + judgement.LEFT_SHARE * before**2))
-        if after > max(limit, LEAST_LEFT):
+        if after > max(limit, 1 + LEAST_LEFT / np.sqrt(2 * len(b.row))):
             why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
+        if as_well:
+            why.append(f"as good an explanation: {', '.join(as_well)}")
         sizes = [s for s in self._sizes(d.effects) if s.role == "size"]
         why += [f"the size of {e} may be zero" for e in d.effects if not any(s.certain for s in sizes if s.effect == e)]
         theta = self._fitted(d.effects).theta
@@ -265,5 +275,6 @@ def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) ->
     if not why or closed is None or closed >= d.probability:
         return d
     if closed < judgement.EXPLAINS:
-        return replace(d, verdict="unknown", effects=(), probability=1 - max(closed, 0.05), outside=1 - max(closed, 0.05))
+        outside = min(1 - closed, judgement.DOUBTED_PROBABILITY)
+        return replace(d, verdict="unknown", effects=(), probability=outside, outside=outside)
     return replace(d, probability=closed, outside=1 - closed)

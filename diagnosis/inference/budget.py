@@ -115,7 +115,7 @@ def budget(
     problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], comparable: float = COMPARABLE
 ) -> Budget:
     """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap;
-    `comparable`: share of what the largest carries that another must carry to be named with it."""
+    `comparable`: share of what the largest carries that another of no small size must carry to be named with it."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
@@ -195,7 +195,7 @@ def _names(floors: Array, size: Array, own: Mask, comparable: float) -> Mask:
     """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
-    named = (floors >= np.maximum(least, comparable * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
+    named = (floors >= np.maximum(least, np.where(size >= LEAST_NAMED_SIZE, comparable, COMPARABLE) * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
     named[draws, largest] = True
     named[most < least[largest]] = False
     return np.asarray(named)
