@@ -69,13 +69,13 @@ class Built:
 
     def functions(self, fitted: Fit) -> dict[str, Array]:
         """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
-        places = {"the inputs": self.table.settings()}
-        if not self.by_row:
-            state = self.model.table(fitted.theta)
-            change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
-            change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
-            places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
-        return {name: smooth_functions(place)[self.row] for name, place in places.items() if place.shape[1]}
+        if self.by_row:
+            return {"the inputs": self.table.functions[self.row]} if self.table.functions.shape[1] else {}
+        state = self.model.table(fitted.theta)
+        change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
+        change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
+        places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
+        return {name: smooth_functions(place)[self.row] for name, place in places.items()}
 
     def with_noise(self, estimate: NoiseEstimate) -> Built:
         """The same with other noise."""
@@ -157,7 +157,7 @@ def _plausible(every: Sequence[Parameter]) -> Array:
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
     """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
     plausible = _plausible(every)
-    kept, responses = [], []
+    kept, responses, offered = [], [], model.offered(np.zeros(len(every)))
 
     def moved(theta: Array, since: Array) -> Array:
         change = model.table(theta) - since
@@ -168,6 +168,11 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
 
     for i, p in enumerate(every):
         one = np.arange(len(every)) == i
+        slope = offered.get(p.key)
+        if slope is not None and p.group == "calibration" and least(slope[model.kept] * p.sd):
+            kept.append(p)
+            responses.append(slope[model.kept] * p.sd)
+            continue
         sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
         change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
         if effective := tuple(s for s, own in change.items() if least(own)):
@@ -250,7 +255,7 @@ def _with_discrepancy(b: Built) -> Built:
     """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
     problem, p = b.problem, b.problem.parameters
     gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
-    draws = smooth_functions(b.table.settings() if b.by_row else b.table.time())[b.row]
+    draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
     value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
     basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
     white = b.response.T / p.sd / b.sd[b.output][:, None]

@@ -87,7 +87,7 @@ class Model:
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """(n,) the measured values and derivatives (n, c) by some or all parameters: its own, else by differences."""
         chosen, here = range(len(theta)) if columns is None else columns, self.predict(theta)
-        slope, offered = np.zeros((len(here), len(chosen))), self._offered(theta) if len(chosen) else {}
+        slope, offered = np.zeros((len(here), len(chosen))), self.offered(theta) if len(chosen) else {}
         for j, i in enumerate(chosen):
             p = self._parameters[i]
             if p.key in offered:
@@ -101,7 +101,7 @@ class Model:
                         break
         return here, slope
 
-    def _offered(self, theta: Array) -> Mapping[str, Array]:
+    def offered(self, theta: Array) -> Mapping[str, Array]:
         """Parameter -> (rows, outputs), derivatives that the function offers. Raises `BadCase` where they are something else."""
         own, values = getattr(self._predict, "derivatives", None), self.values(theta)
         if own is None:

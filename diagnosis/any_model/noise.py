@@ -106,16 +106,17 @@ def _lasting(block: Ints, place: Ints, values: Array, columns: Array) -> tuple[f
     together = np.column_stack([_basis(columns[kept]), values[kept]])
     if len(together) < together.shape[1] + LEAST_DIFFERENCES:
         return 0.0, 1.0, False
-    gains: dict[bool, tuple[float, float, float]] = {}
-    for smooth in (False, True):
-        gains[smooth] = LASTING_GAIN, 0.0, 1.0
+
+    def most_probable(smooth: bool) -> tuple[float, float, float]:
+        best = LASTING_GAIN, 0.0, 1.0
         for memory in MEMORIES:
             turned, value = _turned(block[kept], place[kept], together, memory, smooth)
             alone = _restricted(turned, value, 0.0)[0]
-            for share in LASTING_SHARES.tolist():
-                gains[smooth] = max(gains[smooth], (_restricted(turned, value, share)[0] - alone, share, memory))
-    gain, share, memory = gains[False]
-    return share, memory, bool(share) and gains[True][0] > gain + LASTING_GAIN
+            best = max(best, *((_restricted(turned, value, q)[0] - alone, q, memory) for q in LASTING_SHARES.tolist()))
+        return best
+
+    gain, share, memory = most_probable(False)
+    return share, memory, bool(share) and most_probable(True)[0] > gain + LASTING_GAIN
 
 
 def _turned(block: Ints, place: Ints, columns: Array, memory: float, smooth: bool = False) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -48,11 +49,12 @@ class Table:
         count = pd.Series(self.group).groupby(self.group)
         return np.asarray(count.cumcount() / (count.transform("size") - 1).clip(lower=1), float)
 
-    def settings(self) -> Array:
-        """(n, d) numeric inputs in correlation lengths, as smooth functions need."""
+    @cached_property
+    def functions(self) -> Array:
+        """(n, m) smooth functions of the numeric inputs."""
         numbers = self.inputs.drop(columns=list(self.ignored)).select_dtypes("number").to_numpy(float)
         numbers = numbers[:, np.ptp(numbers, axis=0) > 0] if len(numbers) else numbers
-        return scaled(numbers, CORRELATION_PRESSURE)
+        return smooth_functions(scaled(numbers, CORRELATION_PRESSURE))
 
     def time(self) -> Array:
         """(n, 1 + groups) place within the group and the group, in correlation lengths."""
