@@ -41,8 +41,8 @@ FOLDS = 5
 """Parts in which a table without groups is held out."""
 COMPARABLE = 0.1
 """Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
-LARGEST_SIZE = 3.0
-"""Plausible sizes above which a cause is doubted."""
+LEFT_SQUARES, LARGEST_SIZE = 0.05, 3.0
+"""Share of the squared gap left on unseen rows, and plausible sizes, above which a cause is doubted."""
 LEAST_LEFT, OUTSTANDING = 3.0, 5.0
 """Standard errors within which the remainder may be noise, and noise floors of a gap above which it is certainly no noise, though
 that had to be estimated."""
@@ -156,7 +156,7 @@ class _Diagnosis:
             elif d.verdict == "unknown" and before < OUTSTANDING and b.estimated:
                 why.append("the noise had to be estimated without repeats")
             return why
-        limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + judgement.LEFT_SHARE * before**2))
+        limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + LEFT_SQUARES * before**2))
         if after > max(limit, 1 + LEAST_LEFT / np.sqrt(2 * len(b.row))):
             why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
         if as_well:
