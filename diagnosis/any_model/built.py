@@ -70,7 +70,7 @@ class Built:
     def functions(self, fitted: Fit) -> dict[str, Array]:
         """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
         if self.by_row:
-            return {"the inputs": self.table.functions[self.row]} if self.table.functions.shape[1] else {}
+            return {"the inputs": self.table.functions[self.row]}
         state = self.model.table(fitted.theta)
         change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
         change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
@@ -102,6 +102,9 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
     if not any(p.group == "effect" for p in made):
         raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
+    if table.kept.sum() < len(made) + 3:
+        text = f"data: {table.kept.sum()} measured values are too few for {len(made)} parameters"
+        raise BadCase(f"{text}; measure {len(made) + 3} or more")
     by_row = _answers_by_row(model.by(every), _plausible(every))
     row, output = np.nonzero(table.kept)
     estimate = of_repeats(table, repeats(table, by_row))

@@ -61,9 +61,13 @@ class Parameter:
 
 def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]) -> tuple[Parameter, ...]:
     """All parameters, those of causes first. Raises `BadCase` where one is not stated soundly or has two owners."""
-    if not causes:
-        raise BadCase("causes: none given; list at least one, lab.Cause(name, {parameter: (nominal, plausible size, unit)})")
+    if isinstance(causes, Cause) or not causes or not all(isinstance(c, Cause) for c in causes):
+        text = "none given" if not isinstance(causes, Cause) and not causes else "must be a list of lab.Cause"
+        raise BadCase(f"causes: {text}; list at least one, lab.Cause(name, {{parameter: (nominal, plausible size, unit)}})")
     causes = [*causes, *(r for c in causes for r in c.relatives)]
+    for whose, given in (*((f"cause {c.name!r}", c.parameters) for c in causes), ("calibration", calibration)):
+        if not isinstance(given, Mapping):
+            raise BadCase(f"{whose}: {given!r}; write {{parameter: (nominal, plausible size, unit)}}")
     stated = [(c.name, key, quantity, c.exact) for c in causes for key, quantity in c.parameters.items()]
     stated += [("", key, quantity, False) for key, quantity in calibration.items()]
     names = [c.name for c in causes]
@@ -85,6 +89,8 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
             f"{name}: {quantity!r}; write (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)"
         )
     nominal, size, unit, *bounds = quantity
+    if not isinstance(unit, str):
+        raise BadCase(f"{name}: unit {unit!r}; write it as text, such as 'm', or '1' where there is none")
     low, high = (math.inf * sign if b is None else b for sign, b in zip((-1, 1), bounds or (None, None), strict=True))
     try:
         nominal, size, low, high = (float(x) for x in (nominal, size, low, high))
@@ -95,4 +101,4 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
     if not (low <= nominal <= high and low < high):
         raise BadCase(f"{name}: nominal {nominal:g} {unit} must lie within its bounds {low:g} .. {high:g} {unit}")
     group = "effect" if cause else "calibration"
-    return Parameter(name, key, cause or key, group, str(unit), nominal, size, low - nominal, high - nominal, exact=exact)
+    return Parameter(name, key, cause or key, group, unit, nominal, size, low - nominal, high - nominal, exact=exact)

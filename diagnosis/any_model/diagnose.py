@@ -77,6 +77,8 @@ def diagnose_model(
 
 def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:
     """The inputs of candidates. Raises `BadCase` where one that the model needs is missing."""
+    if not isinstance(candidates, pd.DataFrame):
+        raise BadCase(f"candidates: {type(candidates).__name__}, must be a pandas.DataFrame of inputs")
     needed = [name for name in table.inputs.columns if name not in table.ignored]
     if lacking := [name for name in needed if name not in candidates.columns]:
         raise BadCase(f"candidates: no column {lacking[0]!r}; candidates must have the inputs {', '.join(needed)}")
@@ -102,8 +104,7 @@ class _Diagnosis:
         among = related(b, self._causes.values(), [*{c.named: c for c in (w.leading, w.best)}.values()])
         odds = odds_unnamed(total_gain(asking), 1.0) + odds_of_relatives(among, [*w.search.found.values()], len(self._p.ids))
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
-        enough = len(b.row) > len(b.parameters) + 2
-        decision = decide(ranked, enough, w.budget.nothing_stands_out)
+        decision = decide(ranked, True, w.budget.nothing_stands_out)
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()

@@ -64,10 +64,14 @@ class Model:
         values, shape = self.values(theta), (len(self.inputs), len(self._outputs))
         try:
             with np.errstate(all="ignore"):
-                answer = np.asarray(self._predict(dict(values), self.inputs.copy()), float)
+                returned = self._predict(dict(values), self.inputs.copy())
         except Exception as error:
             shown = ", ".join(f"{k}={v:.6g}" for k, v in values.items())
             raise BadCase(f"predict raised {type(error).__name__}: {error} at {shown}; it must answer there") from error
+        try:
+            answer = np.asarray(returned, float)
+        except (TypeError, ValueError):
+            raise BadCase(f"predict returned {type(returned).__name__}, must be an array of numbers {shape}") from None
         if answer.shape == shape[:1] and shape[1] == 1:
             answer = answer[:, None]
         if answer.shape != shape:

@@ -40,8 +40,9 @@ class Table:
 
     @property
     def spread(self) -> Array:
-        """(outputs,) standard deviation of the measured values."""
-        return np.maximum(np.nanstd(self.measured, axis=0), 1e-300)
+        """(outputs,) standard deviation of the measured values; of an output that is constant its size."""
+        spread, size = np.nanstd(self.measured, axis=0), np.nanmax(np.abs(self.measured), axis=0)
+        return np.where(spread > 1e-12 * size, spread, np.where(size > 0, size, 1.0))
 
     @property
     def order(self) -> Array:
@@ -71,6 +72,10 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
         raise BadCase(f"data: {type(data).__name__}, must be a pandas.DataFrame of inputs and measured outputs")
     if not isinstance(outputs, Mapping) or not outputs:
         raise BadCase('outputs: must map columns to units, such as {"x": "m"}')
+    if unstated := [name for name, unit in outputs.items() if not isinstance(unit, str)]:
+        raise BadCase(f"outputs: {unstated[0]} has no unit; write it as text, such as 'm', or '1' where there is none")
+    if twice := [str(name) for name in data.columns[data.columns.duplicated()]]:
+        raise BadCase(f"data: column {twice[0]!r} appears more than once; give each column a name of its own")
     for role, name in [*(("outputs", name) for name in outputs), ("group", group), ("repeat", repeat)]:
         if name is not None and name not in data.columns:
             raise BadCase(f"{role}: no column {name!r} in data; it has {', '.join(map(str, data.columns))}")
@@ -124,6 +129,8 @@ def scaled(columns: Array, correlation: float) -> Array:
 def smooth_functions(place: Array) -> Array:
     """(n, m) draws of size 1 of smooth functions over places (n, d) in correlation lengths: leading eigenfunctions of a squared
     exponential kernel, from at most `LANDMARKS` places (Nystroem)."""
+    if not place.shape[1]:
+        return np.ones((len(place), 1))
     distinct = np.unique(np.round(place, 3), axis=0)
     chosen: Sequence[int] | Ints = np.arange(len(distinct))
     if len(distinct) > LANDMARKS:
