@@ -35,7 +35,7 @@ from .cause import Cause, parameters
 from .model import Predict
 from .relatives import alike, related
 from .relatives import odds as odds_of_relatives
-from .table import Table, read, repeats
+from .table import Table, read, repeats, series
 
 FOLDS = 5
 """Parts in which a table without groups is held out."""
@@ -230,11 +230,12 @@ class _Diagnosis:
         """Residuals (n,) of the calibrated model and of what the best hypothesis names, nothing else, on rows that their fits did
         not see, and how."""
         b, w = self._b, self._w
-        groups = int(b.table.group.max()) + 1
-        if groups > 1:
-            part, how = b.table.group % max(FOLDS, min(groups, 2 * FOLDS)), "groups left out in turn"
+        whole = next((x for x in (series(b.table), b.table.group) if x.any()), None)
+        if whole is not None:
+            part, how = whole % FOLDS, "groups left out in turn"
         elif b.by_row:
             cell = repeats(b.table, True)
+            cell = cell if cell.any() else np.arange(len(cell))  # all rows repeat one
             part = np.random.default_rng(0).permutation(int(cell.max()) + 1)[cell] % FOLDS
             how = "a fifth of the rows left out in turn"
         else:

@@ -111,13 +111,22 @@ def rows_in_words(chosen: Mask) -> str:
 def repeats(table: Table, by_row: bool) -> Ints:
     """(n,) number of what each row repeats: rows of equal inputs or, where the model integrates over a group, rows at one place
     of groups with equal inputs throughout."""
-    settings = table.inputs.drop(columns=list(table.ignored))
-    row = pd.util.hash_pandas_object(settings, index=False) if settings.shape[1] else pd.Series(0, index=range(len(settings)))
     if by_row:
-        return np.asarray(pd.factorize(row)[0], np.int64)
-    series = row.groupby(table.group).agg(lambda own: hash(tuple(own)))
+        return np.asarray(pd.factorize(_hashed(table))[0], np.int64)
     place = pd.Series(table.group).groupby(table.group).cumcount()
-    return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series.to_numpy()[table.group], place]))[0], np.int64)
+    return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series(table), place]))[0], np.int64)
+
+
+def series(table: Table) -> Ints:
+    """(n,) number of each row's group, the same for groups with equal inputs throughout."""
+    of_group = _hashed(table).groupby(table.group).agg(lambda own: hash(tuple(own)))
+    return np.asarray(pd.factorize(of_group.to_numpy()[table.group])[0], np.int64)
+
+
+def _hashed(table: Table) -> pd.Series:
+    """(n,) a number for each row's inputs."""
+    settings = table.inputs.drop(columns=list(table.ignored))
+    return pd.util.hash_pandas_object(settings, index=False) if settings.shape[1] else pd.Series(0, index=range(len(settings)))
 
 
 def scaled(columns: Array, correlation: float) -> Array:
