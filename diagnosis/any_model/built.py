@@ -130,8 +130,9 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
 
 def _answered(table: Table, at_nominal: Array) -> Table:
     """The table without values that the model does not answer at nominal parameters. Raises `BadCase` where none is left."""
-    lost = ~np.isfinite(at_nominal) & table.kept
-    rows, kept = lost.any(axis=1), table.kept & ~lost
+    lost: Mask = np.logical_and(~np.isfinite(at_nominal), table.kept)
+    rows: Mask = np.asarray(lost.any(axis=1))
+    kept = table.kept & ~lost
     if not kept.any(axis=0).all() or kept.sum() < 3:
         text = f"predict returned NaN at nominal parameters in {rows.sum()} of {len(rows)} rows, the first {rows.argmax()}"
         raise BadCase(f"{text}; it must answer there")

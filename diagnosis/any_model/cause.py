@@ -65,9 +65,9 @@ def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]
         text = "none given" if not isinstance(causes, Cause) and not causes else "must be a list of lab.Cause"
         raise BadCase(f"causes: {text}; list at least one, lab.Cause(name, {{parameter: (nominal, plausible size, unit)}})")
     causes = [*causes, *(r for c in causes for r in c.relatives)]
-    for whose, given in (*((f"cause {c.name!r}", c.parameters) for c in causes), ("calibration", calibration)):
-        if not isinstance(given, Mapping):
-            raise BadCase(f"{whose}: {given!r}; write {{parameter: (nominal, plausible size, unit)}}")
+    for whose, own in (*((f"cause {c.name!r}", c.parameters) for c in causes), ("calibration", calibration)):
+        if not isinstance(own, Mapping):
+            raise BadCase(f"{whose}: {own!r}; write {{parameter: (nominal, plausible size, unit)}}")
     stated = [(c.name, key, quantity, c.exact) for c in causes for key, quantity in c.parameters.items()]
     stated += [("", key, quantity, False) for key, quantity in calibration.items()]
     names = [c.name for c in causes]
