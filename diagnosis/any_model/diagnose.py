@@ -41,7 +41,7 @@ FOLDS = 5
 """Parts in which a table without groups is held out."""
 COMPARABLE = 0.1
 """Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
-LEFT_SQUARES, LARGEST_SIZE = 0.05, 3.0
+LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
 """Share of the squared gap left on unseen rows, and plausible sizes, above which a cause is doubted."""
 LEAST_LEFT, OUTSTANDING = 3.0, 5.0
 """Standard errors within which the remainder may be noise, and noise floors of a gap above which it is certainly no noise, though
