@@ -47,6 +47,8 @@ class Built:
     """(k, n) what each parameter does at its plausible size."""
     calibrated: Fit
     """The fit of the calibration alone."""
+    apart: bool
+    """Whether something is calibrated for one group alone, such as where it begins, which no other group repeats or shows."""
     of_relatives: tuple[Parameter, ...] = ()
     """Those of the causes' relatives that change anything."""
     begun: tuple[tuple[Hypothesis, Array], ...] = ()
@@ -107,7 +109,9 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
         raise BadCase(f"{text}; measure {len(made) + 3} or more")
     by_row = _answers_by_row(model.by(every), _plausible(every))
     row, output = np.nonzero(table.kept)
-    estimate = of_repeats(table, repeats(table, by_row))
+    moved_by = [{*table.group[row[moved != 0]].tolist()} for p, moved in zip(made, response, strict=True) if p.group != "effect"]
+    apart = not by_row and int(table.group.max()) > 0 and any(len(groups) == 1 for groups in moved_by)
+    estimate = of_repeats(table, np.arange(len(table.group)) if apart else repeats(table, by_row))
     estimated = np.isnan(estimate.sd)
     text = "from repeats"
     if estimated.any():
@@ -116,14 +120,16 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
         notes = (*notes, f"{text}; repeat some rows for a noise of their own")
     rough = np.sqrt(np.nanmean(np.where(table.kept, table.measured - at_nominal, np.nan) ** 2, axis=0))
     sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), estimate.sd)
-    estimate = replace(estimate, sd=sd)
+    estimate = replace(estimate, sd=sd, floor=sd)
     of_made = model.by(made)
     parameters = FitParameters(made, np.array([p.sd for p in made]))
     block, place = blocks(table)
     none, noise = np.zeros((len(row), 0)), estimate.noise(block[row], place[row], output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
-    built = Built(table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, of_relatives)
+    built = Built(
+        table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
+    )
     built = replace(built, begun=tuple(_begun(built)))
     return _with_discrepancy(_with_estimate(built, estimated) if estimated.any() else built)
 
@@ -240,19 +246,21 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     block, place = blocks(b.table)
     slope = fitted.derivatives(b.problem).whole * b.problem.parameters.sd
     missed, known = b.problem.observed - fitted.predicted, b.estimate
-    sd, share, memory, smooth = known.sd.copy(), known.share.copy(), known.memory.copy(), known.smooth.copy()
+    sd, share, memory, floor = known.sd.copy(), known.share.copy(), known.memory.copy(), known.floor.copy()
     functions = {name: f for name, f in b.functions(fitted).items() if name != "time"}
     basis, _, _ = np.linalg.svd(slope / known.sd[b.output][:, None], full_matrices=False)
     for i in np.flatnonzero(estimated):
         own = b.output == i
         free = int(own.sum()) - float((basis[own] ** 2).sum())  # what parameters, shared by all outputs, absorb of this one
-        sd[i], share[i], smooth[i] = np.sqrt((missed[own] ** 2).sum() / max(free, 1.0)), 0.0, False
+        sd[i] = floor[i] = np.sqrt((missed[own] ** 2).sum() / max(free, 1.0))
+        share[i] = 0.0
         if own.sum() > 4 * slope.shape[1]:
             most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
             columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
             row = b.row[own]
-            sd[i], share[i], memory[i], smooth[i] = left(block[row], place[row], missed[own], columns)
-    return NoiseEstimate(np.maximum(sd, NOISE_FLOOR * b.table.spread), share, memory, smooth)
+            sd[i], share[i], memory[i], floor[i] = left(block[row], place[row], missed[own], columns)
+    least = NOISE_FLOOR * b.table.spread
+    return NoiseEstimate(np.maximum(sd, least), share, memory, np.maximum(floor, least))
 
 
 def _with_discrepancy(b: Built) -> Built:

@@ -108,8 +108,8 @@ class _Diagnosis:
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
-        before, after = (b.rms(residual) for residual in unseen)
-        closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
+        before, after = (b.rms(residual).tolist() for residual in unseen)
+        closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
             most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
@@ -119,18 +119,21 @@ class _Diagnosis:
         why = self._doubts(decision, before[0], after[0], as_well)
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
+        elif decision.verdict == "none":
+            decision = doubted(decision, why, 0)
         elif why:
             most = min(decision.probability, judgement.DOUBTED_PROBABILITY)
-            decision = replace(decision, probability=most, outside=most if decision.verdict == "unknown" else 1 - most)
+            decision = replace(decision, probability=most, outside=most)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
         steps = [
-            Step(name, self._left(b.rms(b.problem.observed - at)), None if u is None else self._left(u)) for name, at, u in left
+            Step(name, self._left(b.rms(b.problem.observed - at).tolist()), None if u is None else self._left(u))
+            for name, at, u in left
         ]
-        steps.append(Step("noise floor", self._left(np.array([1.0, *b.sd])), None))
+        steps.append(Step("noise floor", self._left([1.0, *b.sd.tolist()]), None))
         ranking = tuple(
             Ranked(h, q, () if h == UNKNOWN else self._sizes(h, fitted if h == decision.effects else None))
             for h, q in ranked.ranking
@@ -187,8 +190,8 @@ class _Diagnosis:
             errors.append(StageError("outside the list", name, free_form_gain(g, columns)))
         return tuple(sorted(errors, key=lambda e: -e.gain))
 
-    def _left(self, rms: Array) -> Left:
-        return Left(float(rms[0]), dict(zip(self._b.table.outputs, rms[1:].tolist(), strict=True)))
+    def _left(self, rms: Sequence[float]) -> Left:
+        return Left(rms[0], dict(zip(self._b.table.outputs, rms[1:], strict=True)))
 
     def _fitted(self, named: Hypothesis) -> Fit:
         """What is named and the calibration fitted, nothing else."""
@@ -231,7 +234,7 @@ class _Diagnosis:
         not see, and how."""
         b, w = self._b, self._w
         whole = next((x for x in (series(b.table), b.table.group) if x.any()), None)
-        if whole is not None:
+        if whole is not None and not b.apart:
             part, how = whole % FOLDS, "groups left out in turn"
         elif b.by_row:
             cell = repeats(b.table, True)

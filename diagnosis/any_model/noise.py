@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints
 from ..data.noise import Lasting, Noise
 from .table import Table
 
@@ -41,13 +41,9 @@ class NoiseEstimate:
     """(outputs,) q."""
     memory: Array
     """(outputs,) T, rows."""
-    smooth: Mask
-    """(outputs,) what lasts is smooth over the rows, as no instrument's error is but a model's."""
-
-    @property
-    def floor(self) -> Array:
-        """(outputs,) standard deviation of the readings' own errors: without what lasts where that is smooth."""
-        return np.where(self.smooth, self.sd * np.sqrt(1 - self.share), self.sd)
+    floor: Array
+    """(outputs,) what readings err by: with what lasts, as far as the rows show it, but without what is smooth over the rows, as
+    no instrument's error is but a model's."""
 
     def noise(self, block: Ints, place: Ints, output: Ints) -> Noise:
         """Of values (n,) of a series' `block`, at a `place` in it, of an output."""
@@ -81,15 +77,16 @@ def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
             away = ((values - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1)))[own]
             share[i], memory[i], _ = _lasting(block[own], place[own], away, np.zeros((len(away), 0)))
             sd[i] = max(np.sqrt(np.mean(away**2)), NOISE_FLOOR * table.spread[i])
-    return NoiseEstimate(sd, share, memory, np.zeros(outputs, bool))
+    return NoiseEstimate(sd, share, memory, sd)
 
 
-def left(block: Ints, place: Ints, missed: Array, columns: Array) -> tuple[float, float, float, bool]:
-    """sd, q, T and whether it is smooth, of what a model leaves of the values (n,) of one output, with what `columns` (n, c)
-    absorb of them."""
+def left(block: Ints, place: Ints, missed: Array, columns: Array) -> tuple[float, float, float, float]:
+    """sd, q, T and floor, of what a model leaves of the values (n,) of one output, with what `columns` (n, c) absorb of them."""
     share, memory, smooth = _lasting(block, place, missed, columns)
     turned, value = _turned(block, place, np.column_stack([_basis(columns), missed]), memory)
-    return float(np.sqrt(_restricted(turned, value, share)[1])), share, memory, smooth
+    sd = float(np.sqrt(_restricted(turned, value, share)[1]))
+    # over a series that is shorter than T less shows of what lasts
+    return sd, share, memory, sd * np.sqrt(1 - share) if smooth else min(sd, float(np.sqrt(np.mean(missed**2)))) if share else sd
 
 
 def _basis(columns: Array) -> Array:

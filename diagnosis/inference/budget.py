@@ -195,7 +195,8 @@ def _names(floors: Array, size: Array, own: Mask, comparable: float) -> Mask:
     """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
-    named = (floors >= np.maximum(least, np.where(size >= LEAST_NAMED_SIZE, comparable, COMPARABLE) * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
+    share = np.where(size >= LEAST_NAMED_SIZE, comparable, COMPARABLE)
+    named = (floors >= np.maximum(least, share * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
     named[draws, largest] = True
     named[most < least[largest]] = False
     return np.asarray(named)

@@ -98,6 +98,21 @@ def test_repeats_of_a_swing_are_held_out_together() -> None:
     assert answer.verdict == "unknown" and answer.steps[1].unseen.floors > answer.steps[1].seen.floors  # type: ignore[union-attr]
 
 
+def test_a_swing_whose_beginning_is_calibrated_is_held_out_in_parts() -> None:
+    """No other swing shows where it begins."""
+
+    def begun(theta: Values, inputs: pd.DataFrame) -> Array:
+        return pendulum({**STILL, **theta}, inputs.assign(start=inputs["trial"].map(lambda trial: theta[f"start_{trial}"])))
+
+    trials = pd.DataFrame({"trial": np.repeat([0, 1], ROWS)})
+    true = {"start_0": 0.5, "start_1": 1.2, "length": 1.01, "drag": 0.1}
+    angle = begun(true, trials) + np.random.default_rng(5).normal(0, 0.004, len(trials))
+    starts = {f"start_{trial}": (0.8, 0.5, "rad") for trial in (0, 1)}
+    answer = lab.diagnose_model(begun, trials.assign(angle=angle), {"angle": "rad"}, [SWINGS["drag"], SWINGS["loose"]],
+                                {"length": (1.0, 0.03, "m"), **starts}, group="trial")  # fmt: skip
+    assert answer.effects == ("drag",) and answer.certain and answer.how == "a fifth of the series left out in turn"
+
+
 # ------------------------------------------------------------------ an arm
 def arm(theta: Values, inputs: pd.DataFrame) -> Array:
     """Tip (x, y) of two links, m."""
