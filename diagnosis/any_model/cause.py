@@ -24,8 +24,7 @@ class Cause:
     exact: bool = False
     """Whether its law is geometry."""
     relatives: Sequence[Cause] = ()
-    """Other forms of it, and what looks like it: never named, but weighed in its place, so that it is doubted where they do as
-    well."""
+    """Other forms of it, and what looks like it: weighed in its place, never named."""
 
 
 @dataclass(frozen=True)

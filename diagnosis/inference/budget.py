@@ -191,7 +191,7 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
     return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
 
 
-def _names(floors: Array, size: Array, own: Mask, comparable: float) -> Mask:
+def _names(floors: Array, size: Array, own: Mask, comparable: float = COMPARABLE) -> Mask:
     """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
