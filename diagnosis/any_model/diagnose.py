@@ -111,7 +111,11 @@ class _Diagnosis:
         before, after = (b.rms(residual).tolist() for residual in unseen)
         closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
-        if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
+        if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
+            # one of several that cannot be told apart, so that each may be zero
+            named, outside = w.best.named, ranked.probability(UNKNOWN)
+            decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
+        elif decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
             most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
             decision = replace(decision, verdict="unknown", probability=most, outside=most)
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
