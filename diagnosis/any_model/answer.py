@@ -108,7 +108,7 @@ class Answer:
     next_experiment: tuple[Experiment, ...]
     noise_from: str
     doubts: tuple[str, ...]
-    """Why what is named is not certain."""
+    """Why the verdict is not certain; its probability is then at most `judgement.DOUBTED_PROBABILITY`."""
     notes: tuple[str, ...]
     rows: int
     outputs: Mapping[str, str] = field(default_factory=dict)
@@ -119,12 +119,13 @@ class Answer:
     """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
     residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
+    relatives: tuple[str, ...] = ()
+    """Relatives of the causes that explain the data as well, in words."""
 
     @property
     def certain(self) -> bool:
-        """Whether the cause is certain: probable, some size of it determined, and on unseen rows it leaves little."""
-        determined = {s.effect for s in self.sizes if s.role == "size" and s.certain} >= {*self.effects}
-        return self.verdict == "effect" and self.probability >= CAUSE_PROBABILITY and not self.doubts and determined
+        """Whether the cause is certain: probable, and nothing is doubted."""
+        return self.verdict == "effect" and self.probability >= CAUSE_PROBABILITY and not self.doubts
 
     @property
     def sizes(self) -> tuple[Size, ...]:
@@ -147,6 +148,8 @@ class Answer:
             parts.append(f"{', '.join(map(str, self.sizes))}.")
         if self.verdict == "unknown" and self.goes_with:
             parts.append(f"What no listed cause explains varies with {self.goes_with}.")
+        if self.verdict == "unknown" and self.relatives:
+            parts.append(f"Most like: {', '.join(self.relatives)}.")
         path = [f"{s.step} {(s.unseen or s.seen).floors:.3g}" for s in self.steps]
         parts.append(f"Root mean square residual in noise floors: {', '.join(path)} ({self.how}).")
         parts += [f"Not certain: {why}." for why in self.doubts]
@@ -163,4 +166,4 @@ class Answer:
         rest = {k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "notes")}
         data = {"rows": self.rows, "outputs": plain["outputs"], "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
-        return {**words, "data": data, "attribute": {**attribute, "outside": self.outside}, **rest}
+        return {**words, "data": data, "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives}, **rest}

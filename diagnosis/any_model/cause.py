@@ -23,6 +23,8 @@ class Cause:
     """The cause in a sentence."""
     exact: bool = False
     """Whether its law is geometry."""
+    relatives: Sequence[Cause] = ()
+    """Other forms of it, and what looks like it: weighed in its place, never named."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,9 @@ class Parameter:
     """Bounds of the difference from nominal."""
     high: float
     sides: tuple[float, ...] = ()
-    """Of a cause: differences from nominal, of its plausible size, at which fits begin."""
+    """Of a cause: differences from nominal, of its plausible size, at which it does something."""
+    linear: bool = True
+    """Whether what it does grows with its size, so that fits may begin at nominal."""
     starts: tuple[float, ...] = (0.0,)
     role: str = "size"
     """size, or shape where it changes nothing unless another parameter of its cause differs from nominal."""
@@ -56,8 +60,13 @@ class Parameter:
 
 def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]) -> tuple[Parameter, ...]:
     """All parameters, those of causes first. Raises `BadCase` where one is not stated soundly or has two owners."""
-    if not causes:
-        raise BadCase("causes: none given; list at least one, lab.Cause(name, {parameter: (nominal, plausible size, unit)})")
+    if isinstance(causes, Cause) or not causes or not all(isinstance(c, Cause) for c in causes):
+        text = "none given" if not isinstance(causes, Cause) and not causes else "must be a list of lab.Cause"
+        raise BadCase(f"causes: {text}; list at least one, lab.Cause(name, {{parameter: (nominal, plausible size, unit)}})")
+    causes = [*causes, *(r for c in causes for r in c.relatives)]
+    for whose, own in (*((f"cause {c.name!r}", c.parameters) for c in causes), ("calibration", calibration)):
+        if not isinstance(own, Mapping):
+            raise BadCase(f"{whose}: {own!r}; write {{parameter: (nominal, plausible size, unit)}}")
     stated = [(c.name, key, quantity, c.exact) for c in causes for key, quantity in c.parameters.items()]
     stated += [("", key, quantity, False) for key, quantity in calibration.items()]
     names = [c.name for c in causes]
@@ -79,6 +88,8 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
             f"{name}: {quantity!r}; write (nominal, plausible size, unit) or (nominal, plausible size, unit, low, high)"
         )
     nominal, size, unit, *bounds = quantity
+    if not isinstance(unit, str):
+        raise BadCase(f"{name}: unit {unit!r}; write it as text, such as 'm', or '1' where there is none")
     low, high = (math.inf * sign if b is None else b for sign, b in zip((-1, 1), bounds or (None, None), strict=True))
     try:
         nominal, size, low, high = (float(x) for x in (nominal, size, low, high))
@@ -89,4 +100,4 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
     if not (low <= nominal <= high and low < high):
         raise BadCase(f"{name}: nominal {nominal:g} {unit} must lie within its bounds {low:g} .. {high:g} {unit}")
     group = "effect" if cause else "calibration"
-    return Parameter(name, key, cause or key, group, str(unit), nominal, size, low - nominal, high - nominal, exact=exact)
+    return Parameter(name, key, cause or key, group, unit, nominal, size, low - nominal, high - nominal, exact=exact)

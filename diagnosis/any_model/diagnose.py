@@ -7,9 +7,8 @@ itself or as a factor of what a listed cause does (`criticism.stage_errors`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +17,9 @@ import pandas as pd
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
 from ..answer.distinguishability import distinguishability
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
-from ..data.noise import Noise
 from ..errors import BadCase
 from ..inference.budget import BudgetPart, weighed
 from ..inference.cross_validation import CrossValidation
@@ -31,72 +29,25 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
-from ..inference.problem import FitParameters, Problem
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
-from .cause import Cause, Parameter, parameters
-from .model import Model, Predict
-from .table import NOISE_FLOOR, Table, noise_of_repeats, read, repeats, scaled, smooth_functions
+from .built import FREE_ROUNDS, Built, build
+from .cause import Cause, parameters
+from .model import Predict
+from .relatives import alike, related
+from .relatives import odds as odds_of_relatives
+from .table import Table, read, repeats, series
 
-FOLDS, FREE_ROUNDS, ESTIMATES, MOST_STARTS = 5, 12, 3, 8
-"""Parts in which a table without groups is held out; steps of a fit by itself; times the noise is estimated; most
-starts of a cause."""
+FOLDS = 5
+"""Parts in which a table without groups is held out."""
+COMPARABLE = 0.1
+"""Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
+LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
+"""Share of the squared gap left on unseen rows, and plausible sizes, above which a cause is doubted."""
+LEAST_LEFT, OUTSTANDING = 3.0, 5.0
+"""Standard errors within which the remainder may be noise, and noise floors of a gap above which it is certainly no noise, though
+that had to be estimated."""
 MOST_PROPOSED, MOST_COMPARED = 5, 4
 """Rows or groups of the candidates that are proposed; hypotheses that they separate."""
-
-
-@dataclass(frozen=True)
-class Built:
-    """A problem, and what its values mean."""
-
-    table: Table
-    model: Model
-    problem: Problem
-    parameters: tuple[Parameter, ...]
-    row: Ints
-    """(n,) row of each value."""
-    output: Ints
-    """(n,) output of each value."""
-    sd: Array
-    """(outputs,) noise, in each output's unit."""
-    noise_from: str
-    by_row: bool
-    """Whether the model answers each row by itself; else it integrates over the rows of a group."""
-    notes: tuple[str, ...]
-    response: Array
-    """(k, n) what each parameter does at its plausible size."""
-
-    def rms(self, residual: Array) -> Array:
-        """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
-        whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
-        each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
-        return np.array([whole, *each])
-
-    def by_row_and_output(self, values: Array) -> Array:
-        """(rows, outputs) of values (n,); NaN where not measured."""
-        out = np.full(self.table.measured.shape, np.nan)
-        out[self.table.kept] = values
-        return out
-
-    def begun(self) -> list[tuple[Hypothesis, Array]]:
-        """Each cause by itself, with parameters (k,) at its plausible size on every side where it does something."""
-        points: list[tuple[Hypothesis, Array]] = []
-        for cause in self.problem.parameters.ids:
-            own = [i for i, p in enumerate(self.parameters) if p.source == cause]
-            for sizes in itertools.islice(itertools.product(*(self.parameters[i].sides for i in own)), MOST_STARTS):
-                theta = np.zeros(len(self.parameters))
-                theta[own] = sizes
-                points.append(((cause,), theta))
-        return points
-
-    def functions(self, fitted: Fit) -> dict[str, Array]:
-        """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
-        places = {"the inputs": self.table.settings()}
-        if not self.by_row:
-            state = self.model.table(fitted.theta)
-            change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
-            change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
-            places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
-        return {name: smooth_functions(place)[self.row] for name, place in places.items() if place.shape[1]}
 
 
 @one_thread
@@ -119,149 +70,19 @@ def diagnose_model(
     """
     table = read(data, outputs, group, repeat)
     made = parameters(causes, calibration or {})
-    built = _built(predict, table, list(causes), made)
+    built = build(predict, table, list(causes), made)
     seen = [c for c in causes if c.name in built.problem.parameters.ids]
     return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
 
 
 def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:
     """The inputs of candidates. Raises `BadCase` where one that the model needs is missing."""
+    if not isinstance(candidates, pd.DataFrame):
+        raise BadCase(f"candidates: {type(candidates).__name__}, must be a pandas.DataFrame of inputs")
     needed = [name for name in table.inputs.columns if name not in table.ignored]
     if lacking := [name for name in needed if name not in candidates.columns]:
         raise BadCase(f"candidates: no column {lacking[0]!r}; candidates must have the inputs {', '.join(needed)}")
     return candidates.reset_index(drop=True)
-
-
-# ------------------------------------------------------------------ the problem
-def _built(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[Parameter, ...]) -> Built:
-    """The problem of a table. Raises `BadCase` where the model has no answer at nominal parameters or plausible sizes."""
-    nominal = {p.key: p.nominal for p in every}
-
-    def model_of(of: Sequence[Parameter]) -> Model:
-        return Model(predict, table.inputs, list(table.outputs), of, table.kept, nominal)
-
-    at_nominal = model_of(every).table(np.zeros(len(every)))
-    lost = np.asarray(~np.isfinite(at_nominal) & table.kept).any(axis=1)
-    if lost.any():
-        raise BadCase(f"predict returned NaN at nominal parameters in {lost.sum()} rows, the first {lost.argmax()}")
-    made, response = _with_roles(model_of(every), every, at_nominal)
-    known = {p.source for p in made}
-    unseen = [*(c.name for c in causes if c.name not in known)]
-    unseen += [p.name for p in every if p.source in known and p.name not in {m.name for m in made}]
-    notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
-    if not any(p.group == "effect" for p in made):
-        raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
-    by_row = _answers_by_row(model_of(every), _plausible(every))
-    row, output = np.nonzero(table.kept)
-    sd = noise_of_repeats(table, repeats(table, by_row))
-    observed, estimated = table.measured[table.kept], np.isnan(sd)
-    rough = np.sqrt(np.nanmean((table.measured - at_nominal) ** 2, axis=0))
-    sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), sd)
-    problem = Problem(
-        model_of(made), FitParameters(made, np.array([p.sd for p in made])), observed, _noise(row, output, sd),
-        np.zeros((len(observed), 0)), np.zeros((len(observed), 0)),
-    )  # fmt: skip
-    text = "from repeats"
-    if estimated.any():
-        whose = ", ".join(name for name, own in zip(table.outputs, estimated, strict=True) if own)
-        text = f"too few repeats, so the noise of {whose} is what the richest model leaves, {NOISE_FLOOR:g} of its spread or more"
-        notes = (*notes, f"{text}; repeat some rows for a noise of their own")
-    built = Built(table, model_of(made), problem, made, row, output, sd, text, by_row, notes, response)
-    for _ in range(ESTIMATES if estimated.any() else 0):
-        sd = np.where(estimated, _noise_left(built), sd)
-        built = replace(built, sd=sd, problem=replace(built.problem, noise=_noise(row, output, sd)))
-    return _with_discrepancy(built)
-
-
-def _noise(row: Ints, output: Ints, sd: Array) -> Noise:
-    """Independent noise of each value."""
-    return Noise(row.astype(np.int64), sd[output], np.zeros((len(row), 0)))
-
-
-def _answers_by_row(model: Model, plausible: Array) -> bool:
-    """Whether the order of rows is of no matter to the model."""
-    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
-    # at nominal a model may rest, so that the order shows at plausible sizes alone
-    for theta in (np.zeros(len(plausible)), plausible):
-        expected, answer = model.table(theta), turned.table(theta)[::-1]
-        if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
-            return False
-    return True
-
-
-def _plausible(every: Sequence[Parameter]) -> Array:
-    """(k,) all parameters at their plausible size, within bounds."""
-    return np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
-
-
-def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
-    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
-    plausible = _plausible(every)
-    kept, responses = [], []
-
-    def moved(theta: Array, since: Array) -> Array:
-        change = model.table(theta) - since
-        return np.where(np.isfinite(change), change, 0.0)[model.kept]
-
-    def least(change: Array) -> bool:
-        return bool(np.abs(change).max(initial=0.0) > 1e-12 * np.abs(at_nominal[model.kept]).max(initial=1e-300))
-
-    for i, p in enumerate(every):
-        one = np.arange(len(every)) == i
-        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
-        alone = {s: moved(np.where(one, s, 0.0), at_nominal) for s in sides}
-        effective = tuple(s for s in sides if least(alone[s]))
-        if effective:
-            kept.append(replace(p, sides=effective if p.group == "effect" else ()))
-            responses.append(max(alone.values(), key=lambda change: float(change @ change)))
-            continue
-        together = np.where([q.source == p.source for q in every], plausible, 0.0)
-        change = moved(together, model.table(np.where(one, 0.0, together)))
-        if least(change):
-            kept.append(replace(p, role="shape", sides=(float(plausible[i]),)))
-            responses.append(change)
-    for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
-        own = [i for i, p in enumerate(kept) if p.source == cause]
-        if all(kept[i].role == "shape" for i in own):  # none does anything without the others
-            kept[own[0]] = replace(kept[own[0]], role="size")
-    return tuple(kept), np.array(responses)
-
-
-def _noise_left(b: Built) -> Array:
-    """(outputs,) what the richest model leaves of each output: all causes at once, calibration, and smooth functions."""
-    problem, p = b.problem, b.problem.parameters
-    wide = p.prior(np.ones(len(p.scale), bool), 0.0)
-    points = [np.zeros(len(p.sd)), *(theta for _, theta in b.begun())]
-    fitted = min((fit(problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
-    slope, missed = fitted.derivatives(problem).whole * p.sd, problem.observed - fitted.predicted
-    functions, out = b.functions(fitted), np.empty(len(b.sd))
-    for i in range(len(b.sd)):
-        own = b.output == i
-        most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
-        columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
-        solution, _, rank, _ = np.linalg.lstsq(columns, missed[own], rcond=1e-8)
-        free = max(int(own.sum()) - int(rank), 1)
-        out[i] = np.linalg.norm(missed[own] - columns @ solution) / np.sqrt(free)
-    return np.asarray(np.maximum(out, NOISE_FLOOR * b.table.spread))
-
-
-def _with_discrepancy(b: Built) -> Built:
-    """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
-    problem, p = b.problem, b.problem.parameters
-    fitted = fit(problem, p.no_effects(), 0.0, p.mean, FREE_ROUNDS)
-    gap = b.rms(problem.observed - fitted.predicted)[1:]
-    draws = smooth_functions(b.table.settings() if b.by_row else b.table.time())[b.row]
-    value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
-    basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
-    white = problem.noise.whiten(b.response.T / p.sd)
-    left = p.beyond_calibration(white * p.sd, white)
-    carried = np.sqrt((left**2).mean(axis=0))
-    least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
-    whole = replace(
-        problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
-        parameters=replace(p, least=tuple(least.tolist())),
-    )  # fmt: skip
-    return replace(b, problem=whole)
 
 
 # ------------------------------------------------------------------ the answer
@@ -273,37 +94,50 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun())
-        self._calibrated = fit(b.problem, self._p.no_effects(), 0.0, self._p.mean, FREE_ROUNDS)
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, COMPARABLE)
+        self._calibrated, self._fits = b.calibrated, {NONE: b.calibrated}
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
         """Everything that is said."""
         b, w = self._b, self._w
         asking = min((self._asking(c) for c in {c.named: c for c in (w.leading, w.best)}.values()), key=total_gain)
-        odds = odds_unnamed(total_gain(asking), 1.0)
+        among = related(b, self._causes.values(), [*{c.named: c for c in (w.leading, w.best)}.values()])
+        odds = odds_unnamed(total_gain(asking), 1.0) + odds_of_relatives(among, [*w.search.found.values()], len(self._p.ids))
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
-        enough = len(b.row) > len(b.parameters) + 2
-        decision = decide(ranked, enough, w.budget.nothing_stands_out)
+        decision = decide(ranked, True, w.budget.nothing_stands_out)
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
-        before, after = (b.rms(residual) for residual in unseen)
-        closed = float((before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1)) if before[0] > judgement.REDUCIBLE_RATIO else None
+        before, after = (b.rms(residual).tolist() for residual in unseen)
+        closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
-        why = []
-        if decision.verdict == "effect" and after[0] > max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before[0]):
-            why.append(f"on unseen rows {after[0]:.2g} noise floors remain of {before[0]:.2g}, so that other causes may act too")
+        if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
+            # one of several that cannot be told apart, so that each may be zero
+            named, outside = w.best.named, ranked.probability(UNKNOWN)
+            decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
+        elif decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
+            most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
+            decision = replace(decision, verdict="unknown", probability=most, outside=most)
+        best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
+        as_well = alike(among, decision.effects, best)
+        why = self._doubts(decision, before[0], after[0], as_well)
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
-            ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / (1 - decision.outside))
+        elif decision.verdict == "none":
+            decision = doubted(decision, why, 0)
+        elif why:
+            most = min(decision.probability, judgement.DOUBTED_PROBABILITY)
+            decision = replace(decision, probability=most, outside=most)
+        ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
         steps = [
-            Step(name, self._left(b.rms(b.problem.observed - at)), None if u is None else self._left(u)) for name, at, u in left
+            Step(name, self._left(b.rms(b.problem.observed - at).tolist()), None if u is None else self._left(u))
+            for name, at, u in left
         ]
-        steps.append(Step("noise floor", self._left(np.array([1.0, *b.sd])), None))
+        steps.append(Step("noise floor", self._left([1.0, *b.sd.tolist()]), None))
         ranking = tuple(
             Ranked(h, q, () if h == UNKNOWN else self._sizes(h, fitted if h == decision.effects else None))
             for h, q in ranked.ranking
@@ -316,7 +150,8 @@ class _Diagnosis:
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
-            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), outputs=b.table.outputs,
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
+            outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
@@ -328,8 +163,38 @@ class _Diagnosis:
         moved = [whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta)) for effect in p.ids]
         sd = b.sd[b.output][:, None]
         beyond = p.beyond_calibration(np.transpose(moved) / sd, slope / sd) * sd
-        left = sorted(zip(p.ids, map(self._left, map(b.rms, beyond.T)), strict=True), key=lambda one: -one[1].floors)
+        left = sorted(
+            zip(p.ids, (self._left(b.rms(left).tolist()) for left in beyond.T), strict=True), key=lambda one: -one[1].floors
+        )
         return {effect: share.by_output for effect, share in left}
+
+    def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
+        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows;
+        `as_well`: relatives that do the same."""
+        b, why = self._b, list[str]()
+        lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
+        if d.verdict != "effect":
+            if b.lasting:
+                why.append(lasting)
+            elif d.verdict == "unknown" and before < OUTSTANDING and b.estimated:
+                why.append("the noise had to be estimated without repeats")
+            return why
+        limit = min(max(judgement.LEFT_FLOORS, judgement.LEFT_SHARE * before), np.sqrt(1 + LEFT_SQUARES * before**2))
+        if after > max(limit, 1 + LEAST_LEFT / np.sqrt(2 * len(b.row))):
+            why.append(f"on unseen rows {after:.2g} noise floors remain of {before:.2g}, so that other causes may act too")
+        if as_well:
+            why.append(f"as good an explanation: {', '.join(as_well)}")
+        sizes = [s for s in self._sizes(d.effects) if s.role == "size"]
+        why += [f"the size of {e} may be zero" for e in d.effects if not any(s.certain for s in sizes if s.effect == e)]
+        theta = self._fitted(d.effects).theta
+        for p, x in zip(b.parameters, theta.tolist(), strict=True):
+            if p.source in d.effects and x and min(x - p.low, p.high - x) < 1e-3 * p.sd:
+                why.append(f"{p.key} lies at its bound {p.nominal + x:.4g} {p.unit}")
+            elif p.source in d.effects and p.role == "size" and abs(x) > LARGEST_SIZE * p.sd:
+                why.append(f"{p.key} is {abs(x) / p.sd:.2g} times its plausible size")
+            elif p.group == "calibration" and abs(x) > judgement.TENSE_SD * p.sd:
+                why.append(f"{p.key} = {p.nominal + x:.4g} {p.unit} lies {abs(x) / p.sd:.2g} spreads from nominal")
+        return why
 
     def _asking(self, c: Any) -> tuple[StageError, ...]:
         """What errors of free form gain beside a hypothesis, largest first."""
@@ -344,15 +209,16 @@ class _Diagnosis:
             errors.append(StageError("outside the list", name, free_form_gain(g, columns)))
         return tuple(sorted(errors, key=lambda e: -e.gain))
 
-    def _left(self, rms: Array) -> Left:
-        return Left(float(rms[0]), dict(zip(self._b.table.outputs, rms[1:].tolist(), strict=True)))
+    def _left(self, rms: Sequence[float]) -> Left:
+        return Left(rms[0], dict(zip(self._b.table.outputs, rms[1:], strict=True)))
 
     def _fitted(self, named: Hypothesis) -> Fit:
         """What is named and the calibration fitted, nothing else."""
+        if named in self._fits:
+            return self._fits[named]
         start = np.where(np.isin(self._p.effects, ["", *named]), self._w.best.fit.theta, 0.0)
-        if not named:
-            return self._calibrated
-        return fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+        self._fits[named] = fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+        return self._fits[named]
 
     def _sizes(self, named: Hypothesis, fitted: Fit | None = None) -> tuple[Size, ...]:
         """Parameters of what a hypothesis names; values of `fitted` where it is given."""
@@ -383,13 +249,15 @@ class _Diagnosis:
         return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
 
     def _held_out(self) -> tuple[list[Array], str]:
-        """Residuals (n,) of the calibrated model and of the best hypothesis on rows that their fits did not see, and how."""
+        """Residuals (n,) of the calibrated model and of what the best hypothesis names, nothing else, on rows that their fits did
+        not see, and how."""
         b, w = self._b, self._w
-        groups = int(b.table.group.max()) + 1
-        if groups > 1:
-            part, how = b.table.group % max(FOLDS, min(groups, 2 * FOLDS)), "groups left out in turn"
+        whole = next((x for x in (series(b.table), b.table.group) if x.any()), None)
+        if whole is not None and not b.apart:
+            part, how = whole % FOLDS, "groups left out in turn"
         elif b.by_row:
             cell = repeats(b.table, True)
+            cell = cell if cell.any() else np.arange(len(cell))  # all rows repeat one
             part = np.random.default_rng(0).permutation(int(cell.max()) + 1)[cell] % FOLDS
             how = "a fifth of the rows left out in turn"
         else:
@@ -397,7 +265,7 @@ class _Diagnosis:
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(w.best.prior(self._p), w.best.grid_point.size, w.best.fit.theta),
+            Refitted(self._p.prior(self._p.mask(w.best.named), 0.0), 0.0, self._fitted(w.best.named).theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 
@@ -433,5 +301,6 @@ def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) ->
     if not why or closed is None or closed >= d.probability:
         return d
     if closed < judgement.EXPLAINS:
-        return replace(d, verdict="unknown", effects=(), probability=1 - max(closed, 0.05), outside=1 - max(closed, 0.05))
+        outside = min(1 - closed, judgement.DOUBTED_PROBABILITY)
+        return replace(d, verdict="unknown", effects=(), probability=outside, outside=outside)
     return replace(d, probability=closed, outside=1 - closed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -12,10 +13,6 @@ from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from ..judgement import CORRELATION_PRESSURE, CORRELATION_TIME
 
-LEAST_DIFFERENCES = 5
-"""Independent differences between repeats from which an output's noise is taken from them."""
-NOISE_FLOOR = 1e-4
-"""Least noise of an output, standard deviations of its measured values: what repeats that agree exactly are given."""
 LANDMARKS, FUNCTIONS, SMALLEST_SHARE = 400, 24, 2e-3
 """Most places from which smooth functions are made, most functions, and least variance of one as a share of the largest."""
 
@@ -43,8 +40,9 @@ class Table:
 
     @property
     def spread(self) -> Array:
-        """(outputs,) standard deviation of the measured values."""
-        return np.maximum(np.nanstd(self.measured, axis=0), 1e-300)
+        """(outputs,) standard deviation of the measured values; of an output that is constant its size."""
+        spread, size = np.nanstd(self.measured, axis=0), np.nanmax(np.abs(self.measured), axis=0)
+        return np.where(spread > 1e-12 * size, spread, np.where(size > 0, size, 1.0))
 
     @property
     def order(self) -> Array:
@@ -52,11 +50,12 @@ class Table:
         count = pd.Series(self.group).groupby(self.group)
         return np.asarray(count.cumcount() / (count.transform("size") - 1).clip(lower=1), float)
 
-    def settings(self) -> Array:
-        """(n, d) numeric inputs in correlation lengths, as smooth functions need."""
+    @cached_property
+    def functions(self) -> Array:
+        """(n, m) smooth functions of the numeric inputs."""
         numbers = self.inputs.drop(columns=list(self.ignored)).select_dtypes("number").to_numpy(float)
         numbers = numbers[:, np.ptp(numbers, axis=0) > 0] if len(numbers) else numbers
-        return scaled(numbers, CORRELATION_PRESSURE)
+        return smooth_functions(scaled(numbers, CORRELATION_PRESSURE))
 
     def time(self) -> Array:
         """(n, 1 + groups) place within the group and the group, in correlation lengths."""
@@ -73,6 +72,10 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
         raise BadCase(f"data: {type(data).__name__}, must be a pandas.DataFrame of inputs and measured outputs")
     if not isinstance(outputs, Mapping) or not outputs:
         raise BadCase('outputs: must map columns to units, such as {"x": "m"}')
+    if unstated := [name for name, unit in outputs.items() if not isinstance(unit, str)]:
+        raise BadCase(f"outputs: {unstated[0]} has no unit; write it as text, such as 'm', or '1' where there is none")
+    if twice := [str(name) for name in data.columns[data.columns.duplicated()]]:
+        raise BadCase(f"data: column {twice[0]!r} appears more than once; give each column a name of its own")
     for role, name in [*(("outputs", name) for name in outputs), ("group", group), ("repeat", repeat)]:
         if name is not None and name not in data.columns:
             raise BadCase(f"{role}: no column {name!r} in data; it has {', '.join(map(str, data.columns))}")
@@ -88,9 +91,9 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     whole &= np.isfinite(numbers).all(axis=1)
     notes = []
     if not whole.all():
-        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {_rows(~whole)}")
+        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {rows_in_words(~whole)}")
     if missing := int(np.isnan(measured[whole]).any(axis=1).sum()):
-        notes.append(f"{missing} rows lack an output, which is ignored: {_rows(whole & np.isnan(measured).any(axis=1))}")
+        notes.append(f"{missing} rows lack an output, which is ignored: {rows_in_words(whole & np.isnan(measured).any(axis=1))}")
     inputs, measured = inputs[whole].reset_index(drop=True), measured[whole]
     if np.isfinite(measured).sum() < 3 or not np.isfinite(measured).any(axis=0).all():
         empty = [name for name, column in zip(outputs, measured.T, strict=True) if not np.isfinite(column).any()]
@@ -99,7 +102,7 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     return Table(inputs, measured, dict(outputs), number, group, labels, tuple(notes))
 
 
-def _rows(chosen: Mask) -> str:
+def rows_in_words(chosen: Mask) -> str:
     """The first few of the chosen rows, counted from 0."""
     rows = np.flatnonzero(chosen).tolist()
     return "rows " + ", ".join(map(str, rows[:5])) + (" .." if len(rows) > 5 else "")
@@ -108,24 +111,22 @@ def _rows(chosen: Mask) -> str:
 def repeats(table: Table, by_row: bool) -> Ints:
     """(n,) number of what each row repeats: rows of equal inputs or, where the model integrates over a group, rows at one place
     of groups with equal inputs throughout."""
-    settings = table.inputs.drop(columns=list(table.ignored))
-    row = pd.util.hash_pandas_object(settings, index=False) if settings.shape[1] else pd.Series(0, index=range(len(settings)))
     if by_row:
-        return np.asarray(pd.factorize(row)[0], np.int64)
-    series = row.groupby(table.group).agg(lambda own: hash(tuple(own)))
+        return np.asarray(pd.factorize(_hashed(table))[0], np.int64)
     place = pd.Series(table.group).groupby(table.group).cumcount()
-    return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series.to_numpy()[table.group], place]))[0], np.int64)
+    return np.asarray(pd.factorize(pd.MultiIndex.from_arrays([series(table), place]))[0], np.int64)
 
 
-def noise_of_repeats(table: Table, repeat: Ints) -> Array:
-    """(outputs,) standard deviation of one reading about the mean of its repeats; NaN where there are too few."""
-    out = np.full(table.measured.shape[1], np.nan)
-    for i, values in enumerate(table.measured.T):
-        by = pd.Series(values).groupby(repeat)
-        away, free = values - by.transform("mean").to_numpy(), int((by.count() - 1).clip(lower=0).sum())
-        if free >= LEAST_DIFFERENCES:
-            out[i] = np.sqrt(np.nansum(away**2) / free)
-    return np.where(np.isfinite(out), np.maximum(out, NOISE_FLOOR * table.spread), np.nan)
+def series(table: Table) -> Ints:
+    """(n,) number of each row's group, the same for groups with equal inputs throughout."""
+    of_group = _hashed(table).groupby(table.group).agg(lambda own: hash(tuple(own)))
+    return np.asarray(pd.factorize(of_group.to_numpy()[table.group])[0], np.int64)
+
+
+def _hashed(table: Table) -> pd.Series:
+    """(n,) a number for each row's inputs."""
+    settings = table.inputs.drop(columns=list(table.ignored))
+    return pd.util.hash_pandas_object(settings, index=False) if settings.shape[1] else pd.Series(0, index=range(len(settings)))
 
 
 def scaled(columns: Array, correlation: float) -> Array:
@@ -137,6 +138,8 @@ def scaled(columns: Array, correlation: float) -> Array:
 def smooth_functions(place: Array) -> Array:
     """(n, m) draws of size 1 of smooth functions over places (n, d) in correlation lengths: leading eigenfunctions of a squared
     exponential kernel, from at most `LANDMARKS` places (Nystroem)."""
+    if not place.shape[1]:
+        return np.ones((len(place), 1))
     distinct = np.unique(np.round(place, 3), axis=0)
     chosen: Sequence[int] | Ints = np.arange(len(distinct))
     if len(distinct) > LANDMARKS:

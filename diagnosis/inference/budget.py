@@ -111,8 +111,11 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Arra
     ]
 
 
-def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate]) -> Budget:
-    """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap."""
+def budget(
+    problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], comparable: float = COMPARABLE
+) -> Budget:
+    """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap;
+    `comparable`: share of what the largest carries that another of no small size must carry to be named with it."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
@@ -131,7 +134,7 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
         with_tolerances = c.grid_point.spike > 0.0
         form_error += [float(KNOWN.form_errors.max()) if with_tolerances else c.grid_point.form_error] * DRAWS
         tolerant += [with_tolerances] * DRAWS
-        named.append(_names(in_floors, size, np.isin(p.ids, c.named)))
+        named.append(_names(in_floors, size, np.isin(p.ids, c.named), comparable))
     total = np.array(weight)
     share = total / total.sum()
     return Budget(
@@ -188,11 +191,12 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
     return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
 
 
-def _names(floors: Array, size: Array, own: Mask) -> Mask:
+def _names(floors: Array, size: Array, own: Mask, comparable: float = COMPARABLE) -> Mask:
     """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
     least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
-    named = (floors >= np.maximum(least, COMPARABLE * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
+    share = np.where(size >= LEAST_NAMED_SIZE, comparable, COMPARABLE)
+    named = (floors >= np.maximum(least, share * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
     named[draws, largest] = True
     named[most < least[largest]] = False
     return np.asarray(named)
@@ -214,12 +218,14 @@ class WeighedCauses:
 
 
 def weighed(
-    problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = ()
-) -> WeighedCauses:
-    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`."""
+    problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = (),
+    comparable: float = COMPARABLE,
+) -> WeighedCauses:  # fmt: skip
+    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`, `comparable`:
+    see `budget`."""
     search = Search(problem, executor=executor)
     whole = posterior(search.run(begun), len(problem.parameters.ids))
-    carried = budget(problem, where, search.tried)
+    carried = budget(problem, where, search.tried, comparable)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     return WeighedCauses(search, whole, known, carried, leading, best)

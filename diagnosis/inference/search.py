@@ -243,7 +243,8 @@ class Search:
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
         fitted = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
         weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
-        stalled = c.turns > 0 and weighed.log_evidence < c.log_evidence + judgement.UNCONVERGED
+        # where no step leads to a prediction, both are minus infinity
+        stalled = c.turns > 0 and not weighed.log_evidence - c.log_evidence >= judgement.UNCONVERGED
         weighed = replace(max(c, weighed, key=_evidence) if c.turns else weighed, turns=c.turns + 1)
         # A leading one takes all its derivatives anew, and has the discrepancy in which it is most probable.
         settled = not self._leads(weighed) or (frozen is None and weighed.grid_point.size == c.grid_point.size)

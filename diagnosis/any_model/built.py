@@ -1,0 +1,287 @@
+"""The problem of a table: which parameters do anything, the noise, where fits begin, and the least size of a cause."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import judgement
+from ..arrays import Array, Ints, Mask
+from ..errors import BadCase
+from ..inference.discrepancy import by_channel
+from ..inference.evidence import Hypothesis
+from ..inference.fit import Fit, fit
+from ..inference.problem import FitParameters, Problem
+from .cause import Cause, Parameter
+from .model import Model, Predict
+from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
+from .table import Table, repeats, rows_in_words, scaled, smooth_functions
+
+FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
+"""Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
+NONLINEAR = 0.3
+"""Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
+
+
+@dataclass(frozen=True)
+class Built:
+    """A problem, and what its values mean."""
+
+    table: Table
+    model: Model
+    problem: Problem
+    parameters: tuple[Parameter, ...]
+    row: Ints
+    """(n,) row of each value."""
+    output: Ints
+    """(n,) output of each value."""
+    estimate: NoiseEstimate
+    noise_from: str
+    by_row: bool
+    """Whether the model answers each row by itself; else it integrates over the rows of a group."""
+    notes: tuple[str, ...]
+    response: Array
+    """(k, n) what each parameter does at its plausible size."""
+    calibrated: Fit
+    """The fit of the calibration alone."""
+    apart: bool
+    """Whether something is calibrated for one group alone, such as where it begins, which no other group repeats or shows."""
+    of_relatives: tuple[Parameter, ...] = ()
+    """Those of the causes' relatives that change anything."""
+    begun: tuple[tuple[Hypothesis, Array], ...] = ()
+    """Causes that are not linear, each by itself, with parameters (k,) fitted from their plausible size."""
+    estimated: bool = False
+    """Whether an output has too few repeats to show its noise."""
+    lasting: tuple[str, ...] = ()
+    """Outputs whose errors seem to last, by what the richest model leaves of them."""
+
+    @property
+    def sd(self) -> Array:
+        """(outputs,) noise floor, in each output's unit."""
+        return self.estimate.floor
+
+    def rms(self, residual: Array) -> Array:
+        """(1 + outputs,) root mean square of residuals (n,): over all in noise floors, then of each output in its unit."""
+        whole = np.sqrt(np.nanmean((residual / self.sd[self.output]) ** 2))
+        each = [np.sqrt(np.nanmean(residual[self.output == i] ** 2)) for i in range(len(self.sd))]
+        return np.array([whole, *each])
+
+    def by_row_and_output(self, values: Array) -> Array:
+        """(rows, outputs) of values (n,); NaN where not measured."""
+        out = np.full(self.table.measured.shape, np.nan)
+        out[self.table.kept] = values
+        return out
+
+    def functions(self, fitted: Fit) -> dict[str, Array]:
+        """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
+        if self.by_row:
+            return {"the inputs": self.table.functions[self.row]}
+        state = self.model.table(fitted.theta)
+        change = np.vstack([np.zeros((1, state.shape[1])), np.diff(state, axis=0)])
+        change[np.flatnonzero(np.diff(self.table.group, prepend=-1))] = 0.0
+        places = {"time": self.table.time(), "the state": scaled(np.hstack([state, change]), judgement.CORRELATION_PRESSURE)}
+        return {name: smooth_functions(place)[self.row] for name, place in places.items()}
+
+    def with_noise(self, estimate: NoiseEstimate) -> Built:
+        """The same with other noise."""
+        block, place = blocks(self.table)
+        noise = estimate.noise(block[self.row], place[self.row], self.output)
+        return replace(self, estimate=estimate, problem=replace(self.problem, noise=noise))
+
+
+def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[Parameter, ...]) -> Built:
+    """The problem of a table. Raises `BadCase` where the model has no answer at nominal parameters or plausible sizes."""
+    model = Model(predict, table.inputs, list(table.outputs), every, table.kept, {p.key: p.nominal for p in every})
+    at_nominal = model.table(np.zeros(len(every)))
+    table = _answered(table, at_nominal)
+    model = model.by(every, table.kept)
+    made, response = _with_roles(model, every, at_nominal)
+    listed = {*(c.name for c in causes)}
+    of_relatives = tuple(p for p in made if p.group == "effect" and p.source not in listed)
+    every = tuple(p for p in every if p.group != "effect" or p.source in listed)
+    chosen = np.array([p not in of_relatives for p in made], bool)
+    made, response = tuple(itertools.compress(made, chosen)), response[chosen]
+    known = {p.source for p in made}
+    unseen = [*(c.name for c in causes if c.name not in known)]
+    unseen += [p.name for p in every if p.source in known | {p.key} and p.name not in {m.name for m in made}]
+    notes = (*table.notes, *(f"{name} cannot be seen in these data: at its plausible size it changes nothing" for name in unseen))
+    if not any(p.group == "effect" for p in made):
+        raise BadCase("causes: none of them changes a measured output at its plausible size; check that predict uses theta")
+    if table.kept.sum() < len(made) + 3:
+        text = f"data: {table.kept.sum()} measured values are too few for {len(made)} parameters"
+        raise BadCase(f"{text}; measure {len(made) + 3} or more")
+    by_row = _answers_by_row(model.by(every), _plausible(every))
+    row, output = np.nonzero(table.kept)
+    moved_by = [{*table.group[row[moved != 0]].tolist()} for p, moved in zip(made, response, strict=True) if p.group != "effect"]
+    apart = not by_row and int(table.group.max()) > 0 and any(len(groups) == 1 for groups in moved_by)
+    estimate = of_repeats(table, np.arange(len(table.group)) if apart else repeats(table, by_row))
+    estimated = np.isnan(estimate.sd)
+    text = "from repeats"
+    if estimated.any():
+        whose = ", ".join(name for name, own in zip(table.outputs, estimated, strict=True) if own)
+        text = f"too few repeats, so the noise of {whose} is what the richest model leaves, {NOISE_FLOOR:g} of its spread or more"
+        notes = (*notes, f"{text}; repeat some rows for a noise of their own")
+    rough = np.sqrt(np.nanmean(np.where(table.kept, table.measured - at_nominal, np.nan) ** 2, axis=0))
+    sd = np.where(estimated, np.maximum(0.1 * rough, NOISE_FLOOR * table.spread), estimate.sd)
+    estimate = replace(estimate, sd=sd, floor=sd)
+    of_made = model.by(made)
+    parameters = FitParameters(made, np.array([p.sd for p in made]))
+    block, place = blocks(table)
+    none, noise = np.zeros((len(row), 0)), estimate.noise(block[row], place[row], output)
+    problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
+    calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
+    built = Built(
+        table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
+    )
+    built = replace(built, begun=tuple(_begun(built)))
+    return _with_discrepancy(_with_estimate(built, estimated) if estimated.any() else built)
+
+
+def _answered(table: Table, at_nominal: Array) -> Table:
+    """The table without values that the model does not answer at nominal parameters. Raises `BadCase` where none is left."""
+    lost: Mask = np.logical_and(~np.isfinite(at_nominal), table.kept)
+    rows: Mask = np.asarray(lost.any(axis=1))
+    kept = table.kept & ~lost
+    if not kept.any(axis=0).all() or kept.sum() < 3:
+        text = f"predict returned NaN at nominal parameters in {rows.sum()} of {len(rows)} rows, the first {rows.argmax()}"
+        raise BadCase(f"{text}; it must answer there")
+    if not rows.any():
+        return table
+    note = f"predict has no answer at nominal parameters in {rows.sum()} rows, which are ignored: {rows_in_words(rows)}"
+    return replace(table, measured=np.where(lost, np.nan, table.measured), notes=(*table.notes, note))
+
+
+def _answers_by_row(model: Model, plausible: Array) -> bool:
+    """Whether the order of rows is of no matter to the model."""
+    turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
+    # at nominal a model may rest, so that the order shows at plausible sizes alone
+    for theta in (np.zeros(len(plausible)), plausible):
+        expected, answer = model.table(theta), turned.table(theta)[::-1]
+        if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
+            return False
+    return True
+
+
+def _plausible(every: Sequence[Parameter]) -> Array:
+    """(k,) all parameters at their plausible size, within bounds."""
+    return np.array([p.sd if p.high >= p.sd else max(p.low, -p.sd) for p in every])
+
+
+def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
+    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
+    plausible = _plausible(every)
+    kept, responses, offered = [], [], model.offered(np.zeros(len(every)))
+
+    def moved(theta: Array, since: Array) -> Array:
+        change = model.table(theta) - since
+        return np.where(np.isfinite(change), change, 0.0)[model.kept]
+
+    def least(change: Array) -> bool:
+        return bool(np.abs(change).max(initial=0.0) > 1e-12 * np.abs(at_nominal[model.kept]).max(initial=1e-300))
+
+    for i, p in enumerate(every):
+        one = np.arange(len(every)) == i
+        slope = offered.get(p.key)
+        if slope is not None and p.group == "calibration" and least(slope[model.kept] * p.sd):
+            kept.append(p)
+            responses.append(slope[model.kept] * p.sd)
+            continue
+        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
+        change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
+        if effective := tuple(s for s, own in change.items() if least(own)):
+            responses.append(max(change.values(), key=lambda own: float(own @ own)))
+            if p.group == "effect":
+                # by the other side, else by a tenth of the size
+                line = -change[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
+                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(responses[-1])
+                p = replace(p, sides=effective, linear=not bent)
+            kept.append(p)
+            continue
+        together = np.where([q.source == p.source for q in every], plausible, 0.0)
+        in_shape = moved(together, model.table(np.where(one, 0.0, together)))
+        if least(in_shape):
+            kept.append(replace(p, role="shape", sides=(float(plausible[i]),), linear=False))
+            responses.append(in_shape)
+    for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
+        own = [i for i, p in enumerate(kept) if p.source == cause]
+        if all(kept[i].role == "shape" for i in own):  # none does anything without the others
+            kept[own[0]] = replace(kept[own[0]], role="size")
+    return tuple(kept), np.array(responses)
+
+
+def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
+    """Each cause that is not linear, by itself, fitted with the calibration from its plausible size on every side; the better two
+    of each cause."""
+    points: list[tuple[Hypothesis, Array]] = []
+    for cause in b.problem.parameters.ids:
+        own = [i for i, p in enumerate(b.parameters) if p.source == cause]
+        if all(b.parameters[i].linear for i in own):
+            continue
+        starts = []
+        for sizes in itertools.islice(itertools.product(*(b.parameters[i].sides for i in own)), MOST_STARTS):
+            theta = b.calibrated.theta.copy()
+            theta[own] = sizes
+            starts.append(theta)
+        prior = b.problem.parameters.prior(b.problem.parameters.mask((cause,)), 0.0)
+        fits = sorted((fit(b.problem, prior, 0.0, theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
+        points += [((cause,), f.theta) for f in fits[:2]]
+    return points
+
+
+def _with_estimate(b: Built, estimated: Mask) -> Built:
+    """With the noise of outputs of too few repeats: what the richest model leaves, all causes at once, calibration, and smooth
+    functions."""
+    p = b.problem.parameters
+    wide = p.prior(np.ones(len(p.scale), bool), 0.0)
+    points = [b.calibrated.theta, *(theta for _, theta in b.begun)]
+    costs = [float(np.sum(b.problem.noise.whiten(b.problem.observed - b.model.predict(theta)) ** 2)) for theta in points]
+    points = [points[0], *(points[i] for i in np.argsort(costs)[:1] if i)]
+    for _ in range(ESTIMATES):
+        fitted = min((fit(b.problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
+        b, points = b.with_noise(_left(b, fitted, estimated)), [fitted.theta]
+    lasting = tuple(name for name, q, own in zip(b.table.outputs, b.estimate.share, estimated, strict=True) if own and q)
+    again = fit(b.problem, p.no_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
+    return replace(b, calibrated=again, estimated=True, lasting=lasting)
+
+
+def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
+    """The noise that a fit leaves of the outputs `estimated`."""
+    block, place = blocks(b.table)
+    slope = fitted.derivatives(b.problem).whole * b.problem.parameters.sd
+    missed, known = b.problem.observed - fitted.predicted, b.estimate
+    sd, share, memory, floor = known.sd.copy(), known.share.copy(), known.memory.copy(), known.floor.copy()
+    functions = {name: f for name, f in b.functions(fitted).items() if name != "time"}
+    basis, _, _ = np.linalg.svd(slope / known.sd[b.output][:, None], full_matrices=False)
+    for i in np.flatnonzero(estimated):
+        own = b.output == i
+        free = int(own.sum()) - float((basis[own] ** 2).sum())  # what parameters, shared by all outputs, absorb of this one
+        sd[i] = floor[i] = np.sqrt((missed[own] ** 2).sum() / max(free, 1.0))
+        share[i] = 0.0
+        if own.sum() > 4 * slope.shape[1]:
+            most = int(own.sum()) // (4 * max(len(functions), 1))  # functions take at most a quarter of the values
+            columns = np.hstack([slope[own], *(f[own, :most] for f in functions.values())])
+            row = b.row[own]
+            sd[i], share[i], memory[i], floor[i] = left(block[row], place[row], missed[own], columns)
+    least = NOISE_FLOOR * b.table.spread
+    return NoiseEstimate(np.maximum(sd, least), share, memory, np.maximum(floor, least))
+
+
+def _with_discrepancy(b: Built) -> Built:
+    """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
+    problem, p = b.problem, b.problem.parameters
+    gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
+    draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
+    value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
+    basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
+    white = b.response.T / p.sd / b.sd[b.output][:, None]
+    left = p.beyond_calibration(white * p.sd, white)
+    carried = np.sqrt((left**2).mean(axis=0))
+    least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
+    whole = replace(
+        problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
+        parameters=replace(p, least=tuple(least.tolist())),
+    )  # fmt: skip
+    return replace(b, problem=whole)
