@@ -204,8 +204,8 @@ def floor_of(
         return out
 
     residual = grid(missed)
-    complete = np.isfinite(residual).all(axis=1)
-    complete[complete] = telling(states.condition[complete], states.trial[complete])
+    complete = np.flatnonzero(np.isfinite(residual).all(axis=1))
+    complete = complete[telling(states.condition[complete], states.trial[complete])]
     number_of = {"trial": states.trial, "repeat": states.repeat}
     drawn_anew = {p.source: number_of[p.scope] for p in infos if p.scope in number_of and p.source not in PUSH_SOURCES}
 
@@ -241,7 +241,7 @@ def floor_of(
 
 
 def telling(condition: Ints, trial: Ints) -> Mask:
-    """(n,) states of whole trials that tell enough of the noise: all up to `MOST_TELLING`; else, condition by condition, the first
+    """(n,) states of whole trials that tell enough of the noise: all up to `MOST_TELLING`; else, condition by condition,
     `MOST_REPEATS` of its trials, trials and conditions taken all over the campaign. The work grows with their cube."""
     chosen = np.zeros(len(trial), bool)
     if len(trial) <= MOST_TELLING:

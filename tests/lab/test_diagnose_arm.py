@@ -27,7 +27,7 @@ ARM: dict[str, Any] = {
     "tool": [0, 0, 0.05],
 }
 LENGTHS = (0.4, 0.3, 0.1)
-ZERO = 0.004
+ZERO = 0.0025
 """rad of joint 3."""
 
 
