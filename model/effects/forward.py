@@ -339,13 +339,12 @@ class ForwardModel:
         of_row = self._table.of_row[list(slots)][:, self.observations.row]
         column_of = np.full(len(self.parameters) + 1, len(wanted))
         column_of[wanted] = np.arange(len(wanted))
+        slopes = self.observations.pick(self._slopes(here, slots, self.observations.every))
+        slopes = np.where(np.abs(slopes) * self._sd[of_row] > STEEP * self.robot.length, 0.0, slopes)
         # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
         jacobian = np.zeros((len(self), len(wanted) + 1))
-        slopes = self._slopes(here, slots, self.observations.every)
-        jacobian[np.arange(len(self)), column_of[of_row]] = self.observations.pick(slopes)
-        slope = jacobian[:, :-1]
-        slope[np.abs(slope) * self._sd[wanted] > STEEP * self.robot.length] = 0.0
-        return self.observations.of(here.readings)[0], slope
+        jacobian[np.arange(len(self)), column_of[of_row]] = slopes
+        return self.observations.of(here.readings)[0], jacobian[:, :-1]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
