@@ -117,6 +117,8 @@ class Answer:
     """Every cause as a sentence."""
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Every parameter of the best model, in which causes that are not named act within their tolerance: what corrects most."""
     residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
     relatives: tuple[str, ...] = ()
@@ -163,7 +165,15 @@ class Answer:
         """Plain data for JSON: the keys of diagnosis.json where they apply, residuals in each output's unit."""
         plain = asdict(self)
         attribute = {k: plain[k] for k in ("verdict", "effects", "probability", "ranking", "cannot_tell_apart", "doubts")}
-        rest = {k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "notes")}
+        rest = {
+            k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "values", "notes")
+        }
         data = {"rows": self.rows, "outputs": plain["outputs"], "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
-        return {**words, "data": data, "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives}, **rest}
+        return {
+            **words,
+            "data": data,
+            "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives},
+            "notes": self.notes,
+            **rest,
+        }

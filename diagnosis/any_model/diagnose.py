@@ -153,6 +153,7 @@ class _Diagnosis:
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
             outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
+            values=self._corrected(),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
 
@@ -232,6 +233,13 @@ class _Diagnosis:
                 certain = determined and abs(mean) > judgement.SIZE_CERTAIN_SD * judgement.SIZE_SD_FACTOR * spread
                 out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
         return tuple(out)
+
+    def _corrected(self) -> dict[str, float]:
+        """Every parameter by its key, fitted without a free form, of the most probable causes and all others within tolerance."""
+        leading, p = self._w.leading, self._p
+        prior = p.prior(p.mask(leading.named), leading.grid_point.spike)
+        theta = fit(self._b.problem, prior, 0.0, leading.fit.theta, FREE_ROUNDS).theta
+        return {own.key: own.nominal + x for own, x in zip(self._b.parameters, theta.tolist(), strict=True)}
 
     def _values(self, theta: Array, group: str) -> dict[str, tuple[float, str]]:
         return {p.key: (p.nominal + float(x), p.unit) for p, x in zip(self._b.parameters, theta, strict=True) if p.group == group}
