@@ -5,6 +5,7 @@ A pose (position, orientation) of frame B in frame A takes coordinates in B to c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,8 +19,15 @@ Array = NDArray[np.float64]
 
 
 def matrix_from_quaternion(q: Quaternion) -> Array:
-    """Rotation matrix, shape (3, 3), of a quaternion of any length but 0."""
-    return np.asarray(_rotations().from_quat((*q[1:], q[0])).as_matrix())
+    """Rotation matrix, shape (3, 3), of a quaternion of any length but 0; without scipy, which no guard waits for."""
+    w, x, y, z = (part / math.hypot(*q) for part in q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def quaternion_from_matrix(matrix: Array) -> Quaternion:
