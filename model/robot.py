@@ -120,13 +120,13 @@ class Uncertainty(BaseModel):
     density: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 1 %."""
     length: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Usual 0.5 % of it."""
+    """Usual 0.4 % of it."""
     tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the base about x and y; usual 0.1 deg."""
     frame_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the cameras' frame about each axis; usual 0.1 deg."""
     frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
-    """Of its origin along each axis; usual 0.5 % of the length."""
+    """Of its origin along each axis; usual 0.4 % of the length."""
     push_place: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of where the stand's probe pushes, along the specimen; usual 0, or `stand.position_sd` of rig.yaml."""
 

@@ -82,6 +82,7 @@ def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size,
 def _at(s: Size, v: Value) -> Size:
     sd = max(s.sd, v.sd)
     low90, high90 = (float(np.clip(cut_quantile(v.value, sd, s.low, s.high, q), s.low, s.high)) for q in (0.05, 0.95))
+    low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
     return replace(s, median=v.value, mean=v.value, sd=sd, low90=low90, high90=high90, determined=s.determined and v.determined)
 
 

@@ -121,10 +121,10 @@ ALWAYS = (
     _tolerance("density", "load", Law(before=_density), _excess("1", 0.01)),
     _tolerance("tilt", "boundary", Law(before=base_tilt), *_xyz("rad", ANGLE, "xy")),
     _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_xyz("rad", ANGLE)),
-    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 2e-3), standard=True),
-    _tolerance("length", "boundary", Law(before=_length), _excess("m", 2e-3), standard=True),
+    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 1.6e-3), standard=True),
+    _tolerance("length", "boundary", Law(before=_length), _excess("m", 1.6e-3), standard=True),
 )
-"""Where a soft body begins at its clamp, and the cameras' origin beside it, is known to half a percent of its length."""
+"""Where a soft body begins at its clamp, and the cameras' origin beside it, is known to 0.4 % of its length."""
 BY_TRIAL = (
     _tolerance("spine_length", "structure", Law(before=_spine_length), _excess("m", 1e-3), scope="trial"),
     _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), _excess("1", 0.02), scope="trial"),

@@ -28,8 +28,12 @@ def calls() -> list[tuple[str, set[str]]]:
     found = []
     for path in (p for room in ("diagnosis", "lab") for p in (ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "finding":
-                found += [(code, {str(k.arg) for k in node.keywords}) for code in codes(node.args[0])]
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)) or ast.unparse(node).startswith(
+                "finding(code,"
+            ):
+                continue
+            if (own := {"finding": set[str](), "stating": {"short", "p", "rather"}}.get(node.func.id)) is not None:
+                found += [(code, {str(k.arg) for k in node.keywords} | own) for code in codes(node.args[0])]
     return found
 
 

@@ -135,7 +135,7 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next(start: Measur
 
 
 def test_what_no_rival_foretold_is_told(start: Measured) -> None:
-    found = investigate(start, Made(start, shifted=0.02), OPTIONS, 120.0, 1)
+    found = investigate(start, Made(start, shifted=0.05), OPTIONS, 120.0, 1)
     assert found.rounds[0].unforeseen and all(j.failed for j in found.rounds[0].judged)
 
 

@@ -21,6 +21,7 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.spec import Stage
+from model.robot import Uncertainty
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import ROBOT, case
 from tests.diagnosis.toy import IDS, MM, ROBOT_LENGTH, Array, Grid, toy_problem
@@ -79,7 +80,8 @@ def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> No
     rows = measured(2, 4, FEW).table
     scaled = [replace(r, tip=tuple(1.01 * x for x in r.tip)) for r in rows if r.tip is not None]
     nearest = {e: CATALOGUE[e] for e in ("marker_offset", "body_modulus")}
-    prepared = prepare(ROBOT, states(case(scaled))[0], catalogue=nearest)
+    surveyed = ROBOT.model_copy(update={"uncertainty": Uncertainty(length=0.5e-3, frame_shift=0.5e-3)})
+    prepared = prepare(surveyed, states(case(scaled))[0], catalogue=nearest)
     search = Search(prepared.problem)
     search.run()
     asked = [search.with_all_derivatives(search.found[h]) for h in ((), ("marker_offset",))]
