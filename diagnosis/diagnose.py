@@ -128,7 +128,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
-        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *[True] * doubtful), len(alone)))
+        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.numbers, *tense), len(alone)))
     excess = prepared.noise_components.excess_scatter
     answer = Diagnosis(
         statement="",

@@ -8,7 +8,7 @@ tolerance that the data ask for. The share closed counts from the noise floor, i
     simulator         where one takes the rod's place: how far it is taken back to the rod
     cause             each effect that is named, the largest first
     tolerances        every other effect, within the tolerance that the data ask for
-    regular           what a smooth function of the state, fitted to what is left of other states, predicts of this one
+    regular           what a smooth function of the state, fitted to the residuals of other states, predicts of this one
     irregular         what is left above the noise floor
     noise             the noise floor: repeats of a state differ by as much
 

@@ -164,10 +164,8 @@ class _Diagnosis:
         moved = [whole - b.problem.forward.predict(np.where(np.isin(p.effects, effect), 0.0, theta)) for effect in p.ids]
         sd = b.sd[b.output][:, None]
         beyond = p.beyond_calibration(np.transpose(moved) / sd, slope / sd) * sd
-        left = sorted(
-            zip(p.ids, (self._left(b.rms(left).tolist()) for left in beyond.T), strict=True), key=lambda one: -one[1].floors
-        )
-        return {effect: share.by_output for effect, share in left}
+        moves = {effect: self._left(b.rms(own).tolist()) for effect, own in zip(p.ids, beyond.T, strict=True)}
+        return {effect: moves[effect].by_output for effect in sorted(moves, key=lambda e: -moves[e].floors)}
 
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
         """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows;

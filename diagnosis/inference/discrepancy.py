@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
 
-GRAIN, MOST_PLACES = 1e-3, 1000
-"""Correlation lengths to which places are rounded, twice as coarsely as often as it takes to be no more than so many: the work
-grows with their cube, and within a tenth of a correlation length the process hardly changes."""
+DECIMALS, MOST_PLACES = 3, 1000
+"""Of a correlation length, to which places are rounded, twice as coarsely as often as it takes to be no more than so many: the
+work grows with their cube, and within a tenth of a correlation length the process hardly changes."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, 
 def eigenfunctions(place: Array) -> Array:
     """(n, m) leading eigenfunctions of the kernel at places (n, d) in correlation lengths; coefficients of unit variance draw a
     process of size 1."""
-    grain = GRAIN
-    distinct, index = np.unique(np.round(place, 3), axis=0, return_inverse=True)
+    grain = 10.0**-DECIMALS
+    distinct, index = np.unique(np.round(place, DECIMALS), axis=0, return_inverse=True)
     while len(distinct) > MOST_PLACES:
         grain *= 2
         distinct, index = np.unique(np.round(place / grain), axis=0, return_inverse=True)

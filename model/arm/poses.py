@@ -167,7 +167,7 @@ def _misfit(arm: Arm, inputs: pd.DataFrame, at: Array) -> float:
 
 
 def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[str, tuple[float, float, str]], tuple[str, ...]]:
-    """The causes that so many poses can be weighed for, what is calibrated always, notes. Raises `BadCondition`."""
+    """Causes for which there are enough poses, what is always calibrated, and notes. Raises `BadCondition`."""
     calibration = {name: values for name, values in model.parameters.items() if name in FRAME}
     chosen, notes, count = list[ArmCause](), list[str](), len(calibration)
     for cause in (c for c in model.causes if not c.parameters.keys() <= {*FRAME} and len(c.parameters) <= MOST_PARAMETERS):
