@@ -16,6 +16,7 @@ second effect, and alone neither of two effects promises anything.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -109,9 +110,16 @@ class Search:
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
     def _search(self) -> None:
-        searched, share = 0, 0.0
-        while chosen := self._most_promising():
-            for found in self._map(self._searched_on, chosen):
+        searched, share, taken_apart = 0, 0.0, set[Key]()
+        while True:
+            do, chosen = self._searched_on, self._most_promising()
+            if not chosen:
+                best = max(self._tried.values(), key=_evidence)
+                if len(best.named) < 2 or (best.named, best.with_tolerances) in taken_apart:
+                    break
+                taken_apart.add((best.named, best.with_tolerances))
+                do, chosen = self._taken_apart, [best]
+            for found in self._map(do, chosen):
                 self._add(found)
             searched += len(chosen)
             share = max(share, searched / (searched + len(self._queue) + 1))
@@ -222,6 +230,16 @@ class Search:
             none = self._none[switched.with_tolerances].fit
             points += self._at_starts(*self._around(none, [c.named], switched.with_tolerances))
         return [extended, *map(self._turn, points), *others]
+
+    def _taken_apart(self, c: Candidate) -> list[Candidate]:
+        """A hypothesis of several effects, and those that name one less, searched from where it is fitted: one may reach from there
+        what it does not reach from none, and explains alone what seemed to take several."""
+        out, start = [], c.fit.theta
+        for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
+            fitted = self._fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)
+            out.append(replace(self._weigh(named, fitted, c.with_tolerances), turns=1))
+            start = out[0].fit.theta
+        return out
 
     def _first_alone(self, c: Candidate, log_evidence: float) -> bool:
         """Whether this would be the best that was reached without tolerances by as many effects."""
