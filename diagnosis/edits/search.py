@@ -24,7 +24,7 @@ from ..arrays import Array
 from ..data.campaign import Campaign
 from ..data.case import finite
 from ..findings import Finding, finding
-from .edit import AZIMUTH, Edit, Variants
+from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described
 from .of_table import of_table
@@ -176,12 +176,13 @@ def _best_of_kinds(fits: list[Fit]) -> list[Fit]:
 
 
 def _beyond_usual(fit: Fit) -> Array:
-    """(8,) the calibration without what the diagnosis can describe itself; the area factor goes with the others."""
+    """(8,) the calibration without what the diagnosis can describe itself; the area factor goes with the others, in proportion to
+    the modulus: with this alone left out a limp body may snap to another equilibrium."""
     widened = np.zeros(8, bool)
     for edit in fit.edits:
         widened[[*edit.widens]] = True
     theta = np.where(widened & (np.abs(fit.theta) > judgement.EDIT_USUAL), fit.theta, 0.0)
-    theta[0] = fit.theta[0]
+    theta[AREA] = fit.theta[AREA] - (fit.theta[MODULUS] - theta[MODULUS])
     return theta
 
 
