@@ -77,6 +77,14 @@ def test_what_is_far_off_is_found_and_named(case: Measured, described: Robot, na
     assert first.after < 0.35 * first.before and name in first.concerns[0].text
 
 
+def test_the_area_factor_beside_a_mistake_keeps_to_the_modulus_that_is_not_taken_over(case: Measured) -> None:
+    """Alone it may bend a limp body over to another equilibrium."""
+    first = edit_first(softer(turned(ROBOT, -90), 0.85), states(case)[0])
+    area, modulus = np.exp(first.fit.theta[:2])  # type: ignore[union-attr]
+    assert first.robot.youngs_modulus == softer(ROBOT, 0.85).youngs_modulus
+    assert first.robot.area_factor_at(0.0) / ROBOT.area_factor_at(0.0) == pytest.approx(area / modulus)
+
+
 def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     own, _ = states(case)
     sample = Sample.of(ROBOT, own)

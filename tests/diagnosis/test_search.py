@@ -68,6 +68,18 @@ def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to
     assert search._tried[single].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
 
 
+def test_what_explains_the_data_alone_is_found_from_a_pair_that_leads() -> None:
+    search = Search(toy_problem(3, {"play": 0.8}))
+    search.run()
+    known, pair = search._tried[("play",), False], ("play", "turned")
+    (around,) = search._around(known.fit, [pair], False)
+    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
+    reached = (search._none[False], worse, search._turn(around))
+    search._queue, search._tried = [], {(c.named, False): c for c in reached}
+    search._search()
+    assert search._tried[("play",), False].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
+
+
 def test_effects_are_added_one_by_one_without_tolerances_whatever_the_margin(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tolerances take the place of a second effect, and alone no effect of two promises anything."""
     monkeypatch.setattr("diagnosis.judgement.SEARCH_MARGIN", -1e9)
