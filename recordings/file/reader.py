@@ -99,7 +99,7 @@ class Recording:
                 "run `lab recover` to get them"
             )
         for chunk in contents.chunks:  # schemas and channels that the summary does not repeat stand in chunks alone
-            if not chunk.bare and not (chunk.indexes and all(contents.described(n) for n, _, _ in chunk.indexes)):
+            if not chunk.bare and not (chunk.channels and all(map(contents.described, chunk.channels))):
                 for item in inside(data, chunk, contents):
                     if isinstance(item, Hole):
                         raise item.error
@@ -211,19 +211,19 @@ class Recording:
 
     def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.uint64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
-        for batch in self._batches():
+        for batch, _ in self._batches():
             for number, messages in batch.by_channel():
                 channel = self.contents.channels.get(number)
                 if channel is not None and channel.topic in topics:
                     yield channel, messages.heads["log"].astype(np.uint64), messages.payloads()
 
-    def _batches(self) -> Iterator[Messages]:
+    def _batches(self) -> Iterator[tuple[Messages, int]]:
         """All messages in the order of the file; not those of a chunk that is cut off."""
         if self.damage is None:
             return gathered(self._data, self.contents)
         size = len(self._data)
         walk = records(self._data, Contents(str(self.path), size), unpack=True)
-        return (item for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
+        return ((item, 0) for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
 
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
@@ -262,7 +262,7 @@ class Recording:
                 layouts[number], self._samples[number] = self._message(channel), []
         event_channels = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
         first_pass = not self._loaded
-        for batch in self._batches():
+        for batch, _ in self._batches():
             for number, messages in batch.by_channel():
                 if first_pass:  # the times of all channels, wanted or not
                     self._times.setdefault(number, []).append(messages.heads[["sequence", "log"]].astype(_TIMES))
