@@ -187,9 +187,9 @@ def _named(error: Exception, place: str, remedy: str) -> RecordingError:
     return Damaged(f"{place} cannot be parsed ({str(error) or 'a field goes beyond its end'}); run `lab {remedy}`")
 
 
-def gathered(data: memoryview, contents: Contents) -> Iterator[tuple[Messages, int]]:
-    """All messages of a file, many chunks at a time, and the log time (ns) before which chunks that follow state no message;
-    raises `Damaged`, `Oversized`.
+def gathered(data: memoryview, contents: Contents) -> Iterator[tuple[Messages, int | None]]:
+    """All messages of a file, many chunks at a time, and the log time (ns) before which chunks that follow state no message, None
+    for the end; raises `Damaged`, `Oversized`.
 
     Chunks come in the order of their first messages. They are unpacked by threads, one batch ahead of what is handed out.
     """
@@ -207,7 +207,7 @@ def gathered(data: memoryview, contents: Contents) -> Iterator[tuple[Messages, i
                 batch, raws = pending.pop(0)
                 messages = _joined(batch, [raw.result() for raw in raws], budget)
                 let_go(data, min(chunk.start for chunk in batch))
-                yield messages, pending[0][0][0].first_time if pending else 2**63 - 1
+                yield messages, pending[0][0][0].first_time if pending else None
 
 
 def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Messages:
