@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -52,9 +52,7 @@ class _EventList(Generic[T]):
         self._event = event
 
     def __get__(self, recording: Recording | None, owner: type) -> list[T]:
-        kind, topic = self._event.message_class, self._event.topic
-        payloads = recording.payloads(self._event) if recording else []  # of the class: none
-        return [events.read_event(topic, log_time, parse(kind, message, topic)) for log_time, message in payloads]
+        return recording.read_events(self._event, recording.payloads(self._event)) if recording else []  # of the class: none
 
 
 class Recording:
@@ -381,12 +379,22 @@ class Recording:
         return message_of(channel, self.contents.schemas.get(channel.schema_id), str(self.path))
 
     # -- events
+    def demand_version(self, event: EventType) -> Channel:
+        """The channel of an event; raises `OtherVersion`, or `NotARecording` where several carry it."""
+        channel = self._channel(event.topic)
+        check_version(channel, str(self.path))
+        return channel
+
+    def read_events(self, event: EventType, payloads: Iterable[tuple[int, bytes]]) -> list[Any]:
+        """What messages of an event's topic say. Raises `Damaged`, `BadMessage`, `Oversized`."""
+        kind, topic = event.message_class, event.topic
+        return [events.read_event(topic, log_time, parse(kind, message, topic)) for log_time, message in payloads]
+
     def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
         """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
         if not self.knows(event.topic):
             return []
-        channel = self._channel(event.topic)
-        check_version(channel, str(self.path))
+        channel = self.demand_version(event)
         self._need(channel)
         log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]
