@@ -247,7 +247,7 @@ class Recording:
                 layouts[channel.id] = self._message(channel)
             except RecordingError as error:
                 faults[topic] = error
-        event_channels = {n for n, c in self.contents.channels.items() if c.topic in EVENTS and self._ours(c)}
+        event_channels = {n for n, c in self.contents.channels.items() if c.topic in events.READ and self._ours(c)}
 
         def content(number: int, messages: Messages) -> NDArray[Any]:
             """Samples of a stream, bytes of an event, of all else nothing."""
@@ -288,8 +288,7 @@ class Recording:
                     held[number] = (at[later], what[:0] if faulty else what[later])
                 stretch.times[number] = at[order]
                 if number in event_channels:
-                    if topic in events.READ:
-                        self._budget.take(Cost.EVENTS, sum(map(len, what[order])))
+                    self._budget.take(Cost.EVENTS, sum(map(len, what[order])))
                     times.setdefault(number, []).append(at[order])
                     payloads.setdefault(number, []).extend(what[order])
                     stretch.events[topic] = list(zip(at["log"][order].tolist(), what[order], strict=True))
