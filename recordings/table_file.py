@@ -183,7 +183,7 @@ def checked(
     column, or that lacks one. `limits`: whether values are held against `LIMITS`, which know no robot.
     """
     for name, column in columns.items():
-        for row in np.flatnonzero(present(column)).tolist():
+        for row in _suspects(name, column, limits):
             if wrong := _wrong(name, column[row].item(), limits):
                 raise BadTable(f"{place(row)}, {name}: {wrong}")
     for row, lacking in enumerate(lacks(columns)):
@@ -209,6 +209,15 @@ def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
             lacking = "a stiffness row needs specimen, force and deflection"
         by_pattern.append(lacking)
     return [by_pattern[k] for k in of_row.ravel().tolist()]
+
+
+def _suspects(name: str, column: NDArray[Any], limits: bool) -> list[int]:
+    """The rows whose value may be wrong, ascending: numbers beyond the column's limits; of other values the first row of each."""
+    rows = np.flatnonzero(present(column))
+    if column.dtype.kind == "f" and name not in (*INTEGERS, "clipped", "protocol"):
+        low, high, _ = _limits(name) if limits else LIMITS[-1][1:]
+        return list(map(int, rows[~((column[rows] >= low) & (column[rows] <= high))]))
+    return sorted(map(int, rows[np.unique(column[rows], return_index=True)[1]]))
 
 
 def _wrong(name: str, value: Cell, limits: bool) -> str:

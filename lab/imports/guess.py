@@ -334,7 +334,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
             continue
         # a count of trials changes in every rest and nowhere else
         counts_trials = stages is None or all([
-            *(stages.within(changes_here, *rest) for rest in stages.returns()), *map(stages.at_rest, changes_here)
+            *stages.within(changes_here, stages.returns()), *stages.at_rest(changes_here)
         ])  # fmt: skip
         column = quantity(h)
         numbered = h.name in series.numbers and f"columns.{column}" not in g.reasons
@@ -353,7 +353,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
 
 def _useful(g: Guess, series: Series, h: Heading, changes_here: Sequence[Change], stages: Stages, robot: Robot) -> bool:
     """Whether trials may begin at these changes of a column; adds a doubt where rests of the robot contradict them."""
-    away = [c for c in changes_here if not stages.at_rest(c)]
+    away = [c for c, rests in zip(changes_here, stages.at_rest(changes_here), strict=True) if not rests]
     returns = len(stages.returns())
     if not changes_here:
         g.doubts.append(f"not used: {h.name}, which is the same in all rows")

@@ -280,9 +280,10 @@ def follows_pressure(states: Table, name: str, same: float) -> float:
 
 def _demand_mounted(states: Table) -> None:
     """Raise ConfigError where the turn of the body in its mount changes within a trial."""
-    for trial in np.unique(states.trial).tolist():
-        roll = states.get("roll_deg")[states.trial == trial]
-        low, high = np.fmin.reduce(roll), np.fmax.reduce(roll)  # NaN where no state has one
+    order = np.argsort(states.trial, kind="stable")
+    roll, (trials, begins) = states.get("roll_deg")[order], np.unique(states.trial[order], return_index=True)
+    lows, highs = (f.reduceat(roll, begins).tolist() for f in (np.fmin, np.fmax))  # NaN where no state has one
+    for trial, low, high in zip(trials.tolist(), lows, highs, strict=True):
         if high - low > SAME_ROLL:
             raise ConfigError(
                 f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body stays in its "
@@ -307,6 +308,8 @@ def _without_strays(
     tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         of_state = cut.rows
+        if of_state.stop - of_state.start < 2:
+            continue
         row = moves_within(tip[of_state], markers[of_state], length)
         if row is None:
             continue
@@ -418,10 +421,28 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 
 # ------------------------------------------------------------------ states
+def _averages(rows: Sequence[NDArray[np.int64]]) -> Callable[[Array], Array]:
+    """A function from values (n, ..) of all rows to their means (m, ..) over the `rows` of each state; NaN is no value, and the
+    mean of a state without any."""
+    at = np.concatenate([*rows, [0]]).astype(np.int64)  # the last is of no state: each begin must lie within
+    begins = np.cumsum([0, *map(len, rows)])
+    empty = np.diff(begins) == 0
+
+    def means(values: Array) -> Array:
+        taken = values[at]
+        known = np.isfinite(taken)
+        sums, counts = (np.add.reduceat(x, begins, axis=0)[:-1] for x in (np.where(known, taken, 0.0), known.astype(float)))
+        counts[empty] = 0.0
+        return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0))
+
+    return means
+
+
 def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     """One row per cut of a file: means, standard deviations (sd_..), the last word; its group is `trial`. Raises ConfigError."""
     n, cut_rows, q_seen = len(kept), [cut.rows for _, cut in kept], q.seen
     turn, turned = _turns(q.table)
+    of_cuts = _averages([np.arange(rows.start, rows.stop) for rows in cut_rows])
     columns: dict[str, NDArray[Any]] = {name: np.full(n, value) for name, value in q.constants.items()}
 
     def fill(name: str, values: NDArray[Any] | Sequence[Any]) -> None:
@@ -435,21 +456,24 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
             last = [next((word for word in values[rows].tolist()[::-1] if word), "") for rows in cut_rows]
             columns[name] = np.where(np.array(last) == "", columns.get(name, ""), last)
         elif name not in averaged:
-            fill(name, [np.nanmean(values[rows]) if np.isfinite(values[rows]).any() else np.nan for rows in cut_rows])
+            fill(name, of_cuts(values))
     seen = [np.flatnonzero(q_seen[rows]) + rows.start for rows in cut_rows]  # rows of each cut with tip and pressures
-    several, at_rest = np.array([len(rows) > 1 for rows in seen]), np.array([cut.at_rest for _, cut in kept])
-    of_state: dict[str, NDArray[Any]] = {"t": np.array([q.t[rows].mean() for rows in seen])}
+    of_seen, counts = _averages(seen), np.array([len(rows) for rows in seen])
+    group, at = np.repeat(np.arange(n), counts), np.concatenate(seen)
+    several, at_rest = counts > 1, np.array([cut.at_rest for _, cut in kept])
+    of_state: dict[str, NDArray[Any]] = {"t": of_seen(q.t)}
     for names, values in ((pressure_columns(pressures.shape[1]), pressures), (TIP, tip)):
-        of_state |= zip(names, np.array([values[rows].mean(axis=0) for rows in seen]).T, strict=True)
-        deviations = [values[rows].std(axis=0, ddof=1) if len(rows) > 1 else np.full(len(names), np.nan) for rows in seen]
-        for name, deviation in zip(names, np.array(deviations).T, strict=True):
+        means, squares = of_seen(values), np.zeros(values.shape)
+        of_state |= zip(names, means.T, strict=True)
+        squares[at] = (values[at] - means[group]) ** 2
+        freedom = np.where(several, counts / np.maximum(counts - 1, 1), np.nan)
+        for name, deviation in zip(names, np.sqrt(of_seen(squares) * freedom[:, None]).T, strict=True):
             fill(f"sd_{name}", np.where(at_rest & (name not in TIP), np.nan, deviation))
     # windows at rest have no pressure, whatever was read
     of_state |= {name: np.where(at_rest, 0.0, of_state[name]) for name in pressure_columns(pressures.shape[1])}
     for names, places in zip(marker_columns(markers.shape[1]), np.swapaxes(markers, 0, 1), strict=True):
         visible = np.isfinite(places).all(axis=1)
-        means = [places[rows][visible[rows]].mean(axis=0) if visible[rows].any() else np.full(3, np.nan) for rows in cut_rows]
-        of_state |= zip(names, np.array(means).T, strict=True)
+        of_state |= zip(names, of_cuts(np.where(visible[:, None], places, np.nan)).T, strict=True)
     held = columns.pop("hold", np.full(n, np.nan))
     columns["hold"] = np.where(np.isnan(held) & several, [cut.since for _, cut in kept], held)
     if wrong := sorted(set(columns.get("branch", np.array([""])).tolist()) - {"", *BRANCHES}):
@@ -465,7 +489,9 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
     if "clipped" in columns:
         columns["clipped"] = np.where(np.nan_to_num(columns["clipped"]) != 0, 1.0, np.nan)
     oriented = [rows[turned[rows]] for rows in seen]
-    turns = Rotation.concatenate([turn[rows].mean() if len(rows) else Rotation.identity() for rows in oriented])
+    turns = turn[[int(rows[0]) if len(rows) else 0 for rows in oriented]]
+    for k in [k for k, rows in enumerate(oriented) if len(rows) > 1]:
+        turns[k] = turn[oriented[k]].mean()
     return Table(columns | orientation_columns(turns, np.array([len(rows) > 0 for rows in oriented])))
 
 
@@ -474,9 +500,10 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
     gap, trial = pressure_gap(states), np.unique(states.trial, return_inverse=True)[1]
     step, repeat, branch = np.zeros(len(states), np.int64), states.get("repeat").copy(), states.get("branch").astype(object)
     repeats_of_kind: dict[tuple[int, ...], list[tuple[int, int]]] = {}  # (number of the trial, its repeat)
-    again = []
+    again, highest = [], states.pressures.max(axis=1)
+    of_trials = np.split(np.argsort(trial, kind="stable"), np.cumsum(np.bincount(trial))[:-1])
     for k, kind in enumerate(_kinds(states, trial, gap)):
-        of_trial = np.flatnonzero(trial == k)
+        of_trial = of_trials[k]
         earlier = repeats_of_kind.setdefault(kind, [])
         stated = Counter(repeat[of_trial][repeat[of_trial] != 0].tolist())
         usual = stated.most_common(1)[0][0] if stated else 1 + len(earlier)
@@ -484,7 +511,7 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
         earlier.append((k + 1, usual))
         step[of_trial] = 1 + np.arange(len(of_trial))
         repeat[of_trial] = np.where((repeat[of_trial] != 0) & ("trial" in counted), repeat[of_trial], usual)
-        falls = np.where(_falling(states.pressures[of_trial].max(axis=1), gap), "unload", "load")
+        falls = np.where(_falling(highest[of_trial], gap), "unload", "load")
         branch[of_trial] = np.where(branch[of_trial] == "", falls, branch[of_trial])
     if again and "repeat" in counted:
         notes.append(

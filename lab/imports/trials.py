@@ -183,20 +183,24 @@ class Stages:
         settling = after < len(self.stop) and self.begin[after] < row <= self.start[after]
         return int(self.begin[after]) if settling else row
 
-    def around(self, change: Change) -> tuple[int, int]:
-        """The stage before the first row that may be of the new value, and the one that holds or follows the first that is."""
-        before = int(np.searchsorted(self.start, change.first - 1, side="right")) - 1
-        return max(before, 0), int(np.searchsorted(self.stop, change.row, side="right"))
+    def around(self, of: Sequence[Change]) -> tuple[Ints, Ints]:
+        """Of each change the stage before the first row that may be of the new value, and the one that holds or follows the first
+        that is."""
+        first, row = np.array([(c.first, c.row) for c in of], np.int64).reshape(-1, 2).T
+        return np.maximum(np.searchsorted(self.start, first - 1, side="right") - 1, 0), np.searchsorted(
+            self.stop, row, side="right"
+        )
 
-    def at_rest(self, change: Change) -> bool:
-        """Whether the robot rests at a change, just before it or just after it."""
-        before, after = self.around(change)
-        return bool(self.resting[before : after + 1].any())
+    def at_rest(self, of: Sequence[Change]) -> list[bool]:
+        """Whether the robot rests at each change, just before it or just after it."""
+        before, after = self.around(of)
+        resting = np.concatenate([[0], np.cumsum(self.resting)])
+        return (resting[np.minimum(after + 1, len(self.resting))] > resting[before]).tolist()
 
-    def within(self, of: Sequence[Change], a: int, b: int) -> list[Change]:
-        """Those that lie in the stages [a, b), or just before or behind them."""
-        around = [(c, self.around(c)) for c in of]
-        return [c for c, (before, after) in around if before < b and after >= a]
+    def within(self, of: Sequence[Change], spans: Sequence[tuple[int, int]]) -> list[list[Change]]:
+        """For each span [a, b) of stages the changes in it, or just before or behind it."""
+        before, after = self.around(of)
+        return [[of[k] for k in np.flatnonzero((before < b) & (after >= a)).tolist()] for a, b in spans]
 
     def returns(self) -> list[tuple[int, int]]:
         """Stages [a, b) at rest between two sweeps."""
@@ -218,17 +222,16 @@ def trials_of_rows(series: Series, q: FileRows, wanted: Map, drive: Words) -> tu
     below, by_rest = wanted.trials.below, wanted.trials.begin == "rest" and "trial" not in wanted.columns
     stages = Stages.of(q, wanted.states, below)
     all_changes, returns = changes(q, stages), stages.returns()
-    away = [c for c in all_changes if not stages.at_rest(c)]
+    away = [c for c, rests in zip(all_changes, stages.at_rest(all_changes), strict=True) if not rests]
     # a column that changes away from rest as a rule is followed: it does not count what rests part
     strange = away if returns and (by_rest or 2 * len(away) < len(all_changes)) else []
     followed = [c for c in all_changes if not (by_rest and c in strange)]  # these begin trials; a note names the strange ones
     begins = np.concatenate([[False], np.diff(q.run) > 0])
     if by_rest and wanted.states.windows:
         begins[1:] |= stages.resting[1:] & ~stages.resting[:-1]
-    level_stages, used = stages.level_length(below), []
-    for a, b in returns:
-        here = stages.within(followed, a, b)
-        used += here
+    level_stages, used = stages.level_length(below), set[Change]()
+    for (a, b), here in zip(returns, stages.within(followed, returns), strict=True):
+        used.update(here)
         if not here and not by_rest:
             continue
         # a rest that is longer than levels usually are ends one sweep and begins the next

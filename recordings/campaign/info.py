@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion
+from ..errors import BadMessage, BadTable, Damaged, Foreign, NotARecording, OtherVersion, RecordingError
 from ..events import Request
-from ..file.clocks import ClockModel, clocks
-from ..file.counts import Timing, counted, timing
-from ..file.reader import Recording
+from ..file.clocks import STAMP, ClockFit, ClockModel, has_stamp
+from ..file.counts import Pace, Timing, counted
+from ..file.reader import COUNTERS, Recording
 from ..json_text import read_json
 from ..states.concluding import of_sensor
 
@@ -100,18 +100,16 @@ def info(path: str | os.PathLike[str]) -> Info:
     ('completed', True)
     """
     try:
-        recording = Recording.open(path, truncated=True)
-        recording.load()
+        fold = _Fold(Recording.open(path, truncated=True))
     except Damaged:
-        recording = Recording.salvaged(path)
-        recording.load()
+        fold = _Fold(Recording.salvaged(path))
+    recording, paces = fold.recording, fold.paces
     counts, outcome = counted(recording.metadata), recording.metadata.get("outcome", {})
     metadata = {name: texts for name, texts in recording.metadata.items() if name not in ("clocks", "counts", "outcome")}
     notes: list[str] = []
-    damage = [*(recording.damage or ()), *recording.undescribed()]
-    times = {topic: recording.log_times(topic) for topic in recording.topics}
-    first = min((int(t[0]) for t in times.values() if len(t)), default=None)
-    last = max((int(t[-1]) for t in times.values() if len(t)), default=0)
+    damage = [*(recording.damage or ()), *fold.undescribed, *recording.contents.schemaless]
+    first = min((pace.first for pace in paces.values() if pace.count), default=None)
+    last = max((pace.last for pace in paces.values() if pace.count), default=0)
     try:
         start = recording.start_wall_ns
     except Foreign:
@@ -119,10 +117,10 @@ def info(path: str | os.PathLike[str]) -> Info:
     channel_counts = Counter(channel.topic for channel in recording.contents.channels.values())
     streams = {
         topic: StreamInfo(
-            timing(_since(start, log_times)), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
-            _or(0, notes, damage, partial(recording.restarts, topic)) if topic in recording.streams else 0, channel_counts[topic],
+            pace.timing(start), counts.get(topic, {}).get("dropped"), counts.get(topic, {}).get("lost"),
+            _or(0, notes, damage, partial(fold.restarts, topic)) if topic in recording.streams else 0, channel_counts[topic],
         )
-        for topic, log_times in times.items()
+        for topic, pace in paces.items()
     }  # fmt: skip
     sensors = [topic for topic in recording.streams if of_sensor(topic)]
     planned = planned_of(recording)[1]
@@ -133,12 +131,12 @@ def info(path: str | os.PathLike[str]) -> Info:
         finished=recording.contents.finished, outcome=outcome.get("outcome"), detail=outcome.get("detail", ""),
         start="" if first is None else datetime.fromtimestamp(first / 1e9, UTC).isoformat(timespec="seconds"),
         duration=0.0 if first is None else (last - first) / 1e9,
-        states=len(times["/state"]) if recording.knows("/state") else 0,
-        rows=len(states_read) or (len(times["/trial"]) if recording.knows("/trial") else 0),
+        states=paces["/state"].count if recording.knows("/state") else 0,
+        rows=len(states_read) or (paces["/trial"].count if recording.knows("/trial") else 0),
         planned=planned, streams=streams, attachments={name: len(data) for name, data in recording.attachments.items()},
-        clocks=_or({}, notes, damage, partial(clocks, recording)), metadata=metadata,
+        clocks=fold.clocks, metadata=metadata,
         requests=_or([], notes, damage, lambda: recording.requests),
-        sensors={topic: _or({}, notes, damage, partial(_quantities, recording, topic)) for topic in sensors},
+        sensors={topic: _or({}, notes, damage, partial(fold.quantities, topic)) for topic in sensors},
         notes=tuple(dict.fromkeys(notes)), damage=tuple(dict.fromkeys(damage)),
     )  # fmt: skip
 
@@ -163,12 +161,6 @@ def beyond_plan(states: int, planned: int) -> list[str]:
     ]
 
 
-def _since(start: int, log_times: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """s from `start` (ns since the epoch), which may be later, to log times."""
-    first = log_times[0] if len(log_times) else np.uint64(start)
-    return (log_times - first) / 1e9 + (int(first) - start) / 1e9
-
-
 def _or(otherwise: T, notes: list[str], damage: list[str], compute: Callable[[], T]) -> T:
     """What `compute` gives; else `otherwise`, with a note (other versions, merged files) or damage (senseless messages)."""
     try:
@@ -180,10 +172,63 @@ def _or(otherwise: T, notes: list[str], damage: list[str], compute: Callable[[],
     return otherwise
 
 
-def _quantities(recording: Recording, topic: str) -> dict[str, Quantity]:
-    samples, quantities = recording.stream(topic), {}
-    for name, unit in recording.units(topic).items():
-        values = samples[name][np.isfinite(samples[name])]
-        if name != "t" and len(values):
-            quantities[name] = Quantity(unit, float(values.min()), float(values.mean()), float(values.max()))
-    return quantities
+class _Fold:
+    """One pass over a recording: what its summary takes of the messages. Raises `Damaged`, `Oversized`."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self._faults = recording, dict[str, RecordingError]()
+        self.paces = {topic: Pace() for topic in recording.topics}
+        self._clocks = {topic: ClockFit() for topic in recording.streams if has_stamp(topic)}
+        self._back: dict[str, dict[str, tuple[float, int]]] = defaultdict(dict)
+        """Of the counters of each stream the last value, and how often it went back."""
+        self._sums: dict[str, dict[str, tuple[float, float, float, int]]] = defaultdict(dict)
+        """Of each quantity of a sensor least, sum, greatest and number."""
+        channels, undescribed = recording.contents.channels, Counter[int]()
+        for stretch in recording.sweep(self._faults):
+            logs = defaultdict[str, list[NDArray[np.uint64]]](list)
+            for number, times in stretch.times.items():
+                if number not in channels:
+                    undescribed[number] += len(times)
+                    continue
+                topic = channels[number].topic
+                logs[topic].append(times["log"])
+                if topic in stretch.samples:
+                    self._stream(topic, times["sequence"], stretch.samples[topic])
+            for topic, parts in logs.items():
+                self.paces[topic].add(np.sort(np.concatenate(parts)))
+        self.undescribed = [
+            f"{count} messages are of channel {number}, which is not described" for number, count in sorted(undescribed.items())
+        ]
+        self.clocks = {topic: fit.model for topic, fit in self._clocks.items() if topic not in self._faults and fit.model}
+
+    def _stream(self, topic: str, numbers: NDArray[np.int64], samples: NDArray[np.void]) -> None:
+        """Take the next samples of a stream."""
+        names = samples.dtype.names or ()
+        for name, values in {"": numbers, **{name: samples[name] for name in COUNTERS if name in names}}.items():
+            last, restarts = self._back[topic].get(name, (-np.inf, 0))
+            restarts += int((np.diff(values.astype(np.float64), prepend=last) < 0).sum())
+            self._back[topic][name] = (float(values[-1]) if len(values) else last, restarts)
+        if topic in self._clocks:
+            self._clocks[topic].add(samples[STAMP], samples["t"])
+        for name in names[1:] if of_sensor(topic) else ():
+            values = samples[name][np.isfinite(samples[name])]
+            if len(values):
+                least, total, greatest, number = self._sums[topic].get(name, (np.inf, 0.0, -np.inf, 0))
+                extremes = min(least, float(values.min())), max(greatest, float(values.max()))
+                self._sums[topic][name] = (extremes[0], total + float(values.sum()), extremes[1], number + len(values))
+
+    def restarts(self, topic: str) -> int:
+        """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
+        self._demand_whole(topic)
+        return max((restarts for _, restarts in self._back[topic].values()), default=0)
+
+    def quantities(self, topic: str) -> dict[str, Quantity]:
+        """What a sensor of the lab's own measured."""
+        self._demand_whole(topic)
+        units, sums = self.recording.units(topic), self._sums[topic]
+        return {n: Quantity(units[n], least, total / number, most) for n, (least, total, most, number) in sums.items()}
+
+    def _demand_whole(self, topic: str) -> None:
+        """Raise why a stream could not be read to its end, if so."""
+        if topic in self._faults:
+            raise self._faults[topic]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 
 from .. import events
 from ..errors import Damaged, NotSettled, RecordingError
-from ..events import TrialEvent, marked
+from ..events import StateEvent, TrialEvent, marked
 from ..file.budget import Cost, ReadingBudget
-from ..file.reader import Recording
-from ..states.concluding import conclude, of_sensor, sensor_column
+from ..file.reader import Recording, Stretch
+from ..states.buffer import KEEP
+from ..states.concluding import SLOW_OLDEST, conclude, of_sensor, sensor_column
+from ..states.rules import longest
 from ..states.zeros import Drift, Zeros, drift, unloaded, without_drift
 from ..trials import Table, TrialRow
 
@@ -100,20 +103,72 @@ class _Counted:
         self.budget.take(Cost.LOOKED_AT, 20 * count)  # averaging a sample costs twenty times what looking at it costs
 
 
+class _Passing:
+    """The streams of a recording that goes by: what came from `KEEP` seconds before the oldest state on that is still to be read,
+    which is what its run had. Of a state that looks back farther, or at a stream with a fault, the whole recording is asked."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.whole, self.faults = _Counted(recording), dict[str, RecordingError]()
+        self.in_order = True
+        self._held: dict[str, NDArray[np.void]] = {}
+        self._forgotten: dict[str, float] = {}
+        """Stamp (s) of the newest sample of a stream that is no longer held."""
+
+    def take(self, stretch: Stretch, oldest: float) -> None:
+        """Add what follows, and forget what no state from `oldest` (rig time, s) on looks at."""
+        for topic, samples in stretch.samples.items():
+            held = self._held.get(topic, samples[:0])
+            self.in_order &= bool((np.diff(np.concatenate([held["t"][-1:], samples["t"]])) >= 0).all())
+            until = min(oldest, *samples["t"][-1:].tolist()) - KEEP
+            begin = int(np.searchsorted(held["t"], until))
+            if begin:
+                self._forgotten[topic] = float(held["t"][begin - 1])
+            self._held[topic] = np.concatenate([held[begin:], samples])
+
+    def newest(self, topic: str) -> float:
+        """Stamp (s) of the newest sample that has come; -inf while there is none."""
+        if topic in self.faults or topic not in self.whole.recording.streams:
+            return self.whole.newest(topic)
+        return float(self._held[topic]["t"][-1]) if len(self._held.get(topic, ())) else -math.inf
+
+    def window(self, topic: str, t0: float, t1: float) -> NDArray[np.void]:
+        """The samples with t0 <= t <= t1, oldest first."""
+        if topic in self.faults or topic not in self._held or t0 <= self._forgotten.get(topic, -math.inf):
+            return self.whole.window(topic, t0, t1)
+        samples = self._held[topic]
+        samples = samples[np.searchsorted(samples["t"], t0) : np.searchsorted(samples["t"], t1, side="right")]
+        self.whole.budget.take(Cost.LOOKED_AT, len(samples))
+        return samples
+
+
+def _read_again(streams: _Passing | _Counted, average: Callable[[int], None], event: StateEvent) -> Replayed:
+    """A state, concluded from samples."""
+    try:
+        row = conclude(streams, event.state, average)
+        reason = "" if row else "the recording ends before the reading does"
+    except NotSettled as error:
+        row, reason = None, str(error)
+    return Replayed(event.number, row, reason, event.repeats)
+
+
 def replay_states(recording: Recording) -> list[Replayed]:
-    """Read every recorded state again from the file's samples."""
-    out = []
+    """Read every recorded state again from the file's samples, in one pass over the file."""
     recording.need(events.STATE.topic, events.TRIAL.topic)
-    recording.load()
-    streams = _Counted(recording)
-    for event in recording.states:
-        try:
-            row = conclude(streams, event.state, streams.average)
-            reason = "" if row else "the recording ends before the reading does"
-        except NotSettled as error:
-            row, reason = None, str(error)
-        out.append(Replayed(event.number, row, reason, event.repeats))
-    return out
+    recording.demand_version(events.STATE)
+    streams, waiting, read = _Passing(recording), list[StateEvent](), dict[StateEvent, Replayed]()
+    for stretch in recording.sweep(streams.faults):
+        waiting += recording.read_events(events.STATE, stretch.events.get(events.STATE.topic, []))
+        streams.take(stretch, min((event.state.t_start for event in waiting), default=math.inf))
+        for event in waiting if streams.in_order else ():
+            # what is read does not depend on when one asks: once the rule has run out, nothing later counts
+            over = event.state.t_start + longest(event.state.rule) + SLOW_OLDEST
+            if min(streams.newest(topic) for topic in event.state.topics) > over:
+                read[event] = _read_again(streams, streams.whole.average, event)
+        waiting = [event for event in waiting if event not in read]
+    if not streams.in_order:  # by their stamps, samples stand in another order than by their log times
+        recording.load()
+        return [_read_again(streams.whole, streams.whole.average, event) for event in recording.states]
+    return [read.get(event) or _read_again(streams, streams.whole.average, event) for event in recording.states]
 
 
 def replay(path: str | os.PathLike[str], *, truncated: bool = False) -> Table:

@@ -10,6 +10,9 @@ import contextlib
 import struct
 import threading
 import zlib
+from array import array
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import repeat
 from operator import itemgetter
@@ -95,8 +98,10 @@ class Chunk:
     data_start: int
     data_end: int
     bare: bool = False
+    channels: set[int] = field(default_factory=set)
+    """Those that its message indexes list."""
     indexes: list[tuple[int, int, int]] = field(default_factory=list)
-    """(channel id, start and end of its (time, offset) pairs in the file)"""
+    """(channel id, start and end of its (time, offset) pairs in the file); kept of the newest chunk alone."""
 
     @classmethod
     def of(cls, record: McapRecord) -> Chunk:
@@ -107,6 +112,57 @@ class Chunk:
         (packed,) = _U64.unpack_from(record.source, at + letters)
         begin, end = at + letters + _U64.size, record.start + record.size
         return cls(record.start, end, first, last, size, crc, compression, begin, begin + packed)
+
+
+class Chunks(Sequence[Chunk]):
+    """The chunks of a file in its order: the newest as it is, of all others 84 bytes each, whatever they hold."""
+
+    _NUMBERS = struct.Struct("<8QI")
+
+    def __init__(self) -> None:
+        self._starts, self._packed = array("Q"), bytearray()
+        self._kinds: dict[tuple[str, bool, frozenset[int]], int] = {}
+        """What many chunks have in common, in the order of its number."""
+        self._newest: Chunk | None = None
+
+    def append(self, chunk: Chunk) -> None:
+        """Add the next one; the one before is complete."""
+        if (c := self._newest) is not None:
+            kind = self._kinds.setdefault((c.compression, c.bare, frozenset(c.channels)), len(self._kinds))
+            numbers = (c.start, c.end, c.first_time, c.last_time, c.size, c.crc, c.data_start, c.data_end, kind)
+            self._packed += self._NUMBERS.pack(*numbers)
+        self._newest = chunk
+        self._starts.append(chunk.start)
+
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    def __getitem__(self, number: Any) -> Any:
+        at = range(len(self))[number]
+        if isinstance(at, range):
+            return [self[k] for k in at]
+        if self._newest is not None and at == len(self) - 1:
+            return self._newest
+        return self._unpacked(list(self._kinds), at)
+
+    def __iter__(self) -> Iterator[Chunk]:
+        kinds = list(self._kinds)
+        yield from (self._unpacked(kinds, number) for number in range(len(self) - 1))
+        yield from [] if self._newest is None else [self._newest]
+
+    def _unpacked(self, kinds: Sequence[tuple[str, bool, frozenset[int]]], number: int) -> Chunk:
+        *places, crc, begin, end, kind = self._NUMBERS.unpack_from(self._packed, number * self._NUMBERS.size)
+        compression, bare, channels = kinds[kind]
+        return Chunk(*places, crc, compression, begin, end, bare, set(channels))
+
+    def at(self, start: int) -> Chunk | None:
+        """The chunk that begins at this byte of the file."""
+        number = bisect_left(self._starts, start)
+        return self[number] if number < len(self) and self._starts[number] == start else None
+
+    def clear(self) -> None:
+        """Forget all."""
+        self.__init__()  # type: ignore[misc]
 
 
 @dataclass(frozen=True)

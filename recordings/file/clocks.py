@@ -48,44 +48,90 @@ class ClockModel:
         return np.asarray(device + self.offset + self.drift * (device - self.reference))
 
 
-def fit(device: Numbers, host: Numbers) -> ClockModel | None:
-    """The model of stamps in the order in which they arrived, both in s; None when there are too few to tell."""
-    use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
-    device, host = device[use], host[use]
-    back = np.flatnonzero(np.diff(device) < 0)
-    if len(back):  # restarts: only what came after the last counts
-        device, host = device[back[-1] + 1 :], host[back[-1] + 1 :]
-    if len(device) < 20 or not device[-1] > device[0]:
-        return None
-    reference = float(device[0])
-    x = device - reference
-    y = (host - host[0]) - x  # s: drift and delay, relative to the first sample
-    a, b = _edge(x, y)
-    drift = float((y[b] - y[a]) / (x[b] - x[a]))
-    delay = y - (y[a] + drift * (x - x[a]))
-    at_reference = float(y[a] - drift * x[a])
-    offset, p99 = float(host[0]) - reference + at_reference, float(np.quantile(delay, 0.99))
-    return ClockModel(reference, offset, drift, float(np.median(delay)), p99, len(device), len(back))
+class ClockFit:
+    """The model of stamps that come piece by piece, in the order in which they arrive.
+
+    What is kept is the lower hull, and of the delays' samples every second, fourth .. once they are more than `MOST`.
+    """
+
+    MOST = 2**17
+
+    def __init__(self) -> None:
+        self._restarts = 0
+        self._last = -math.inf
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget what came before a restart."""
+        self._count, self._sum, self._reference, self._host, self._step = 0, 0.0, 0.0, 0.0, 1
+        self._hull: list[tuple[float, float]] = []
+        self._points = np.zeros((0, 2))
+
+    def add(self, device: Numbers, host: Numbers) -> None:
+        """Take the next stamps, both in s."""
+        use = (np.abs(device) < LATEST) & (np.abs(host) < LATEST)
+        device, host = device[use], host[use]
+        if not len(device):
+            return
+        back = np.flatnonzero(np.diff(device, prepend=self._last) < 0)
+        self._last = float(device[-1])
+        if len(back):  # restarts: only what came after the last counts
+            self._restarts += len(back)
+            self._begin()
+            device, host = device[back[-1] :], host[back[-1] :]
+        if not self._count:
+            self._reference, self._host = float(device[0]), float(host[0])
+        x = device - self._reference
+        y = (host - self._host) - x  # s: drift and delay, relative to the first sample
+        self._points = np.concatenate([self._points, np.column_stack([x, y])[-self._count % self._step :: self._step]])
+        self._count, self._sum = self._count + len(x), self._sum + math.fsum(x)
+        while len(self._points) > self.MOST:
+            self._points, self._step = self._points[::2], 2 * self._step
+        _extend(self._hull, x, y)
+
+    @property
+    def model(self) -> ClockModel | None:
+        """The model of what came until now; None when there is too little to tell."""
+        if self._count < 20 or not self._last > self._reference:
+            return None
+        (xa, ya), (xb, yb) = _edge(self._hull, self._sum / self._count)
+        x, y = self._points.T
+        drift = (yb - ya) / (xb - xa)
+        delay = y - (ya + drift * (x - xa))
+        offset, p99 = self._host - self._reference + (ya - drift * xa), float(np.quantile(delay, 0.99))
+        return ClockModel(self._reference, offset, drift, float(np.median(delay)), p99, self._count, self._restarts)
 
 
-def _edge(x: Numbers, y: Numbers) -> tuple[int, int]:
-    """Indices of the two points whose line is the lower convex hull's edge at the mean of x; x ascends (monotone chain)."""
-    xs, ys = x.tolist(), y.tolist()
-    hull: list[int] = []
-    for i in range(len(xs)):
-        if hull and xs[i] == xs[hull[-1]]:
-            if ys[i] >= ys[hull[-1]]:
+def _extend(hull: list[tuple[float, float]], xs: Numbers, ys: Numbers) -> None:
+    """Extend a lower convex hull by points whose x ascends (monotone chain)."""
+    for _ in range(3):  # what lies above the line between its neighbours is no corner; this leaves few
+        before, after = (xs[1:-1] - xs[:-2], ys[1:-1] - ys[:-2]), (xs[2:] - xs[1:-1], ys[2:] - ys[1:-1])
+        corner = np.concatenate([[True], before[1] * after[0] <= after[1] * before[0], [True]])[: len(xs)]
+        xs, ys = xs[corner], ys[corner]
+    for x, y in zip(xs.tolist(), ys.tolist(), strict=True):
+        if hull and x == hull[-1][0]:
+            if y >= hull[-1][1]:
                 continue
             hull.pop()
         while len(hull) > 1:
-            p, q = hull[-2], hull[-1]
-            if (ys[q] - ys[p]) * (xs[i] - xs[p]) < (ys[i] - ys[p]) * (xs[q] - xs[p]):
-                break  # q lies below the line from p to i
+            (xp, yp), (xq, yq) = hull[-2:]
+            if (yq - yp) * (x - xp) < (y - yp) * (xq - xp):
+                break  # q lies below the line from p to here
             hull.pop()
-        hull.append(i)
-    mean = math.fsum(xs) / len(xs)
-    after = next((k for k, i in enumerate(hull) if xs[i] > mean), len(hull) - 1)
-    return hull[max(after, 1) - 1], hull[max(after, 1)]
+        hull.append((x, y))
+
+
+def _edge(hull: list[tuple[float, float]], mean: float) -> list[tuple[float, float]]:
+    """The two corners of a hull whose line is its edge at the mean of x."""
+    after = next((k for k, (x, _) in enumerate(hull) if x > mean), len(hull) - 1)
+    return hull[max(after, 1) - 1 : max(after, 1) + 1]
+
+
+def fit(device: Numbers, host: Numbers) -> ClockModel | None:
+    """The model of stamps in the order in which they arrived, both in s; None when there are too few to tell."""
+    stamps = ClockFit()
+    stamps.add(device, host)
+    return stamps.model
 
 
 def clocks(recording: Recording) -> dict[str, ClockModel]:

@@ -17,10 +17,12 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from ..bounded import regular
 from ..errors import Damaged, NotARecording
 from .budget import PER_CHANNEL, PER_TEXT, SMALLEST_CHUNK, Cost, ReadingBudget, largest_chunk
-from .chunks import HEAD, Chunk, McapRecord
+from .chunks import HEAD, Chunk, Chunks, McapRecord
 
 RUN = 2**20
 """Bytes of messages outside chunks that are read together."""
+PASSED = 8 * 2**20
+"""Bytes of a file that a walk leaves behind before their memory is let go."""
 _INDEX = struct.Struct("<HI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 
@@ -33,6 +35,20 @@ def mapped(path: str | os.PathLike[str]) -> memoryview:
             return memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size else b"")
         except OSError as error:
             raise NotARecording(f"{path}: cannot be read ({error.strerror}); check the path") from error
+
+
+def let_go(data: memoryview, end: int) -> None:
+    """Have the system take back the memory of a mapped file up to byte `end`; it is read again where it is needed again."""
+    if isinstance(data.obj, mmap.mmap) and (whole := end // mmap.PAGESIZE * mmap.PAGESIZE):
+        data.obj.madvise(mmap.MADV_DONTNEED, 0, whole)
+
+
+def checksum(data: memoryview, begin: int, end: int, crc: int = 0) -> int:
+    """The checksum of bytes of a file, that of those before them being `crc`."""
+    for at in range(begin, end, PASSED):
+        crc = zlib.crc32(data[at : min(at + PASSED, end)], crc)
+        let_go(data, at)
+    return crc
 
 
 def attachment_crc(record: McapRecord) -> tuple[int, int]:
@@ -54,7 +70,7 @@ class Contents:
     finished: bool = False
     """Footer and end mark are there."""
     header: Header | None = None
-    chunks: list[Chunk] = field(default_factory=list)
+    chunks: Chunks = field(default_factory=Chunks)
     """With the runs of messages outside chunks."""
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -80,6 +96,7 @@ class Contents:
             pairs = record.body + _INDEX.size
             if indexed is not None:
                 indexed.indexes.append((channel, pairs, pairs + length))
+                indexed.channels.add(channel)
             self.indexed = indexed
         elif opcode == Opcode.CHUNK:
             chunk = Chunk.of(record)

@@ -40,20 +40,77 @@ class Timing:
     missing: int
 
 
-def timing(stamps: NDArray[np.float64]) -> Timing:
-    """Summary of ascending stamps (s); zeros where there are too few to tell."""
-    n = len(stamps)
-    if n < 2:
-        stamp = float(stamps[0]) if n else 0.0
-        return Timing(n, stamp, stamp, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
-    start, end = float(stamps[0]), float(stamps[-1])
-    intervals = np.diff(stamps)
-    median = float(np.median(intervals))
-    gap = intervals > GAP * median if median > 0 else np.zeros(n - 1, dtype=bool)
-    missing = int(np.sum(np.round(intervals[gap] / median) - 1)) if gap.any() else 0
-    p50, p99, largest = np.quantile(np.abs(intervals[~gap] - median), (0.5, 0.99, 1.0)).tolist()
-    rate = (n - 1) / (end - start) if end > start else 0.0
-    return Timing(n, start, end, rate, median, p50, p99, largest, int(gap.sum()), float(intervals.max()), missing)
+class Pace:
+    """The timing of a topic whose stamps (ns) come piece by piece, each later than those before it.
+
+    What is kept is how many intervals there are of each length. Beyond `DISTINCT` lengths neighbours are taken together.
+    """
+
+    DISTINCT = 2**17
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first = self.last = 0
+        self._longest = 0
+        self._grain = 1
+        """ns: lengths are known to half of it."""
+        self._lengths = self._numbers = np.zeros(0, np.int64)
+        self._pending: list[NDArray[np.int64]] = []
+
+    @classmethod
+    def of(cls, stamps: NDArray[np.integer[Any]]) -> Pace:
+        """Of all stamps."""
+        pace = cls()
+        pace.add(stamps)
+        return pace
+
+    def add(self, stamps: NDArray[np.integer[Any]]) -> None:
+        """Take the next stamps, ascending."""
+        if not len(stamps):
+            return
+        if not self.count:
+            self.first = self.last = int(stamps[0])
+        intervals = np.diff(stamps, prepend=stamps.dtype.type(self.last)).astype(np.int64)[0 if self.count else 1 :]
+        self.count, self.last = self.count + len(stamps), int(stamps[-1])
+        self._longest = max(self._longest, int(intervals.max(initial=0)))
+        self._pending.append(np.maximum(intervals, 0))
+        if sum(map(len, self._pending)) > 2 * self.DISTINCT:
+            self._merge()
+
+    def _merge(self) -> None:
+        lengths = np.concatenate([self._lengths, *self._pending])
+        numbers = np.concatenate([self._numbers, np.ones(len(lengths) - len(self._lengths), np.int64)])
+        self._pending = []
+        while True:
+            self._lengths, place = np.unique(lengths // self._grain * self._grain, return_inverse=True)
+            self._numbers = np.bincount(place, numbers, len(self._lengths)).astype(np.int64)
+            if len(self._lengths) <= self.DISTINCT:
+                return
+            self._grain *= 2
+
+    def timing(self, start: int = 0) -> Timing:
+        """Summary, times counted from `start` (ns); zeros where there are too few stamps to tell."""
+        begin, end = ((self.first - start) / 1e9, (self.last - start) / 1e9) if self.count else (0.0, 0.0)
+        if self.count < 2:
+            return Timing(self.count, begin, begin, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
+        self._merge()
+        lengths, numbers = (self._lengths + (self._grain - 1) / 2) / 1e9, self._numbers
+        (median,) = _quantiles(lengths, numbers, 0.5)
+        gap = lengths > GAP * median if median > 0 else np.zeros(len(lengths), dtype=bool)
+        missing = int((np.round(lengths[gap] / median) - 1) @ numbers[gap]) if gap.any() else 0
+        p50, p99, largest = _quantiles(np.abs(lengths[~gap] - median), numbers[~gap], 0.5, 0.99, 1.0)
+        rate = (self.count - 1) / (end - begin) if end > begin else 0.0
+        gaps, longest = int(numbers[gap].sum()), self._longest / 1e9
+        return Timing(self.count, begin, end, rate, median, p50, p99, largest, gaps, longest, missing)
+
+
+def _quantiles(values: NDArray[np.float64], numbers: NDArray[np.int64], *shares: float) -> list[float]:
+    """Quantiles of values that occur so often, interpolated as numpy does."""
+    order = np.argsort(values)
+    values, ends = values[order], np.cumsum(numbers[order])
+    at = np.array(shares) * (ends[-1] - 1)
+    low, high = (values[np.searchsorted(ends, k, side="right")] for k in (np.floor(at), np.ceil(at)))
+    return np.asarray(low + (at - np.floor(at)) * (high - low)).tolist()
 
 
 @dataclass(frozen=True)
@@ -61,7 +118,7 @@ class StreamCounts:
     """Fate of a topic's messages.
 
     `generated` = `written` + `dropped`; `dropped` were refused here (malformed, out of order, queue full, disk failed);
-    `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `timing`.
+    `lost` never arrived and were reported by the driver. Times in s, rate in Hz; see `Timing`.
     """
 
     generated: int
@@ -157,5 +214,5 @@ class Tally:
     def counts(self, generated: int) -> StreamCounts:
         """The counts so far, of this many generated with those that wait in the queue; what is still on its way to the disk
         counts as dropped until it is there."""
-        at = timing(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)) / 1e9)
-        return StreamCounts.of(generated, self.written, self.lost, at)
+        pace = Pace.of(np.sort(np.array(self.stamps[: self.written], dtype=np.int64)))
+        return StreamCounts.of(generated, self.written, self.lost, pace.timing())

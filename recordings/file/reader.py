@@ -5,31 +5,44 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from mcap.records import Channel
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import Damaged, Foreign, MissingStream, NotARecording, Truncated
+from ..errors import Damaged, Foreign, MissingStream, NotARecording, OtherVersion, RecordingError, Truncated
 from ..events import EVENTS, EventType
 from ..messages import SCHEMA_VERSION, STREAMS, MessageType, is_stream
 from .budget import Cost, ReadingBudget
 from .chunks import Messages
 from .contents import Contents, mapped
 from .records import Hole, gathered, holes, index, inside, records
-from .samples import check_version, decode, message_of, ours, parse, version_of, written_name
+from .samples import check_version, decode, message_of, ours, parse, samples_of, version_of, written_name
 
 T = TypeVar("T")
 COUNTERS = ("device_time", "frame")
 """Fields that count up at the instrument until it restarts."""
-_TIMES = np.dtype([("sequence", "<i8"), ("log", "<i8")])
+_TIMES = np.dtype([("sequence", "<i8"), ("log", "<u8")])
 """Number and log time (ns) of a message."""
+
+
+@dataclass
+class Stretch:
+    """What stands next in a recording, by log time."""
+
+    times: dict[int, NDArray[np.void]] = field(default_factory=dict)
+    """By channel, number and log time (ns) of each message, in the order of both."""
+    samples: dict[str, NDArray[np.void]] = field(default_factory=dict)
+    """By topic, of the streams that this software writes, in the same order."""
+    events: dict[str, list[tuple[int, bytes]]] = field(default_factory=dict)
+    """By topic, log time (ns) and bytes."""
 
 
 class _EventList(Generic[T]):
@@ -39,9 +52,7 @@ class _EventList(Generic[T]):
         self._event = event
 
     def __get__(self, recording: Recording | None, owner: type) -> list[T]:
-        kind, topic = self._event.message_class, self._event.topic
-        payloads = recording.payloads(self._event) if recording else []  # of the class: none
-        return [events.read_event(topic, log_time, parse(kind, message, topic)) for log_time, message in payloads]
+        return recording.read_events(self._event, recording.payloads(self._event)) if recording else []  # of the class: none
 
 
 class Recording:
@@ -99,7 +110,7 @@ class Recording:
                 "run `lab recover` to get them"
             )
         for chunk in contents.chunks:  # schemas and channels that the summary does not repeat stand in chunks alone
-            if not chunk.bare and not (chunk.indexes and all(contents.described(n) for n, _, _ in chunk.indexes)):
+            if not chunk.bare and not (chunk.channels and all(map(contents.described, chunk.channels))):
                 for item in inside(data, chunk, contents):
                     if isinstance(item, Hole):
                         raise item.error
@@ -193,49 +204,98 @@ class Recording:
 
     def log_times(self, topic: str) -> NDArray[np.uint64]:
         """Log times (ns since the epoch) of a topic's messages on all its channels, ascending."""
-        numbers = {channel.id for channel in self._carriers.get(topic, [])}
-        if not self._loaded and numbers:
-            self._load(numbers)
-        return np.sort(self._times_of(*numbers)["log"].astype(np.uint64))
+        for channel in self._carriers.get(topic, []):
+            self._need(channel)
+        return np.sort(self._times_of(*(channel.id for channel in self._carriers.get(topic, [])))["log"])
 
     def _times_of(self, *numbers: int) -> NDArray[np.void]:
         """Number and log time of each message of channels, in the order of the file."""
         return np.concatenate([np.zeros(0, _TIMES), *(part for n in numbers for part in self._times.get(n, []))])
 
-    def restarts(self, topic: str) -> int:
-        """How often a stream began anew: its messages' numbers, or the instrument's own stamps or frame numbers, went back."""
-        samples, channel = self.stream(topic), self._channel(topic)
-        in_time = self._times_of(channel.id)["sequence"][self._order(channel, [], lambda i: b"")]  # their content does not matter
-        counters = [in_time, *(samples[name] for name in COUNTERS if name in (samples.dtype.names or ()))]
-        return max(int((np.diff(counter.astype(np.float64)) < 0).sum()) for counter in counters)
-
     def messages(self, topics: Container[str]) -> Iterator[tuple[Channel, NDArray[np.uint64], list[bytes]]]:
         """Messages of topics as they stand in the file, batch by batch: their channel, log times (ns), and bytes."""
-        for batch in self._batches():
+        for batch, _ in self._batches():
             for number, messages in batch.by_channel():
                 channel = self.contents.channels.get(number)
                 if channel is not None and channel.topic in topics:
                     yield channel, messages.heads["log"].astype(np.uint64), messages.payloads()
 
-    def _batches(self) -> Iterator[Messages]:
-        """All messages in the order of the file; not those of a chunk that is cut off."""
+    def _batches(self) -> Iterator[tuple[Messages, int | None]]:
+        """All messages, and the log time (ns) before which none of any later batch is, as far as chunks state theirs, None for
+        the end; not those of a chunk that is cut off."""
         if self.damage is None:
             return gathered(self._data, self.contents)
         size = len(self._data)
         walk = records(self._data, Contents(str(self.path), size), unpack=True)
-        return (item for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
+        return ((item, None) for item in walk if isinstance(item, Messages) and item.chunk.end <= size)
 
     def load(self) -> None:
         """Read everything at once, for a use that needs most of it."""
         self._load(set(self.contents.channels) - self._loaded)
 
-    def undescribed(self) -> list[str]:
-        """What the loaded messages and the channels refer to and the file does not describe."""
-        return [
-            f"{sum(map(len, parts))} messages are of channel {number}, which is not described"
-            for number, parts in sorted(self._times.items())
-            if number not in self.contents.channels
-        ] + self.contents.schemaless
+    def sweep(self, faults: dict[str, RecordingError]) -> Iterator[Stretch]:
+        """The recording from begin to end, of which one stretch is held at a time. Events are kept.
+
+        `faults`: why a stream has no more samples, by topic; they are added to it. Raises `Damaged`, `Oversized`.
+        """
+        layouts, kinds, held = dict[int, MessageType](), dict[str, np.dtype[np.void]](), dict[int, tuple[Any, ...]]()
+        times, payloads = dict[int, list[NDArray[np.void]]](), dict[int, list[bytes]]()
+        for topic in self.streams:
+            try:
+                channel = self._channel(topic)
+                check_version(channel, str(self.path))
+                layouts[channel.id] = self._message(channel)
+            except RecordingError as error:
+                faults[topic] = error
+        event_channels = {n for n, c in self.contents.channels.items() if c.topic in events.READ and self._ours(c)}
+
+        def content(number: int, messages: Messages) -> NDArray[Any]:
+            """Samples of a stream, bytes of an event, of all else nothing."""
+            nothing = np.zeros(len(messages), "V0")
+            if number in event_channels:
+                texts = np.empty(len(messages), object)
+                texts[:] = messages.payloads()
+                return texts
+            if number not in layouts or (topic := self.contents.channels[number].topic) in faults:
+                return nothing
+            try:
+                schema = self.contents.schemas.get(self.contents.channels[number].schema_id)
+                samples = samples_of(layouts[number], schema, messages, str(self.path))
+                if kinds.setdefault(topic, samples.dtype) != samples.dtype:
+                    raise OtherVersion(f"{topic}: an array changes its size within the file")
+                return samples
+            except RecordingError as error:
+                faults[topic] = error
+                return nothing
+
+        for batch, horizon in self._batches():
+            stretch, parts = Stretch(), dict(batch.by_channel())
+            for number in sorted(parts.keys() | held.keys()):
+                pieces = [held.pop(number)] if number in held else []
+                if number in parts:
+                    pieces.append((parts[number].heads[["sequence", "log"]].astype(_TIMES), content(number, parts[number])))
+                channel = self.contents.channels.get(number)
+                topic = "" if channel is None else channel.topic
+                at, what = (pieces[0] if len(pieces) == 1 else (
+                    np.concatenate([a for a, _ in pieces]),
+                    np.zeros(0, "V0") if topic in faults else np.concatenate([w for _, w in pieces]),
+                ))  # fmt: skip
+                order = np.lexsort((at["sequence"], at["log"]))
+                ready = len(at) if horizon is None else int(np.searchsorted(at["log"][order], np.uint64(horizon)))
+                order, later = order[:ready], order[ready:]
+                faulty = len(what) < len(at)
+                if len(later):
+                    held[number] = (at[later], what[:0] if faulty else what[later])
+                stretch.times[number] = at[order]
+                if number in event_channels:
+                    self._budget.take(Cost.EVENTS, sum(map(len, what[order])))
+                    times.setdefault(number, []).append(at[order])
+                    payloads.setdefault(number, []).extend(what[order])
+                    stretch.events[topic] = list(zip(at["log"][order].tolist(), what[order], strict=True))
+                elif number in layouts and topic not in faults and not faulty:
+                    stretch.samples[topic] = what[order]
+            yield stretch
+        self._loaded, self._times, self._payloads = event_channels, times, payloads
 
     def _need(self, channel: Channel) -> None:
         """Have the messages of a channel read: of it alone when it is the first."""
@@ -261,10 +321,9 @@ class Recording:
             if is_stream(channel.topic) and self._ours(channel) and version_of(channel) == SCHEMA_VERSION:
                 layouts[number], self._samples[number] = self._message(channel), []
         event_channels = {n for n in wanted if channels[n].topic in EVENTS and self._ours(channels[n])}
-        first_pass = not self._loaded
-        for batch in self._batches():
+        for batch, _ in self._batches():
             for number, messages in batch.by_channel():
-                if first_pass:  # the times of all channels, wanted or not
+                if number in wanted:
                     self._times.setdefault(number, []).append(messages.heads[["sequence", "log"]].astype(_TIMES))
                 if number in layouts:
                     parts, rows = self._samples[number], messages.rows()
@@ -319,12 +378,22 @@ class Recording:
         return message_of(channel, self.contents.schemas.get(channel.schema_id), str(self.path))
 
     # -- events
+    def demand_version(self, event: EventType) -> Channel:
+        """The channel of an event; raises `OtherVersion`, or `NotARecording` where several carry it."""
+        channel = self._channel(event.topic)
+        check_version(channel, str(self.path))
+        return channel
+
+    def read_events(self, event: EventType, payloads: Iterable[tuple[int, bytes]]) -> list[Any]:
+        """What messages of an event's topic say. Raises `Damaged`, `BadMessage`, `Oversized`."""
+        kind, topic = event.message_class, event.topic
+        return [events.read_event(topic, log_time, parse(kind, message, topic)) for log_time, message in payloads]
+
     def payloads(self, event: EventType) -> list[tuple[int, bytes]]:
         """(log time ns, bytes of the message) of an event's topic by log time; none when the file has no such topic."""
         if not self.knows(event.topic):
             return []
-        channel = self._channel(event.topic)
-        check_version(channel, str(self.path))
+        channel = self.demand_version(event)
         self._need(channel)
         log_times, payloads = self._times_of(channel.id)["log"].tolist(), self._payloads.get(channel.id, [])
         return [(log_times[i], payloads[i]) for i in self._order(channel, [], payloads.__getitem__)]

@@ -17,7 +17,6 @@ import struct
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import accumulate, groupby
 from operator import itemgetter
 
 import numpy as np
@@ -26,7 +25,7 @@ from mcap.opcode import Opcode
 from ..errors import Damaged, NotARecording, Oversized, RecordingError
 from .budget import ReadingBudget
 from .chunks import HEAD, UNPARSABLE, Chunk, McapRecord, Messages, scan, unpacked
-from .contents import Contents
+from .contents import PASSED, Contents, let_go
 
 MAGIC = b"\x89MCAP0\r\n"
 LAYOUT: dict[int, tuple[int, ...]] = {
@@ -68,7 +67,7 @@ def index(data: memoryview, name: str) -> Contents:
             raise hole.error
     if not contents.finished and contents.chunks:
         # Some of its indexes may be cut off; without any, its records are walked over instead.
-        contents.chunks[-1].indexes.clear()
+        contents.chunks[-1].channels.clear()
     return contents
 
 
@@ -102,11 +101,15 @@ def records(
         contents.end = base + offset
     run: Chunk | None = None
     """Messages outside chunks, while more may follow."""
+    passed = 0
     while offset < len(data) and not contents.finished:
+        if offset - passed > PASSED:
+            passed = offset
+            let_go(data, passed)
         record: McapRecord | None
         hole: Hole | None = None
         try:
-            record = _record_at(data, offset, base)
+            record = record_at(data, offset, base)
             if growing and record.opcode == Opcode.FOOTER and len(data) - record.end < len(MAGIC):
                 break  # the end mark is still on its way
             contents.take(record)
@@ -184,22 +187,27 @@ def _named(error: Exception, place: str, remedy: str) -> RecordingError:
     return Damaged(f"{place} cannot be parsed ({str(error) or 'a field goes beyond its end'}); run `lab {remedy}`")
 
 
-def gathered(data: memoryview, contents: Contents) -> Iterator[Messages]:
-    """All messages of a file in its order, many chunks at a time; raises `Damaged`, `Oversized`.
+def gathered(data: memoryview, contents: Contents) -> Iterator[tuple[Messages, int | None]]:
+    """All messages of a file, many chunks at a time, and the log time (ns) before which chunks that follow state no message, None
+    for the end; raises `Damaged`, `Oversized`.
 
-    Chunks are unpacked by threads, one batch ahead of what is handed out.
+    Chunks come in the order of their first messages. They are unpacked by threads, one batch ahead of what is handed out.
     """
-    budget = ReadingBudget(contents.name, len(data))
-    ends = accumulate(chunk.size for chunk in contents.chunks)
-    groups = groupby(zip(contents.chunks, ends, strict=True), lambda pair: pair[1] // BATCH)
-    batches = [[chunk for chunk, _ in group] for _, group in groups]
+    budget, chunks = ReadingBudget(contents.name, len(data)), contents.chunks
+    firsts, sizes = (np.fromiter((getattr(c, name) for c in chunks), np.uint64, len(chunks)) for name in ("first_time", "size"))
+    order = np.argsort(firsts, kind="stable")
+    edges = np.flatnonzero(np.diff(np.cumsum(sizes[order]) // np.uint64(BATCH))) + 1
     with ThreadPoolExecutor(UNPACKERS, "unpack") as pool:
         pending: list[tuple[list[Chunk], list[Future[bytes]]]] = []
-        for batch in [*batches, []]:
-            pending.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
-            if len(pending) > 1:
-                chunks, raws = pending.pop(0)
-                yield _joined(chunks, [raw.result() for raw in raws], budget)
+        for numbers in [*np.split(order, edges), None] if len(order) else []:
+            if numbers is not None:
+                batch = [chunks[number] for number in numbers.tolist()]
+                pending.append((batch, [pool.submit(unpacked, data, chunk, budget) for chunk in batch]))
+            if len(pending) > 1 or numbers is None:
+                batch, raws = pending.pop(0)
+                messages = _joined(batch, [raw.result() for raw in raws], budget)
+                let_go(data, min(chunk.start for chunk in batch))
+                yield messages, pending[0][0][0].first_time if pending else None
 
 
 def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Messages:
@@ -217,7 +225,7 @@ def _joined(batch: list[Chunk], raws: list[bytes], budget: ReadingBudget) -> Mes
     return joined
 
 
-def _record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> McapRecord:
+def record_at(data: memoryview, at: int, base: int = 0, search: bool = True) -> McapRecord:
     """The record that begins at data[at], byte base + at of the file; raises what `UNPARSABLE` lists when it makes no sense.
 
     Where nothing makes sense behind it, its length is wrong if records are found in it (`search`).
@@ -261,7 +269,7 @@ def _begins(data: memoryview, at: int) -> bool:
     """Whether a chain of known records begins here, or the last ones of the file."""
     try:
         for _ in range(3):
-            record = _record_at(data, at, search=False)
+            record = record_at(data, at, search=False)
             if record.opcode not in LAYOUT:
                 return False
             at = record.end

@@ -23,7 +23,7 @@ from ..messages import is_stream
 from ..own_files import replacing
 from .chunks import McapRecord
 from .contents import Contents, mapped
-from .counts import StreamCounts, counted, timing
+from .counts import Pace, StreamCounts, counted
 from .records import Hole, records
 from .samples import ours
 from .verify import check
@@ -207,5 +207,5 @@ def _counts(topics: dict[str, list[_KeptChannel]], contents: Contents) -> dict[s
             continue
         generated = max(sum(max(entry.generated, len(entry.numbers)) for entry in entries), stated.get("generated", 0))
         times = np.sort(np.concatenate([np.array(entry.log_times, dtype=np.uint64) for entry in entries]))
-        out[topic] = StreamCounts.of(generated, count, stated.get("lost", 0), timing((times - first) / 1e9))
+        out[topic] = StreamCounts.of(generated, count, stated.get("lost", 0), Pace.of(times).timing(first))
     return out

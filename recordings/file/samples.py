@@ -22,6 +22,7 @@ from .. import events
 from ..errors import BadMessage, Damaged, OtherVersion, Oversized
 from ..messages import MAX_NUMBERS, SCHEMA_VERSION, STREAMS, Field, MessageType, message_name, stream_message
 from .budget import OPTION, largest_message
+from .chunks import Messages
 
 OF_ROBOT = ("setpoint", "measured", "markers")
 """Arrays whose size is that of the robot."""
@@ -132,6 +133,16 @@ def decode(message: MessageType, schema: Schema, payloads: Iterable[bytes], coun
                 value = np.array(value).reshape(place.shape)
             out[field.name][row] = value
     return np.zeros(0, message.dtype) if out is None else out
+
+
+def samples_of(layout: MessageType, schema: Schema | None, messages: Messages, file: str) -> NDArray[np.void]:
+    """Messages of a stream as samples; raises `Damaged`, `OtherVersion`, `Oversized`."""
+    rows = messages.rows()
+    if rows is not None and layout.fits(rows):
+        return layout.decode(rows.reshape(-1))
+    if schema is None:
+        raise Damaged(f"{file}: {layout.topic} names a schema that is missing")
+    return decode(layout, schema, messages.payloads(), len(messages))
 
 
 def _table(message: MessageType, first: Any, known: Sequence[Field], count: int) -> NDArray[np.void]:

@@ -24,7 +24,7 @@ from .budget import OPTION, Cost, largest_chunk
 from .chunks import HEAD, Messages
 from .contents import Contents
 from .records import MAGIC, Hole, records
-from .samples import check_version, decode, message_of, ours, parse
+from .samples import check_version, message_of, ours, parse, samples_of
 
 BLOCK = 2**20
 """Bytes that are read at a time; more where one record has more."""
@@ -125,15 +125,10 @@ class Tail:
         return piece
 
     def _samples(self, channel: Channel, messages: Messages) -> NDArray[np.void]:
-        schema, rows = self.contents.schemas.get(channel.schema_id), messages.rows()
+        schema = self.contents.schemas.get(channel.schema_id)
         if channel.id not in self._layouts:
             self._layouts[channel.id] = message_of(channel, schema, str(self.path))
-        layout = self._layouts[channel.id]
-        if rows is not None and layout.fits(rows):
-            return layout.decode(rows.reshape(-1))
-        if schema is None:
-            raise Damaged(f"{self.path}: {channel.topic} names the schema {channel.schema_id}, which is missing")
-        return decode(layout, schema, messages.payloads(), len(messages))
+        return samples_of(self._layouts[channel.id], schema, messages, str(self.path))
 
     def _events(self, topic: str, messages: Messages) -> list[Any]:
         self.contents.budget.take(Cost.EVENTS, int(messages.sizes.sum()))

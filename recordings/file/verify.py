@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
+from array import array
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +19,10 @@ from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
 from .chunks import UNPARSABLE, Chunk, McapRecord, Messages
-from .contents import Contents, attachment_crc, mapped
+from .contents import Contents, attachment_crc, checksum, let_go, mapped
 from .counts import below_zero, counted
 from .reader import Recording
-from .records import MAGIC, Hole, records
+from .records import MAGIC, Hole, record_at, records
 
 INTACT, UNCOVERED, DAMAGED = "intact", "intact as far as checksums reach", "damaged"
 INDEXES: dict[int, tuple[Any, Opcode]] = {
@@ -91,10 +89,12 @@ class _Check:
     """Why a part was not read."""
     messages: Counter[int] = field(default_factory=Counter)
     """Count by channel."""
+    kinds: Counter[int] = field(default_factory=Counter)
+    """Count of the records that the summary may list, by kind."""
     places: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Byte -> kind and length of the records that the summary may list."""
-    chunks: dict[int, Chunk] = field(default_factory=dict)
-    summary: list[McapRecord] = field(default_factory=list)
+    """Byte -> kind and length of those of them that are no chunks."""
+    summary: array[int] = field(default_factory=lambda: array("Q"))
+    """Where its records begin."""
     data_end: int | None = None
     """Where the data section ends."""
     chunk: Chunk | None = None
@@ -143,9 +143,9 @@ class _Check:
         if record.opcode == Opcode.FOOTER:
             self._footer(record)
         elif self.data_end is not None:
-            self.summary.append(record)
+            self.summary.append(record.start)
         elif record.opcode == Opcode.CHUNK:
-            self.chunk = self.chunks[record.start] = self.contents.chunks[-1]
+            self.chunk = self.contents.chunks[-1]
             self.checksums += self.chunk.crc != 0
             self.bare["chunks"] += not self.chunk.crc
         elif record.opcode == Opcode.ATTACHMENT:
@@ -153,7 +153,7 @@ class _Check:
         elif record.opcode == Opcode.DATA_END:
             self.data_end = record.start
             (crc,) = struct.unpack_from("<I", self.data, record.body)
-            computed = zlib.crc32(self.data[: record.start])
+            computed = checksum(self.data, 0, record.start)
             if crc and crc == computed:
                 self.bare.clear()  # it covers all parts up to here
             elif crc and crc == self._without_chunks(record.start):
@@ -162,15 +162,17 @@ class _Check:
             if self.oversized is not None and crc in (0, computed):
                 raise self.oversized  # the size is what was written, and no damage
         if record.opcode in LISTED:
-            self.places[record.start] = (record.opcode, record.size)
+            self.kinds[record.opcode] += 1
+            if record.opcode != Opcode.CHUNK:
+                self.places[record.start] = (record.opcode, record.size)
 
     def _without_chunks(self, end: int) -> int:
         """The checksum of the data section as some writers compute it: without what stands in chunks that have none."""
         crc, at = 0, 0
-        for chunk in self.chunks.values():
-            if not chunk.crc:
-                crc, at = zlib.crc32(self.data[at : chunk.data_start], crc), chunk.data_end
-        return zlib.crc32(self.data[at:end], crc)
+        for chunk in self.contents.chunks:
+            if not (chunk.crc or chunk.bare):
+                crc, at = checksum(self.data, at, chunk.data_start, crc), chunk.data_end
+        return checksum(self.data, at, end, crc)
 
     def _compare(self, at: int, computed: int, stored: int, what: str) -> bool:
         """Whether a checksum is `stored`; notes a problem where it differs from the one `computed`."""
@@ -211,26 +213,31 @@ class _Check:
         if self.data_end is None:
             self.problem(record.start, "no record marks the end of the data")
         start, offsets, crc = _FOOTER.unpack_from(self.data, record.body)
-        starts = {item.start for item in self.summary} | {0, record.start}  # 0: the part is left out
-        if start not in ({self.summary[0].start, 0} if self.summary else {0, record.start}) or offsets not in starts:
+        # 0: the part is left out
+        if start not in ({self.summary[0], 0} if self.summary else {0, record.start}) or not (
+            offsets in (0, record.start) or offsets in self.summary
+        ):
             self.problem(record.start, "the footer points to a summary that does not begin there")
             return
         begin = start or offsets or record.start
-        summary = zlib.crc32(self.data[begin : record.body + 16])
+        summary = checksum(self.data, begin, record.body + 16)
         self.bare["summary"] += not self._compare(record.start, summary, crc, "summary") and bool(self.summary)
         listed: Counter[int] = Counter()
-        for item in self.summary:
+        for number, place in enumerate(self.summary):
+            if number % 1000 == 0:
+                let_go(self.data, place)  # the records that it points to were read
             try:
+                item = record_at(self.data, place)
                 self._listed(item)
                 if item.opcode in INDEXES:
                     listed[item.opcode] += 1
             except UNPARSABLE as error:
-                self.problem(item.start, f"the record of kind {item.opcode} cannot be parsed: {error}")
+                self.problem(place, f"the record of kind {self.data[place]} cannot be parsed: {error}")
         for opcode, count in listed.items():
-            counted = sum(kind == INDEXES[opcode][1] for kind, _ in self.places.values())
+            counted = self.kinds[INDEXES[opcode][1]]
             if count != counted:
                 kind = Opcode(opcode).name.lower().replace("_", " ")
-                self.problem(self.summary[0].start, f"the summary lists {count} of {counted} ({kind})")
+                self.problem(self.summary[0], f"the summary lists {count} of {counted} ({kind})")
 
     def _listed(self, record: McapRecord) -> None:
         """Compare a record of the summary with what it counts or points to."""
@@ -239,30 +246,39 @@ class _Check:
             counts = {channel: n for channel, n in stated.channel_message_counts.items() if n}
             if stated.message_count != total or (counts and counts != self.messages):
                 self.problem(record.start, f"the summary counts {stated.message_count} messages, there are {total}")
-            if stated.chunk_count != len(self.chunks):
-                self.problem(record.start, f"the summary counts {stated.chunk_count} chunks, there are {len(self.chunks)}")
+            if stated.chunk_count != (chunks := self.kinds[Opcode.CHUNK]):
+                self.problem(record.start, f"the summary counts {stated.chunk_count} chunks, there are {chunks}")
         elif record.opcode in INDEXES:
             kind, target = INDEXES[record.opcode]
             index = record.read(kind)
             of_chunk = target == Opcode.CHUNK
             place, length = (index.chunk_start_offset, index.chunk_length) if of_chunk else (index.offset, index.length)
-            if self.places.get(place) != (target, length):
+            chunk = self.contents.chunks.at(place) if of_chunk else None
+            known = (target, length) == (self.places.get(place) if chunk is None else (Opcode.CHUNK, chunk.end - chunk.start))
+            if not known or (of_chunk and (chunk is None or chunk.bare)):
                 what = f"no {target.name.lower()} of {length} bytes is"
                 self.problem(record.start, f"the summary points to byte {place}, where {what}")
-            elif of_chunk:
-                chunk, what = self.chunks[place], f"for the chunk at byte {place}"
+            elif chunk is not None:
+                what = f"for the chunk at byte {place}"
                 times = (index.message_start_time, index.message_end_time)
                 sizes = (index.uncompressed_size, index.compressed_size)
                 of_file = (chunk.first_time, chunk.last_time, chunk.size, chunk.data_end - chunk.data_start)
                 if (*times, *sizes) != of_file:
                     self.problem(record.start, f"the summary has other times or sizes {what}")
-                places = {channel: begin - _INDEX_HEAD for channel, begin, _ in chunk.indexes}
-                if index.message_index_offsets.items() - places.items():
+                if index.message_index_offsets.items() - self._indexes_behind(chunk).items():
                     self.problem(record.start, f"the summary has other message indexes {what}")
+
+    def _indexes_behind(self, chunk: Chunk) -> dict[int, int]:
+        """Where the message indexes of a chunk begin, by channel."""
+        places, item = {}, record_at(self.data, chunk.end)
+        while item.opcode == Opcode.MESSAGE_INDEX:
+            places[int.from_bytes(self.data[item.body : item.body + 2], "little")] = item.start
+            item = record_at(self.data, item.end)
+        return places
 
     def uncovered(self) -> tuple[str, ...]:
         """Parts that no checksum covers."""
-        kinds, bare = Counter(kind for kind, _ in self.places.values()), self.bare
+        kinds, bare = self.kinds, self.bare
         texts = {
             "outside": "header, definitions, metadata and indexes outside chunks",
             "chunks": f"{bare['chunks']} of {kinds[Opcode.CHUNK]} chunks",
@@ -279,7 +295,7 @@ def check(path: Path) -> Verification:
     walk = _Check(data, Contents(str(path), len(data)))
     walk.walk()
     return Verification(
-        str(path), len(data), walk.contents.finished, len(walk.chunks), walk.messages.total(),
+        str(path), len(data), walk.contents.finished, walk.kinds[Opcode.CHUNK], walk.messages.total(),
         walk.checksums, walk.uncovered(), tuple(walk.problems),
     )  # fmt: skip
 
@@ -298,23 +314,24 @@ def verify(path: str | os.PathLike[str]) -> Verification:
 
 def _content_problems(path: Path) -> list[str]:
     """What is wrong with the messages and counts of a file whose records are all right."""
+    counts, faults = Counter[str](), dict[str, RecordingError]()
     try:
         recording = Recording.open(path)
-        recording.load()
+        for stretch in recording.sweep(faults):
+            for number, times in stretch.times.items():
+                if number in recording.contents.channels:
+                    counts[recording.contents.channels[number].topic] += len(times)
     except RecordingError as error:
         return [str(error)]
-    problems, counts = below_zero(recording.metadata), counted(recording.metadata)
+    problems, stated = below_zero(recording.metadata), counted(recording.metadata)
     for topic in recording.topics:
-        written, count = counts.get(topic, {}).get("written"), len(recording.log_times(topic))
-        if written is not None and written != count:
-            problems.append(f"{topic}: {written} messages were written, the file holds {count}")
-    decodings: list[Callable[[], object]] = [partial(recording.stream, topic) for topic in recording.streams]
-    decodings += [partial(getattr, recording, name) for name in ("states", "trials", "log", "zeros", "marks")]
-    for decode in decodings:
+        written = stated.get(topic, {}).get("written")
+        if written is not None and written != counts[topic]:
+            problems.append(f"{topic}: {written} messages were written, the file holds {counts[topic]}")
+    for name in ("states", "trials", "log", "zeros", "marks"):
         try:
-            decode()
-        except (NotARecording, OtherVersion):
-            pass  # sound, but nothing that this software computes with
+            getattr(recording, name)
         except RecordingError as error:
-            problems.append(str(error))
-    return problems
+            faults[name] = error
+    # of another version, or merged: sound, but nothing that this software computes with
+    return problems + [str(error) for error in faults.values() if not isinstance(error, (NotARecording, OtherVersion))]

@@ -82,6 +82,13 @@ class Crossing:
 
 
 Rule = Settled | Window | Crossing
+
+
+def longest(rule: Rule) -> float:
+    """Seconds after a state's `t_start` beyond which its rule looks at no sample."""
+    return rule.average + (rule.delay if isinstance(rule, Window) else rule.timeout)
+
+
 _RULES: dict[str, type[Rule]] = {"settled": Settled, "window": Window, "crossing": Crossing}
 
 

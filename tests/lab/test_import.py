@@ -19,11 +19,12 @@ from mcap_ros2.writer import Writer as Ros2Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
 
-from lab.files.config import ConfigError
+from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
 from lab.imports.map_file import Plateaus, Source
 from lab.imports.trials import plateaus
+from model.robot import Robot
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
@@ -441,3 +442,20 @@ def test_the_line_that_comes_next_can_be_typed_whatever_the_file_is_called(tmp_p
     assert shlex.split(last) == ["lab", "import", str(file), "--map", str(out / "map.yaml"), "--out", "CASE"]
     last = cli("import", file, "--map", out / "map.yaml", "--out", folder / "case").out.splitlines()[-1]
     assert shlex.split(last.partition("then: ")[2]) == ["lab", "diagnose", str(folder / "case")]
+
+
+def test_the_picture_of_many_states_holds_no_more_artists_than_that_of_few(
+    tmp_path: Path, drawn: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lab.pages import import_figure
+
+    counts: list[int] = []
+    monkeypatch.setattr(import_figure, "save", lambda figure, path: counts.append(len(figure.findobj(lambda a: a.get_visible()))))
+    for repeats in (4, 40):
+        file = tmp_path / "sweeps.csv"
+        rows = [(trial, t, *(p / 1e3 for p in pressure), *(1e3 * tip)) for trial, t, pressure, tip, _ in sweep(repeats)]
+        units = {"t": "s", "p1": "kPa", "p2": "kPa", "p3": "kPa", "x": "mm", "y": "mm", "z": "mm"}
+        names = {"trial": "trial", **{name: f"{name} [{unit}]" for name, unit in units.items()}}
+        np.savetxt(file, rows, delimiter=",", comments="", header=",".join(names.values()))
+        import_figure.draw(by_map(file, columns=plain(**names)), load(ROBOT, Robot), tmp_path / "states.png")
+    assert counts[1] < 1.3 * counts[0]  # ticks differ by a few

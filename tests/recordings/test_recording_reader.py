@@ -1,6 +1,7 @@
 """Reading: the fast way equals the library's way, also for files of other writers, and every kind of bad file is told apart."""
 
 import os
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
 from mcap_protobuf.decoder import DecoderFactory
-from synthetic_run import STREAMS, Run, recorded, rewritten
+from synthetic_run import STREAMS, Run, recorded, rewritten, state
 
 from recordings.campaign.info import info
+from recordings.campaign.replay import replay_states
 from recordings.errors import MissingStream, NotARecording, OtherVersion
 from recordings.file import samples
 from recordings.file.reader import Recording
@@ -20,6 +22,7 @@ from recordings.file.recover import recover
 from recordings.file.tail import Tail
 from recordings.file.verify import verify
 from recordings.file.writer import Recorder
+from recordings.states.rules import Window
 
 
 @pytest.fixture(scope="module")
@@ -133,3 +136,26 @@ def test_gaps_in_a_stream_are_counted(tmp_path: Path) -> None:
                 recorder.push("/vacuum", k * 0.01, absolute=1.0)
     timing = info(tmp_path / "a.mcap").streams["/vacuum"].timing
     assert (timing.gaps, timing.missing) == (2, 5) and timing.longest == pytest.approx(0.04)
+
+
+def test_what_info_verify_and_replay_hold_does_not_grow_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("file.records.BATCH", 2**16), ("campaign.replay.KEEP", 1.0), ("campaign.replay.SLOW_OLDEST", 1.0),
+                        ("file.counts.Pace.DISTINCT", 2**8), ("file.clocks.ClockFit.MOST", 2**8)):  # fmt: skip
+        monkeypatch.setattr(f"recordings.{name}", value)
+    peaks: dict[str, list[int]] = {}
+    for duration in (8.0, 32.0):
+        path = tmp_path / f"{duration:g}.mcap"
+        with Recorder(path, start_wall_ns=10**18, markers=2) as recorder:
+            for k, (topic, t, values) in enumerate(Run(duration=duration).messages()):
+                recorder.push(topic, t, values)
+                if k % 1000 == 0:
+                    recorder.state(t, state(rule=Window(0.1, 0.2), t_start=t, step=1 + k // 1000))
+                if k % 40 == 0:
+                    recorder.sync()  # a chunk each
+        for name, read in (("info", info), ("verify", verify), ("replay", lambda p: replay_states(Recording.open(p)))):
+            read(path)
+            tracemalloc.start()
+            read(path)
+            peaks.setdefault(name, []).append(tracemalloc.get_traced_memory()[1])
+            tracemalloc.stop()
+    assert all(long < 1.5 * short for short, long in peaks.values()), peaks
