@@ -284,7 +284,7 @@ def _branches(series: Series, name: str) -> dict[str, str] | None:
 
 
 def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) -> None:
-    """Propose plateaus as states where pressures (columns) mostly stand still from row to row; else each row is one."""
+    """Propose plateaus as states if the pressures (columns) are mostly constant from row to row; else each row is a state."""
     if not pressures:
         return
     values = proposed_pressures(g, series, robot)
@@ -296,11 +296,11 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     # with five rows of the same pressure on average, a file is a time series
     if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         steady = float(f"{STEADY * span / 1e3:.2g}")
-        why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
+        why = f"{len(series)} rows with mostly constant pressures: treated as a time series"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
         if not has_times:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
-            g.doubt("source.rate", "how many rows a second? 100 is a guess")
+            g.doubt("source.rate", "100 rows per second is a guess; state the true rate")
 
 
 # ------------------------------------------------------------------ trials

@@ -119,7 +119,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         if not unit_in(series, t.columns[0], KINDS["m"]):
             g.say(f"points.m{k}.unit", unit, "as the tip")
     if len(markers) > 1:
-        g.doubt("points.m1", f"{len(markers)} places for the markers of robot.yaml: check which is which")
+        g.doubt("points.m1", f"{len(markers)} markers found, m1, m2 .. assigned by how far they move; check the order")
     elif other_places and not markers:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in other_places)}; markers along the body go under points.m1 .."
@@ -235,9 +235,8 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         other_axes = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != axes.z]
         g.doubt(
             "frame.z",
-            f"where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
-            f"file's {axes.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
-            f"up to {max(other_axes):.2f})",
+            "the resting tip does not determine which axis points from base to tip. The file's "
+            f"{axes.z} fits best: bending directions agree to {agreement[best]:.2f} (next best axis {max(other_axes):.2f})",
         )
     if (axes.x, axes.y, axes.z) != ("x", "y", "z"):
         shown_by = "the resting body begins along" if shows_z else "the tip bends across"
@@ -245,14 +244,14 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         g.say("frame", {"x": axes.x, "y": axes.y, "z": axes.z}, why)
     if elsewhere:
         text = (
-            f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis, where the model of "
-            f"robot.yaml stands {chord * 1e3:.1f} mm from it and {sag * 1e3:.1f} mm off the axis"
+            f"at rest the recorded tip is {away * 1e3:.0f} mm from the origin and {aside * 1e3:.0f} mm off the axis; the model "
+            f"expects {chord * 1e3:.0f} mm and {sag * 1e3:.0f} mm. The origin is probably not at the base"
         )
         g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
         g.doubt(
             "straight",
-            f"{text}; `at rest` moves the readings there and hides any error at rest; to keep it, measure where the "
-            "base is among the cameras' axes and write that as `zero` of columns x, y, z",
+            f"{text}. `at rest` moves all points to the model's rest position, which hides any error at rest. To see that "
+            "error, measure the base position in camera coordinates and enter it as `zero` of columns x, y, z",
         )
 
 

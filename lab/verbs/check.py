@@ -440,7 +440,7 @@ VERBS = (
             JSON,
             rig(),
             option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-            option("--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"),
+            option("--yes", action="store_true", help="with --move: skip the confirmation; only if nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
         ),
         examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),

@@ -271,7 +271,7 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
 def _proposals(d: Diagnosis) -> Sheet:
     by_rig = d.words.by_rig
     columns = ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes")
-    t = Sheet(*columns, title="What to do next, most information for its time first", title_justify="left")
+    t = Sheet(*columns, title="Suggested experiments, most informative per minute first", title_justify="left")
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
@@ -313,8 +313,7 @@ VERBS = (
                 "--protocols",
                 type=Path,
                 metavar="FOLDER",
-                help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
-                "diagnosis is repeated for them",
+                help="write the proposed experiments as protocol files; to get them later you must run the whole diagnosis again",
             ),
             REPLACE,
             option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),

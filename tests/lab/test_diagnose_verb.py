@@ -153,8 +153,8 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     page, answer = tmp_path / "d.html", tmp_path / "d.json"
     printed = cli("diagnose", case, "--json", answer, "--report", page).out
     said = (
-        "guesses of the map that nobody has confirmed: 2 (which chamber does 'Valve B' feed?; frame: taken as z, or -z); check "
-        f"each in {case / 'map.yaml'}, correct it, remove it from `unconfirmed`, and import again"
+        "2 guesses of the map are unconfirmed (which chamber does 'Valve B' feed?; frame: taken as z, or -z): check and correct "
+        f"each in {case / 'map.yaml'}, remove it from `unconfirmed`, and import again"
     )
     assert "".join(printed.split()).startswith("".join(f"settle first: {said}".split()))
     first = json.loads(answer.read_text())["findings"][0]

@@ -414,7 +414,7 @@ def test_which_way_cameras_look_follows_from_how_chambers_bend(tmp_path: Path, c
     file.write_text("\n".join(lines))
     said = cli("import", file, "--guess", "--robot", ROBOT, "--out", out).flat_err
     assert yaml.safe_load((out / "map.yaml").read_text())["frame"] == {"x": "x", "y": "-z", "z": "y"}
-    assert "does not tell which axis of the file is the base's z, from base to tip; taken as the file's y" in said
+    assert "does not determine which axis points from base to tip. The file's y fits best" in said
 
 
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:

@@ -209,7 +209,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     ("tip", "marker", "said"),
     [
         (TIP, MIDDLE, ""),
-        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip stands along other axes"),
+        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip uses other axes"),
         (MIDDLE, TIP, "the tip and marker 1 are exchanged"),
     ],
 )

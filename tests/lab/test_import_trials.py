@@ -321,8 +321,8 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (exchange("p2", "p3"), "chambers 2 and 3 are exchanged"),
-        (exchange("x", "y"), "in the base's order its columns are x: y, y: x, z: z"),
+        (exchange("p2", "p3"), "chambers 2 and 3 are swapped"),
+        (exchange("x", "y"), "along the base's axes its columns are x: y, y: x, z: z"),
         (column("y", scale=-1), "the turn of the tip does not fit its place (agreement of directions"),
         (also(frame={"x": "y", "y": "-x", "z": "z"}), "azimuth of the first chamber -90"),
         (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "correct frame in map.yaml"),
