@@ -119,7 +119,7 @@ def last(rig_path: Path, rig: RigFile) -> Checked | str:
             return f"instruments or stand of {rig_path} were changed after the check of {data['when']}"
         return Checked(str(data["when"]), tuple(Moved(**m) for m in data["seen"]))
     except FileNotFoundError:
-        return f"{rig_path} has not passed `lab check --move`. Fakes do not need it"
+        return f"{rig_path} has not passed `lab check --move`"
     except (OSError, ValueError, KeyError, TypeError):
         return f"{place(rig_path)} cannot be read"
 

@@ -21,9 +21,12 @@ from recordings.table_file import read_csv
 from recordings.trials import Table
 
 from ..console import note
+from ..plain import typed
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
 from .robot_numbers import doubts
 
+CASE = ("robot.yaml", "trials.csv")
+"""Files of a case folder."""
 TABLES = (
     ".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".mat", ".npz", ".npy", ".c3d", ".parquet",
 )  # fmt: skip
@@ -103,11 +106,14 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
 
 
 def _demand_case(path: Path) -> None:
-    """Raise a ConfigError that says what to do for a folder that is no case and for a table that is no recording."""
+    """Raise a ConfigError that says what to give instead of a file or folder that is neither a recording nor a case."""
+    if path.name in CASE and all((path.parent / name).is_file() for name in CASE):
+        raise ConfigError(f"{path}: is part of a case; give its folder: {path.parent}")
+    if path.is_file() and path.suffix.lower() in (".yaml", ".yml"):
+        raise ConfigError(f"{path}: is not a recording or a case folder; a robot.yaml goes with --robot")
     if path.is_file() and path.suffix.lower() in TABLES:
-        raise ConfigError(
-            f"{path}: is a table, not a recording; make a case of it: lab import {path} --guess, see lab import --help"
-        )
+        remedy = typed("lab", "import", path, "--guess", "--robot", "ROBOT.yaml", "--out", "map")
+        raise ConfigError(f"{path}: is a table, not a recording; make a case of it, beginning with: {remedy}")
     if path.is_dir() and not (path / "trials.csv").exists():
         if any(path.glob("*.mcap")):
             raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")

@@ -33,6 +33,8 @@ class Broken:
     """What was said of its first run."""
     protocol: str
     """protocol.yaml of the campaign, in full."""
+    own_file: bool
+    """Whether its protocol is a Python file of the lab's own, which is attached but never run from there."""
     robot: bytes
 
 
@@ -58,7 +60,7 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, table.take(table.trial <= finished),
-        labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
+        labels_of(first), attached(first, "protocol.yaml"), "protocol.py" in first.attachments, first.attachments["robot.yaml"],
     )  # fmt: skip
 
 

@@ -97,9 +97,14 @@ def _missing(g: Guess, series: Series) -> None:
 
 # ------------------------------------------------------------------ pressures
 def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
-    """Column of numbers -> chamber or tendon that its heading names."""
+    """Column of numbers -> chamber or tendon that its heading names; else one column in N for each tendon, in their order."""
     number = chamber if robot.tendons is None else tendon
-    return {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+    named = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+    if named or robot.tendons is None:
+        return named
+    forces = {name for t in triples(headings) for name in t.columns}
+    tensions = [h.name for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
+    return {name: k for k, name in enumerate(tensions, 1)} if len(tensions) == len(robot.tendons.azimuths_deg) > 1 else {}
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
@@ -132,6 +137,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give "
             f"both, or {JOIN}; else write map.yaml by hand (docs: data from elsewhere)"
         )
+    if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
+        g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, the only columns in N; check the order")
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
@@ -254,7 +261,9 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.say("constants.spine_length", "0 mm", "no column names the spine")
         g.doubt("constants.spine_length", "no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
-        g.doubts.append(f"not used: {', '.join(ignored[:20])}")
+        force = any(heading(name).kind == "N" for name in ignored)
+        hint = "; name a force under force_x, force_y, force_z, or as a sensor of your own (sensor_NAME)" if force else ""
+        g.doubts.append(f"not used: {', '.join(ignored[:20])}{hint}")
 
 
 def _frames(series: Series, headings: Sequence[Heading]) -> str | None:

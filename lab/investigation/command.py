@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -55,6 +54,7 @@ from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis
 from ..pages.figures import GREY, STYLE, colours, save
 from ..pages.report import PageSection, Report
+from ..plain import typed
 from ..processes import for_case
 from ..rig.assembly import Rig
 from ..rig.operator import RememberingOperator
@@ -365,7 +365,7 @@ def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
     words += [] if w.hands else ["--no-hands"]
     for name, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
         words += [word for one in several for word in (name, one)]
-    return shlex.join(words)
+    return typed(*words)
 
 
 def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:

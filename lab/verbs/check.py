@@ -37,6 +37,7 @@ from ..files.units import shown
 from ..guard.latch import Latch
 from ..guard.messages import RigLanded
 from ..options import JSON, Result, Verb, option, rig
+from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
@@ -104,7 +105,7 @@ def _valve(bench: Bench) -> str:
     if gauge is None:
         valve.set(True)
         valve.set(False)
-        return "switched on and off, according to its own read-back; without a gauge the vacuum in the spine is unknown"
+        return "switched on and off by its own read-back; without a gauge the vacuum in the spine is unknown"
     ambient = release(bench, Jam())  # Pa absolute in the spine without vacuum
     valve.set(True)
 
@@ -199,7 +200,7 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
     if displacement is None or rest is None:
         observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
     elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
-        observed += "; the tip should not move sideways, so range and hoses are not checked"
+        observed += "; the tip should not move sideways here, so range and hoses are not checked"
     else:
         moved = _tip(bench) - rest
         _compare(moved, displacement * STEP, STEP, LEAST_RATIO)
@@ -308,7 +309,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
         for r in (r for r in rows if not r["ok"] and "samples" in r):
             err.print(f"silent: {r['instrument']}: {r['problem']}")
         if locked := Latch(rig_path).read():
-            err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
+            err.print(f"locked: {locked}. To unlock the rig: {typed('lab', 'safe', '--clear', '--rig', rig_path)}")
 
     data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)

@@ -97,7 +97,9 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     withheld = next(e for e in list_effects() if e.id == name)
     amount, unit = for_people(size, withheld.unit)
     out.print(styled(f"Withheld: {name}", "bold"), f"= {amount:.4g} {unit}".rstrip(), f"({withheld.physics})")
-    out.print(styled("Found:", "bold"), f"{answer.headline} The fakes' law is not the catalogue's, so the sizes need not agree.")
+    out.print(
+        styled("Found:", "bold"), f"{answer.headline} The fakes use a different law than the catalogue, so the sizes may differ."
+    )
     out.print("The fakes have ended; to run a proposal, start others: lab fakes --speed 20 --rig rig/rig.yaml", soft_wrap=True)
     out.print(f"Open {folder / 'report.html'}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - began:.0f} s.")
@@ -108,7 +110,7 @@ def _clear(folder: Path) -> None:
     """Make an empty folder in the place of an earlier demo's; raises ConfigError for one that holds anything else."""
     if folder.is_dir() and any(folder.iterdir()):
         if not (folder / SEALED).is_file():
-            raise ConfigError(f"{folder}: is not empty, and no demo made it; delete it, or give another folder with --out")
+            raise ConfigError(f"{folder}: is not empty and holds no demo; delete it, or give another folder with --out")
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -123,11 +125,11 @@ VERBS = (
                 type=Path,
                 default=Path("demo"),
                 metavar="FOLDER",
-                help="for recordings and report; an earlier demo's is replaced",
+                help="for recordings and report; an earlier demo in it is replaced",
             ),  # fmt: skip
             option("--seed", type=int, help="choose withheld effect and noise"),
-            option("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)"),
-            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a drawn one"),
+            option("--speed", type=float, default=20.0, help="clock speed of the rig, times real time (default 20)"),
+            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a random one"),
         ),
         examples=("lab demo", "lab demo --out demo --seed 3"),
         page="docs/tutorials/first-day.md",

@@ -144,9 +144,9 @@ def _of_robot(case: Case) -> Case:
     """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
     table = case.table.take(~case.table.pushed)
     if not len(table):
-        raise ConfigError("all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out")
+        raise ConfigError("all rows are stiffness trials, which only the rod can predict: leave --baseline and --simulator out")
     if len(table) < len(case.table):
-        note([f"{len(case.table) - len(table)} rows of stiffness trials are left out: their baseline is the rod"])
+        note([f"{len(case.table) - len(table)} rows of stiffness trials are left out: only the rod can predict them"])
     return replace(case, table=table)
 
 
@@ -156,7 +156,7 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
     if not given:
         return None
     if len(given) > 1:
-        raise ConfigError("--baseline and --simulator: give one of them; both are predictions in the rod's place")
+        raise ConfigError("--baseline and --simulator: give only one; each replaces the rod's predictions")
     for name in ("reference", "holdout"):
         if getattr(comparisons, name) is not None:
             raise ConfigError(f"--{given[0]}: predicts the states of one campaign; leave --{name} out")
@@ -241,7 +241,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
         out.print(
-            f"The states of the first are in {where}; lab import reads what you measure, and lab diagnose both cases as one",
+            f"The states of the first are in {where}. Measure them, import the table, and diagnose both cases together",
             soft_wrap=True,
         )
         return
@@ -287,12 +287,12 @@ def _diagnose_verb(a: argparse.Namespace) -> Result:
     robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
     if robot is not None and "links" in (described := read_yaml(robot)).table:
         if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
-            raise ConfigError(f"--{foreign[0]}: is of soft robots, and {robot} describes an arm: leave it out")
+            raise ConfigError(f"--{foreign[0]}: is for soft robots, but {robot} describes an arm: leave it out")
         from .diagnose_arm import diagnose_arm  # with pandas
 
         return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
     if a.candidates is not None:
-        raise ConfigError(f"--candidates {a.candidates}: are poses of an arm; give its description with --robot")
+        raise ConfigError(f"--candidates {a.candidates}: is for arms; give the arm's description with --robot")
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
 
@@ -318,9 +318,9 @@ VERBS = (
             REPLACE,
             option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),
             option("--holdout", type=Path, metavar="CASE", help="a campaign (case folder or .mcap) to test the answer on"),
-            option("--candidates", type=Path, metavar="POSES.csv", help="of an arm: poses among which the next are proposed"),
+            option("--candidates", type=Path, metavar="POSES.csv", help="for an arm: poses from which the next ones are chosen"),
             option("--baseline", type=Path, metavar="PREDICTED.csv", help="predictions of another simulator: diagnose its gap"),
-            option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
+            option("--simulator", metavar="NAME|FILE.py", help="the same, but call the simulator itself"),
             WORKERS,
             SCHEDULER,
             OWN_EFFECTS,

@@ -126,8 +126,7 @@ def _asked(option: str, role: str, driver: str) -> str:
         return driver
     if driver not in drivers():
         raise ConfigError(
-            f"{option}: there is a fake {driver}, but no driver of this name; register it in the entry-point group "
-            "softlab.drivers"
+            f"{option}: a fake {driver} exists, but no driver of this name; register it in the entry-point group softlab.drivers"
         )
     if drivers()[driver].role != role:
         raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
@@ -189,7 +188,7 @@ def played(robot: Robot) -> RobotTruth:
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:
         what = ", ".join(unlike) or "chambers.ends"
-        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes know no {what}")
+        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {what}")
     values: dict[str, Any] = {
         "length": robot.length,
         "outer_radius": robot.outer_radius,
@@ -211,7 +210,8 @@ def played(robot: Robot) -> RobotTruth:
     try:
         return RobotTruth(**values)
     except ValidationError as e:
-        raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
+        error = e.errors()[0]
+        raise ConfigError(f"{robot.name}: cannot be simulated: {'.'.join(map(str, error['loc']))}: {error['msg']}") from e
 
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
@@ -277,7 +277,7 @@ VERBS = (
         "fakes",
         serve,
         options=(
-            option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
+            option("--speed", type=float, default=1.0, help="clock speed, times real time (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
             option(
                 "--arm-errors", type=float, default=1.0, help="errors of the arm's build, as multiples of a UR5's (default 1)"
@@ -302,7 +302,7 @@ VERBS = (
                 help="robot.yaml of the robot to simulate (default: the paper's robot)",
             ),
             option("--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"),
-            option("--list-effects", action="store_true", help="list what can be switched on"),
+            option("--list-effects", action="store_true", help="list the effects of --effect"),
         ),
         examples=("lab fakes --rig rig/rig.yaml --speed 20", "lab fakes --list-effects"),
         page="docs/howto/fakes.md",

@@ -76,7 +76,7 @@ def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Pa
     bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
     _beyond(robot, bending)
     unsolved = int((~prediction.converged).sum())
-    missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium: no tip is given" if unsolved else ""
+    missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium and therefore no tip" if unsolved else ""
 
     def draw(path: Path) -> None:
         from ..pages.figures import tips
@@ -155,8 +155,8 @@ def invert(
     if missed.size:
         nearest = ", ".join(f"{i + 1} ({MM * reached.miss[i]:.1f} mm)" for i in missed[:10].tolist())
         missing = (
-            f"{missed.size} of {len(place)} targets cannot be reached within the limits; distance of the nearest point that "
-            f"can: {nearest}{' ..' if missed.size > 10 else ''}"
+            f"{missed.size} of {len(place)} targets are out of reach within the limits; distance of the nearest reachable point: "
+            f"{nearest}{' ..' if missed.size > 10 else ''}"
         )
 
     def draw(path: Path) -> None:
@@ -177,7 +177,7 @@ def table_states(path: Path, words: Words) -> Columns:
     for name in [name for name in columns if "[" in name]:
         bare = name.partition("[")[0].strip()
         if bare in columns:
-            raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.actuator}: leave one out")
+            raise ConfigError(f"{path}: the columns {bare} and {name} name the same {words.actuator}: leave one out")
         columns[bare] = np.asarray(columns.pop(name), float) * words.pascal
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
@@ -277,7 +277,7 @@ def _beyond(robot: Robot, states: Columns) -> None:
     if robot.max_pressure is not None and highest > robot.max_pressure:
         words = robot.actuators.words
         unit, most = words.unit, robot.max_pressure / words.pascal
-        note([f"up to {highest / words.pascal:g} {unit} are asked for, robot.yaml allows {most:g} {unit}"])
+        note([f"up to {highest / words.pascal:g} {unit} requested, but robot.yaml allows {most:g} {unit}"])
 
 
 def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
@@ -287,7 +287,7 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
     none = ~np.isfinite(place).any(axis=1)
     if none.any():
-        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
+        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} has no coordinate; give x, y or z in m")
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
@@ -353,7 +353,7 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
     try:
         return tuple(tuple(whole_number(c) for c in group.split(",")) for group in text.split())
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
+        raise argparse.ArgumentTypeError(f"{text!r}: separate chambers by commas and groups by spaces") from None
 
 
 def _predict_verb(a: argparse.Namespace) -> Result:
@@ -367,15 +367,18 @@ def _predict_verb(a: argparse.Namespace) -> Result:
 
 GIVEN = OneOf(
     (
-        option("--protocol", help="the states of a protocol: its name, or a protocol file (.yaml, .py)"),
+        option("--protocol", help="predict the states of a protocol: its name or its file (.yaml, .py)"),
         option(
             "--table",
             type=Path,
             metavar="STATES.csv",
-            help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+            help="predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
         ),
         option(
-            "--inverse", type=Path, metavar="TARGETS.csv", help="pressures for wanted tips: x, y, z in m; an empty cell is free"
+            "--inverse",
+            type=Path,
+            metavar="TARGETS.csv",
+            help="find pressures for these tips: x, y, z in m; an empty cell is free",
         ),
     ),
     required=True,
@@ -399,8 +402,8 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
-            option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
+            option("--out", type=Path, metavar="FILE.csv", help="write all rows to this file"),
+            option("--figure", type=Path, metavar="FILE.svg", help="draw them in this file (.svg, .png or .pdf)"),
             OWN_EFFECTS,
         ),
         examples=(

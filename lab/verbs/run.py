@@ -7,12 +7,12 @@ import contextlib
 import copy
 import json
 import re
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -52,6 +52,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
+from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
@@ -63,7 +64,6 @@ Columns = dict[str, NDArray[np.generic]]
 
 LONGEST_PLAN = 30 * 86400.0
 """s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""
-UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def protocol_plan(
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
         raise ConfigError(
             f"{source.name}: {experiment.name} would take {plan.seconds / 86400:.3g} days of rig time, at most "
-            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for",
+            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten its waits",
             placed=True,
         )
     return experiment, parameters, plan
@@ -264,20 +264,21 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
 
 def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
     """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
-    times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
-    out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
+    out.print(f"{p.protocol}: {counted(len(p.steps), 'step')}, about {clock(p.seconds)} of rig time", soft_wrap=True)
     if speed != 1:
         out.print(
-            f"Yours is the rig's time divided by {speed:g}, the speed of its clock; a computer that cannot keep up with this "
-            "clock takes longer, which counts in both.",
+            f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer.",
             soft_wrap=True,
         )
     for m in asked:
         out.print(f"  {m}", soft_wrap=True)
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
-    for i, step in enumerate(steps, 1):
-        label = REPEAT.sub("", step.label) if repeats > 1 else step.label
-        out.print(f"{i:4d}  {clock(step.seconds):>8}  {label}", soft_wrap=True)
+    rows = [(clock(step.seconds), REPEAT.sub("", step.label) if repeats > 1 else step.label) for step in steps]
+    number = 1
+    for (duration, label), alike in groupby(rows):
+        times = len(list(alike))
+        out.print(f"{number:4d}  {duration:>8}  {label}{f' ({times} times)' if times > 1 else ''}", soft_wrap=True)
+        number += times
     if repeats > 1:
         out.print(f"x {repeats} repeats (--all lists every step)")
     if done is not None:
@@ -293,7 +294,7 @@ def _rehearsed(j: Job) -> dict[str, Any]:
     if any(step.reads for step in j.plan.steps):
         differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), rows))
     elif rows:
-        differs.append("the plan's steps do not say which states they read: give each Step its reads")
+        differs.append("the plan's steps do not state what they read: give each Step its `reads`")
     planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
     if highest > planned * SLACK:
         differs.append(
@@ -379,7 +380,7 @@ def run(
     if broken is not None and protocol is not None and protocol.endswith(".py"):
         of_file = protocol_from_file(Path(protocol))
     if broken is not None and ((protocol is not None and of_file is None) or settings or folder is not None):
-        raise ConfigError("--resume continues with the protocol, settings and folder of the run: do not give them again")
+        raise ConfigError("--resume uses the protocol, settings and folder of the run: do not give them again")
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, of_file)
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
@@ -387,7 +388,7 @@ def run(
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
         if isinstance(why_unchecked := last(rig_path, j.rig), str):
-            out.print(f"{UNCHECKED}: {why_unchecked}; lab check --move --rig {rig_path}", soft_wrap=True)
+            out.print(unverified(rig_path, why_unchecked), soft_wrap=True)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -422,7 +423,8 @@ def _poses_of_arm(result: Outcome) -> dict[str, Any]:
 def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
     if poses:
-        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml", soft_wrap=True)
+        then = typed("lab", "diagnose", poses["poses"], "--robot", "arm.yaml")
+        out.print(f"poses: {poses['poses']}; go on with: {then}", soft_wrap=True)
         place, error = ", ".join(f"{x:.4f}" for x in poses["tool"]), poses["position_sd"]
         out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
         out.print(f"error of the arm: {error * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml", soft_wrap=True)
@@ -436,10 +438,15 @@ def slower(speed: float) -> float:
     return max(1.0, speed // 4)
 
 
+def unverified(rig_path: Path, why: str) -> str:
+    """That the movement check of a rig is missing, and the command that does it."""
+    check = typed("lab", "check", "--move", "--rig", rig_path)
+    return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+
+
 def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
     """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
-    words = ["lab", "run", *([str(source)] if source is not None else []), "--resume", str(file), "--rig", str(rig_path)]
-    return shlex.join(words)
+    return typed("lab", "run", *([] if source is None else [source]), "--resume", file, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
@@ -448,6 +455,9 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
+    if broken.own_file and of_file is None:
+        again = typed("lab", "run", f"{source.table.get('protocol')}.py", "--resume", broken.journal, "--rig", rig_path)
+        raise ConfigError(f"{broken.journal}: its protocol is a Python file of your own; give that file too: {again}")
     j = job(name, rig_path, [], source, of_file, rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
@@ -543,7 +553,7 @@ def execute(
         except Stopped as e:
             error, outcome = e, "stopped"
             if displaced and not interrupts.stopping():
-                error = Stopped(f"stopped after the present state: {'; '.join(displaced)}")
+                error = Stopped(f"stopped after this state: {'; '.join(displaced)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
@@ -593,7 +603,7 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
     recorder.note_lost(topic, newly_lost(before, now))
     if now < before:
         with contextlib.suppress(RecordingError):  # `close` tells the same
-            recorder.log("warning", f"{topic}: the stream was reopened; its losses are counted from then on")
+            recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
@@ -626,7 +636,7 @@ def _plan_verb(a: argparse.Namespace) -> Result:
     if a.keys:
         return keys(a.protocol, a.rig)
     if a.rig is None:
-        raise ConfigError("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
+        raise ConfigError("--rig: give the rig.yaml of the rig, or --keys to list the protocol's parameters")
     return plan(a.protocol, a.rig, a.set, a.all, a.rehearse)
 
 
@@ -641,9 +651,9 @@ VERBS = (
             JSON,
             option("protocol", help=PROTOCOL),
             rig(required=False),
-            option("--keys", action="store_true", help="list what --set can change: unit, default, limits"),
+            option("--keys", action="store_true", help="list the keys of --set: unit, default, limits"),
             option("--all", action="store_true", help="list the steps of every repeat"),
-            option("--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"),
+            option("--rehearse", action="store_true", help="also execute its `run`, with instruments that move nothing"),
             SET,
         ),
         examples=("lab plan bending --rig rig/rig.yaml", "lab plan bending --keys"),

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.messages import SafeReport, SafeStep
 from ..options import JSON, OneOf, Result, Verb, option
+from ..plain import typed
 from ..priority import coming_first
 
 if TYPE_CHECKING:
@@ -129,8 +130,8 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
             result.notes.append(str(e))
     if not result.names and not result.report.confirmed and os.path.exists(latch.path):
         result.notes.append(
-            "no guard of this rig is in reach: where a run goes on in a container that does not share the rig's folder, say "
-            "`lab safe` in there"
+            "cannot reach a guard of this rig. If a run is active in a container that does not share the rig's folder, enter "
+            "`lab safe` there"
         )
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
         result.locked = str(latch.read() or "")
@@ -151,7 +152,7 @@ def _show(rig_path: Path, result: RigLanding) -> None:
     else:
         out.print(
             f"Safe now. The rig stays locked: {result.locked}. Once you have inspected it and nobody is within reach: "
-            f"lab safe --clear --rig {rig_path}"
+            f"{typed('lab', 'safe', '--clear', '--rig', rig_path)}"
         )
 
 
@@ -160,19 +161,19 @@ def _ended(landed: Landed) -> list[str]:
     texts = []
     for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
-            texts.append(f"{owner}; it does not answer and is no process of this container: end it where it runs")
+            texts.append(f"{owner}; it does not answer and does not run in this container: end it where it runs")
             continue
         with contextlib.suppress(ProcessLookupError):
             try:
                 os.kill(owner.pid, signal.SIGKILL)
-                texts.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer: it was ended")
+                texts.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer; it was killed")
             except PermissionError:
                 texts.append(
-                    f"process {owner.pid} owns the rig, does not answer, and only user {owner.user} may end it: end it, then "
-                    "say `lab safe` again"
+                    f"process {owner.pid} owns the rig and does not answer, but only user {owner.user} may kill it. Kill it, "
+                    "then enter `lab safe` again"
                 )
     for owner in landed.doubtful:
-        texts.append(f"{owner}. It was asked to land; what is safe is read from the instruments alone")
+        texts.append(f"{owner}. It was asked to land; the safe state is read from the instruments alone")
     return texts
 
 

@@ -253,7 +253,10 @@ def test_a_simulators_difference_says_what_remains_without_it() -> None:
     assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
     assert "0.40 mm of that is not in the measurements (in-sample). Without that part, 0.15 mm" in text
     alike = statement(replace(facts(NONE, gap=False), simulator=replace(own, beyond_calibration_mm=0.1)))
-    assert "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "not in the measurements" not in alike
+    assert (
+        "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike
+        and "not in the measurements" not in alike
+    )
 
 
 def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:

@@ -190,7 +190,7 @@ def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeyp
 def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path) -> None:
     example = load_rig(Path(__file__).parents[2] / "examples" / "rig" / "rig.yaml")
     rig = tmp_path / "rig.yaml"
-    assert last(rig, example) == f"{rig} has not passed `lab check --move`. Fakes do not need it"
+    assert last(rig, example) == f"{rig} has not passed `lab check --move`"
     keep(rig, example, [Moved("valve", True, "on and off")])
     assert not isinstance(last(rig, example), str)
     pressure = example.instruments.pressure

@@ -135,7 +135,7 @@ def test_bad_poses_are_one_clear_error(change: Any, message: str, cli: Cli, tmp_
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("--protocols", "next"), "--protocols: is of soft robots"),
+        (("--protocols", "next"), "--protocols: is for soft robots"),
         (("--candidates", "none.csv"), "none.csv"),
         (("--report", "no/such/folder.html"), "cannot be written"),
         (("--robot", "arn.yaml"), "arn.yaml"),

@@ -30,7 +30,7 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, cli: Cl
 
     out = tmp_path / "supplement"
     told = cli("export", case, RECORDING, "--crate", "--out", out).flat_err
-    assert "license: not stated: write one into this file" in told
+    assert "license: not stated: write a licence into this file" in told
     crate = ROCrate(out)
     assert crate.name == "case"
     files = {e.id: e for e in crate.data_entities}
@@ -61,7 +61,7 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
     assert len([e for e in crate.get_entities() if e.type == "Person"]) == 1
 
 
-@pytest.mark.parametrize(("options", "words"), [(["--case"], "is a case already"), ([], "has no streams")])
+@pytest.mark.parametrize(("options", "words"), [(["--case"], "is already a case"), ([], "has no streams")])
 def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], words: str, cli: Cli) -> None:
     assert words in cli("export", case, "--out", tmp_path, *options, code=2).err
     assert "give recordings" in cli("export", case / "robot.yaml", "--crate", "--out", tmp_path, code=2).err

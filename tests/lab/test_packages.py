@@ -146,7 +146,7 @@ def test_fakes(install: Install, cli: Cli, tmp_path: Path) -> None:
     install("greedy", DRIVER + FAKE.format(role="gauge"), fakes={"pfeiffer": ":FAKE"}, drivers={"pfeiffer": ":DRIVER"})
     for words, told in (
         (["--gauge", "odd"], "package odd 1.0: entry point odd = odd:FAKE of softlab.fakes: is of type int"),
-        (["--gauge", "alone"], "there is a fake alone, but no driver of this name"),
+        (["--gauge", "alone"], "a fake alone exists, but no driver of this name"),
         (["--valve", "mixed"], "its fake is for valve, its driver for gauge"),
         (["--arm", "alicat"], "--arm alicat: must be one of ur5"),
         (["--sensor", "skin"], "--sensor skin: must be NAME=DRIVER"),

@@ -92,7 +92,7 @@ def in_statement(text: str) -> Numbers:
             "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
             "calibrated": r" by ([\d.]+) mm on unseen states",
             "noise floor": r"the noise floor is ([\d.]+) mm",
-            "with cause": r"With the cause, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it",
+            "with cause": r"With the cause, ([\d.]+) mm remain|states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
             "area factor given": r"instead of ([\d.]+)[;,]",
