@@ -41,10 +41,10 @@ class CampaignProtocol(FileTable):
     def _once(self) -> CampaignProtocol:
         both = ", ".join(sorted(set(self.parameters) & set(self.conditions)))
         if both:
-            raise ValueError(f"{both}: stands in parameters and in conditions; leave it in one of them")
+            raise ValueError(f"{both}: is in both parameters and conditions; keep it in one of them")
         for name, values in self.conditions.items():
             if any(value in values[:k] for k, value in enumerate(values)):
-                raise ValueError(f"conditions.{name} lists a value twice; blocks say how often each is repeated")
+                raise ValueError(f"conditions.{name} lists a value twice; `blocks` sets the number of repeats")
         return self
 
 
@@ -94,7 +94,7 @@ class CampaignFile(FileTable):
     @classmethod
     def _sound(cls, given: dict[str, str]) -> dict[str, str]:
         if taken := sorted(set(given) & set(OWN_LABELS)):
-            raise ValueError(f"{', '.join(taken)}: is given by the campaign itself")
+            raise ValueError(f"{', '.join(taken)}: is set by the campaign itself")
         try:
             return labels(list(given.items()))
         except BadMessage as e:

@@ -62,9 +62,9 @@ class Adapters:
             if (before := self._known.get(port)) and (now := adapter(port)) and now != before:
                 raise WrongDevice(
                     name,
-                    f"at {port} is the USB adapter {now}, needed {before} as before: adapters have exchanged their names, and "
-                    "this instrument cannot tell; unplug them and put them back, or write their /dev/serial/by-id names in "
-                    "rig.yaml; after a change of adapters run lab check --move",
+                    f"at {port} is the USB adapter {now}, not {before} as before: the adapters have swapped names, and "
+                    "this instrument cannot be told apart by its answers. Replug them in the old order, or write their "
+                    "/dev/serial/by-id names in rig.yaml; after a change of adapters run lab check --move",
                 )
 
     def learn(self, name: str, identity: Identity) -> None:
@@ -136,8 +136,8 @@ def recording_of(rig: Path) -> Path:
         raise ConfigError(f"{rig}: no such file; give a recording, or the rig.yaml of a run")
     line = rig.with_suffix(".recording")
     if not line.exists():
-        raise ConfigError(f"{rig}: no run of it is known ({line.name} is not there); give its recording instead")
+        raise ConfigError(f"{rig}: has no known run ({line.name} is not there); give its recording instead")
     found = Path(os.fsdecode(read_bounded(line, 5000, ConfigError).strip()))  # bytes
     if not found.is_file():
-        raise ConfigError(f"{line}: names {found}, which is not there; give the recording instead")
+        raise ConfigError(f"{line}: names {found}, which does not exist; give the recording instead")
     return found

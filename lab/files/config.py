@@ -55,7 +55,7 @@ def demand_writable(*paths: Path | None) -> None:
     """A missing folder is reported before minutes are spent, not after; raises ConfigError. None: not wanted."""
     for path in paths:
         if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
+            raise ConfigError(f"{path}: cannot be written; give a file name in an existing folder")
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     for other, other_robot in robots[1:]:
         if _body(other_robot) != _body(robot):
             raise ConfigError(
-                f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
+                f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
     return case_of(robot, parts, source.name, source.text.decode())
 
@@ -117,7 +117,7 @@ def _demand_case(path: Path) -> None:
     if path.is_dir() and not (path / "trials.csv").exists():
         if any(path.glob("*.mcap")):
             raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")
-        raise ConfigError(f"{path}: holds no trials.csv, so it is no case folder; give one that lab import or lab export wrote")
+        raise ConfigError(f"{path}: has no trials.csv, so it is not a case folder; give one written by lab import or lab export")
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:
@@ -130,7 +130,7 @@ def without_torn(paths: Sequence[Path]) -> list[Path]:
         if saved in paths:
             over, counts = (saved, path) if verify(path).ok else (path, saved)
             left_out[over] = counts
-    note(f"{over}: not read; {counts}, which holds the same run, is given too" for over, counts in left_out.items())
+    note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]
 
 
@@ -188,8 +188,8 @@ MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 DOUBTS = {
     "soft": "the jammed spine was soft",
-    "bodies": "a body was where the robot cannot have brought it",
-    "drift": "the force sensor's zero moved, and not at a constant pace, so its drift is not removed",
+    "bodies": "a body was out of the robot's reach",
+    "drift": "the force sensor's zero drifted unevenly, so the drift was not removed",
 }
 """What each of `recordings.trials.DOUBTS` means, for people."""
 CLIPPED = (

@@ -31,14 +31,14 @@ def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = F
     if strange and not replace:
         more = f" and {len(strange) - MOST_NAMED} more" if len(strange) > MOST_NAMED else ""
         raise ConfigError(
-            f"{folder}: holds {', '.join(strange[:MOST_NAMED])}{more}, which would stay there with what is written; give another "
-            "folder, or --replace to replace it as a whole"
+            f"{folder}: holds {', '.join(strange[:MOST_NAMED])}{more}, which would remain next to the new files; give another "
+            "folder, or --replace to delete and replace it"
         )
     must_stay = [place for place in (*inputs, Path.cwd(), Path.home()) if path in (place.resolve(), *place.resolve().parents)]
     if held and CRATE not in held:
         must_stay += list(path.rglob("*.mcap"))[:1]
     if held and must_stay:
-        raise ConfigError(f"{folder}: is not replaced, as that would delete {must_stay[0]}; give another folder")
+        raise ConfigError(f"{folder}: cannot be replaced, because that would delete {must_stay[0]}; give another folder")
 
 
 @contextlib.contextmanager

@@ -108,7 +108,7 @@ def _settled(
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in ours or name in missing:
-            refused = [f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered]
+            refused = [f"{e}: the name {name} belongs to this software and cannot be replaced; {e.remedy}" for e, _ in offered]
             doubts[name] = "\n".join([*refused, *wrong])
         elif len(offered) == 1:
             usable[name] = offered[0][1]
@@ -146,7 +146,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if not path.exists():
         near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)
-        raise ConfigError(f"{path}: no such file" + (f"; do you mean {path.with_name(near[0])}?" if near else ""))
+        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
     text = read_bounded(path, 2_000_000, ConfigError)  # bytes

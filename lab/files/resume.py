@@ -67,7 +67,7 @@ def find(run: Path) -> Broken:
 def _journal_of(run: Path) -> Path:
     name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
     if name is None:
-        raise ConfigError(f"{run}: does not name a journal; runs recorded without one cannot be resumed")
+        raise ConfigError(f"{run}: names no journal; a run without a journal cannot be resumed")
     return _beside(run, name)
 
 

@@ -259,7 +259,7 @@ class RigFile(FileTable):
         if operator == "console" or (operator.startswith(UNIX + "/") and len(path.encode()) < LONGEST_SOCKET_PATH):
             return operator
         if operator.startswith("tcp:"):
-            raise ValueError("anybody on this computer could connect there; " + OPERATORS)
+            raise ValueError("anybody on this computer could connect to it; " + OPERATORS)
         raise ValueError(OPERATORS)
 
     @property
@@ -316,7 +316,7 @@ def same_rig(path: Path, sha256: str) -> RigFile:
     """Read rig.yaml, without its robot, as another process of this run has read it; raises ConfigError when it was changed."""
     source = read_yaml(path)
     if hashlib.sha256(source.text).hexdigest() != sha256:
-        raise ConfigError(f"{path}: was changed after the command had read it; enter the command again")
+        raise ConfigError(f"{path}: was changed after the command had read it; repeat the command")
     return check(source, RigFile).read_from(path, {"rig.yaml": source.text})
 
 
@@ -369,7 +369,7 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
     for key in set(ROLES) - {SENSOR} - set(source.data["instruments"]):
         if last is not None and (last_table := getattr(last.instruments, key)) is not None:
             tables[key] = last_table
-            notes.append(f"{path}: has no instruments.{key} any more; using it as the rig was last used with it")
+            notes.append(f"{path}: no longer has instruments.{key}; using its last known settings")
     robot = (path.parent / "robot.yaml").resolve()
     rig = sound.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
     return Readable(rig.read_from(path.resolve()), missing, tuple(notes))

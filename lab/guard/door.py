@@ -160,7 +160,7 @@ class Door:
                     late = timing.now() > deadline
                     _demand_free(_asked([address], "who", self._rig), ending_too=late)
                     if late:
-                        raise CannotBeAsked("a name of the rig is owned by a program that cannot be asked; end it first")
+                        raise CannotBeAsked("a program that does not answer owns a name of the rig; end it first")
                     timing.sleep(SLICE)
         except BaseException:
             self.close()

@@ -201,7 +201,7 @@ def _in_thousands(marked: Sequence[str], plain: Sequence[str]) -> bool:
 
 def _of_thousands(word: str, mark: str) -> str:
     value, other = number(word, mark, True), {",": ".", ".": ","}[mark]
-    return f"{word!r} is read as {value:.10g}; if it is another number write source: {{decimal: '{other}'}}"
+    return f"{word!r} is read as {value:.10g}; if that is wrong, write source: {{decimal: '{other}'}}"
 
 
 def _marks(words: Sequence[str], points: bool, decimal: str | None, comma_splits: bool) -> tuple[str, bool]:

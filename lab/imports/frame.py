@@ -41,7 +41,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     if not isinstance(columns, Mapping):
         raise ConfigError(f"{CALL}: columns: write columns of trials.csv and their headings, such as {{'p1': 'P_left [bar]'}}")
     if "files" in keys:
-        raise ConfigError(f"{CALL}: files: a DataFrame has none; give its columns, constants and points themselves")
+        raise ConfigError(f"{CALL}: files: does not apply to a DataFrame; give columns, constants and points directly")
     missing_words = _table(keys, "source").get("missing", ())
     missing = tuple(missing_words) if isinstance(missing_words, list | tuple) else ()
     series = of_data_frame(frame, missing)
@@ -67,7 +67,7 @@ class _Columns(FileTable):
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:
     """The table of these columns of trials.csv (by name), without rows that lack a required value; raises ConfigError."""
     if wrong := [name for name in columns if column_order(name) is None]:
-        raise ConfigError(f"{CALL}: columns.{wrong[0]}: is no column of trials.csv")
+        raise ConfigError(f"{CALL}: columns.{wrong[0]}: is not a column of trials.csv")
     file, values = File(series, robot.actuators.words), dict[str, NDArray[Any]]()
     for name, column in columns.items():
         values[name] = translated(series, name, column, ()) if name in TEXTS else in_si(file, name, column)

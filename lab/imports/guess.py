@@ -91,7 +91,7 @@ def _missing(g: Guess, series: Series) -> None:
     words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
     if words:
         said = list(dict.fromkeys(words))
-        g.say("source.missing", said, "cells of these columns that are no numbers")
+        g.say("source.missing", said, "cells of these columns that are not numbers")
         g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
 
 
@@ -122,7 +122,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
-            g.doubt("constants.p1", "no column of pressures: 0 is right for a body that nothing inflates")
+            g.doubt("constants.p1", "no pressure column found: 0 is right for a body that is never inflated")
             return []
         if series.form.startswith(MOTION_CAPTURE):
             g.say("constants", {f"p{k + 1}": "?" for k in range(wanted)}, f"{series.form} holds no pressures: fill them in")
@@ -134,14 +134,14 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
         raise ConfigError(
             f"{series.path}: no heading names {wants}; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give "
-            f"both, or {JOIN}; else write map.yaml by hand (docs: data from elsewhere)"
+            f"{', '.join(map(repr, series.names[:12]))}. If they are in another file, give both, or {JOIN}; else write map.yaml "
+            "by hand (docs: data from elsewhere)"
         )
     if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
         g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, the only columns in N; check the order")
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
-        g.doubt("columns.p1", f"the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
+        g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by_name[n].stated for n in names if by_name[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
@@ -157,15 +157,17 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     if not measured:
         g.doubts.append(
-            f"{', '.join(names)} are set-points: no column of measured pressures is found, and regulators lag and leak; "
-            "name measured ones where there are any"
+            f"{', '.join(names)} are set-points; no measured pressures were found. Regulators lag and leak, so name measured "
+            "pressures if you have them"
         )
     if again:
-        g.doubts.append(f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures")
+        g.doubts.append(f"{', '.join(again)} name chambers that other columns also name: check which are the measured pressures")
     if len(names) != wanted:
-        g.doubts.append(f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which")
+        g.doubts.append(
+            f"{len(names)} pressure columns for {wanted} chambers of robot.yaml: check which column belongs to which chamber"
+        )
     if set(actuator_of) - set(chosen):
-        g.doubts.append(f"set-points are left out: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
+        g.doubts.append(f"set-points are ignored: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
     return names
 
 
@@ -225,15 +227,15 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
     for h in headings:
         column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
         if h.name == frames:
-            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no column of time, and some frames are missing")
-            g.doubt("columns.t.scale", "how many seconds from frame to frame? 0.01 is a guess")
+            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no time column, and some frames are missing")
+            g.doubt("columns.t.scale", "0.01 s per frame is a guess; state the true frame time")
             continue
         is_text = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or is_text:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
-            g.doubts.append(f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used")
+            g.doubts.append(f"{h.name!r} changes from row to row, so it is not the mounting angle (roll_deg); it is not used")
             continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
@@ -244,12 +246,12 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             if unit := unit_of_steps(series.numbers[h.name]):
                 entry["unit"], step = unit, float(np.nanmedian(np.diff(series.numbers[h.name])))
                 why = f"{why}, and steps of {step:g}"
-                g.doubt("columns.t", f"the file says no unit; steps of {step:g} are taken as {unit}")
+                g.doubt("columns.t", f"the file states no unit; steps of {step:g} are taken as {unit}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"
             why = f"{why}, and {highest}"
-            g.doubt(f"columns.{column}", f"the file says no unit; {highest} are taken as {entry['unit']}")
+            g.doubt(f"columns.{column}", f"the file states no unit; {highest} are taken as {entry['unit']}")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:
@@ -368,7 +370,7 @@ def _useful(g: Guess, series: Series, h: Heading, changes_here: Sequence[Change]
         g.doubts.append(f"not used: {h.name}, which is the same in all rows")
         return False
     if not returns and not stages.resting.all():
-        g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
+        g.doubts.append(f"each change of {h.name!r} begins a trial, although the robot does not come to rest in between")
     elif away and returns:
         ignorable = len(away) <= len(changes_here) / 2 and len(changes_here) < len(stages.start) / 2
         driven = robot.actuators.words.fill("{actuators} are {inflated}")

@@ -308,8 +308,8 @@ class Rig:
             return
         if going:
             self.notices.append(
-                f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and notes in "
-                f"{self.file.path and self.file.path.with_suffix('.guard.log')} what it reaches"
+                f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and logs the result in "
+                f"{self.file.path and self.file.path.with_suffix('.guard.log')}"
             )
 
     def __enter__(self) -> Self:

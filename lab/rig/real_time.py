@@ -51,7 +51,7 @@ def demand_running(rig: RigFile) -> None:
     theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in addresses(rig.instruments))
     if rig.operator.startswith(UNIX) and FOLDER in rig.operator and process_of(rig.operator) is None and all(theirs):
         raise FakesEnded(
-            f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
+            f"{rig.path}: the fakes that wrote this file have ended (no process at operator = {rig.operator}); "
             f"start them again: {typed('lab', 'fakes', '--rig', rig.path)}, with the options that you gave before"
         )
 

@@ -232,7 +232,7 @@ class Watch:
             raise error
         if name == "gauge" and (stuck := self._vital.repeats.stuck) > STUCK:
             raise StaleReading(
-                name, f"its reading has been the same to the last digit for {stuck:.1f} s, though it scattered before; "
+                name, f"its reading has been frozen to the last digit for {stuck:.1f} s; "
                 "restart the gauge"
             )  # fmt: skip
         heard = self._vital.heard.get(name, 0.0)
@@ -290,7 +290,7 @@ class Watch:
         last.took += now - last.at if sample.t != last.t else 0.0  # without a new sample nothing is repeated
         last.t, last.at = sample.t, now
         if last.took > STUCK:
-            stuck = StaleReading(name, f"every value has been the same for {last.took:.1f} s; restart the sensor")
+            stuck = StaleReading(name, f"every value has been frozen for {last.took:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
 
 
@@ -371,7 +371,7 @@ class RigRecovery:
         for step in self._actuators.pause().steps:
             if not step.confirmed:
                 raise DeviceFault(step.instrument, f"the pause is not confirmed safe: {step.text}")
-        self._say("Paused: vented and stopped, the spine stays as it is")
+        self._say("Paused: vented and stopped; the spine is left as it is")
         while not over():
             if stopping():
                 raise Stopped("stopped by the operator during a pause; the steps finished so far are in the recording")

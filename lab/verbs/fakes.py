@@ -211,7 +211,7 @@ def played(robot: Robot) -> RobotTruth:
         return RobotTruth(**values)
     except ValidationError as e:
         error = e.errors()[0]
-        raise ConfigError(f"{robot.name}: cannot be simulated: {'.'.join(map(str, error['loc']))}: {error['msg']}") from e
+        raise ConfigError(f"{robot.name}: cannot be simulated: {': '.join([*map(str, error['loc']), error['msg']])}") from e
 
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:

@@ -322,7 +322,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
                                     ("frame is turned by 90 deg about [0, 0, 1]",)),
     "base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), turn=TILT)), ("tilted by", "20 deg about y")),
-    "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are exchanged")),
+    "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
     "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r), 8)), ("frame moved by 4.0 mm at trial 8",)),
@@ -334,7 +334,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
                                    ("from the right by (0.707, ",)),
     "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
     "two exchanged and a base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), acted({}, (0, 1)), TILT)),
-                                        ("are exchanged", "tilted by")),
+                                        ("are swapped", "tilted by")),
 }  # fmt: skip
 
 

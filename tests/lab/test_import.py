@@ -118,7 +118,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
     ("values", "words"),
     [
         ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "columns.p2.unit = 'mm': p2 needs one of Pa"),
-        ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': this column is not there; there are 't'"),
+        ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': no such column; there are 't'"),
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),
         ({"columns": COLUMNS, "frame": {"x": "x", "y": "y", "z": "up"}}, "z = 'up': must be one of x, -x"),
@@ -174,7 +174,7 @@ def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path,
     assert set(case(cli, tmp_path / "a.csv", stated)["branch"].tolist()) == {"load"}
 
 
-OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+OBJECTS = "holds Python objects, which could run code; save columns, a .npz of plain arrays, or Parquet instead"
 
 
 def test_python_objects_in_a_numpy_file_are_refused_and_not_opened(tmp_path: Path) -> None:
@@ -333,7 +333,7 @@ def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cos
     assert set(names) <= set(found.names) and found.units["pressure_kPa.2"] == "kPa" and found.units["bodies_mm.tip.at.x"] == "mm"
     assert {"ragged.1", "ragged.2", "gains.kp", "cells.1.2", "cells.2.1"} <= set(found.names)
     assert np.isnan(found.numbers["ragged.2"][:2]).all() and found.numbers["ragged.2"][2] == 2
-    for name, why in (("image", "bytes are no measurements"), ("wide", "500 values in a row or more"), ("blob", "no number")):
+    for name, why in (("image", "bytes, not measurements"), ("wide", "500 or more values in a row"), ("blob", "no number")):
         assert any(f"column {name!r}" in n and why in n for n in found.notes)
     columns = plain(t="time", **{f"p{k}": f"pressure_kPa.{k}" for k in (1, 2, 3)}) | {
         a: {"column": f"bodies_mm.tip.at.{a}"} for a in "xyz"

@@ -99,7 +99,7 @@ def test_files_with_dates_belong_together_that_have_time_in_common_and_others_ar
     made = by_map(files, **MAP | {"columns": columns})
     assert [s.path.name for s, _, _ in made.files] == ["take1.csv", "take2.csv"] and len(made.table) == PLATEAUS + 1
     assert made.table["p3"].max() == pytest.approx(HELD[:, 3].max() * 1e3, abs=300)
-    assert [n for n in made.notes if "next.csv is not read: it has no time in common with 'take1.csv', 'take2.csv'" in n]
+    assert [n for n in made.notes if "next.csv is not read: it does not overlap in time with 'take1.csv', 'take2.csv'" in n]
 
 
 @pytest.mark.parametrize(
@@ -128,14 +128,14 @@ def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_
     same(by_map(files, **MAP, files={"logger.csv": {"source": {"offset": offset}}, "*": {}}))
     files = two(tmp_path)
     files.append(table(tmp_path / "more.csv", (1, 2, 3), PRESSURES))
-    with pytest.raises(ConfigError, match="no dates that say which belong together.* or join them in time first"):
+    with pytest.raises(ConfigError, match="no dates that show which belong together.* or join them in time first"):
         by_map(files, **MAP)
 
 
 def test_a_table_without_times_or_alone_is_told_to_be_joined_first(tmp_path: Path, cli: Cli) -> None:
     mocap, logger = two(tmp_path)
     logger.write_text("\n".join(line.partition(",")[2] for line in logger.read_text().splitlines()) + "\n")
-    with pytest.raises(ConfigError, match=r"logger.csv: no heading names a time .* or join them in time first"):
+    with pytest.raises(ConfigError, match=r"logger.csv: no time column .* or join them in time first"):
         by_map([mocap, logger], **MAP)
     for file in (mocap, logger):
         said = cli("import", file, "--guess", "--robot", ROBOT, "--out", tmp_path / "map", code=2).flat_err
@@ -199,7 +199,7 @@ def test_streams_in_rows_of_their_own_are_joined_within_their_own_period(tmp_pat
             lines.append(f"{r[0] + 0.012:.3f},,,," + ",".join(f"{v:.3f}" for v in r[1:4]))
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     found = read(tmp_path / "a.csv", Source())
-    assert len(found) == len(ROWS) and any("2 groups of columns hold values in rows of their own" in n for n in found.notes)
+    assert len(found) == len(ROWS) and any("2 groups of columns have values in separate rows" in n for n in found.notes)
     inside = (ROWS[:, 0] > 31.3) & (ROWS[:, 0] < 39.7)
     assert np.isnan(found.numbers["P1 [kPa]"][inside]).all()
     assert np.isfinite(found.numbers["P1 [kPa]"][(ROWS[:, 0] < 31) | (ROWS[:, 0] > 40.2)]).mean() > 0.99

@@ -79,7 +79,7 @@ def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
         },
     )  # fmt: skip
     series = read(tmp_path / "run.mat", Source())
-    assert "pressure_kPa (3 x 30) is read with its rows along the second dimension" in series.notes
+    assert "pressure_kPa (3 x 30) is read with rows along its second dimension" in series.notes
     left = next(n for n in series.notes if n.startswith("not read: "))
     assert all(
         word in left for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")

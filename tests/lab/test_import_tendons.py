@@ -222,7 +222,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     [
         (TIP, MIDDLE, ""),
         ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip uses other axes"),
-        (MIDDLE, TIP, "the tip and marker 1 are exchanged"),
+        (MIDDLE, TIP, "the tip and marker 1 are swapped"),
     ],
 )
 def test_places_that_are_no_points_along_the_body_are_asked_about(
@@ -337,7 +337,7 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     ("columns", "frame", "says"),
     [
         ({}, FRAME, ""),
-        ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are exchanged"),
+        ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are swapped"),
         ({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml"),
     ],
 )
@@ -399,7 +399,7 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trun
     head, rows = trunk.read()
     trunk.write(head, [row for row in rows if any(number(c) > 0 for c in row[1:4])])
     text, done = trunk.guessed()
-    assert "in no row with a tip is the robot at rest" in done.flat_err and "\n- 'frame: in no row" in text
+    assert "the robot is at rest in no row with a tip" in done.flat_err and "\n- 'frame: the robot is at rest in no row" in text
     proposed = yaml.safe_load(text)
     assert proposed["columns"]["p3"]["column"] == "Seil_3 [N]" and proposed["columns"]["x"]["column"] == "Spitze_x [mm]"
     assert "straight" not in proposed

@@ -58,7 +58,7 @@ def test_a_body_without_a_hole_is_simulated() -> None:
     (reading,) = walk(VirtualRobot(robot, {}, seed=1), [Condition(0.0, (20e3, 0.0, 0.0))])
     assert np.isfinite(reading.position).all()
     with pytest.raises(ConfigError, match="cannot be simulated: density: "):
-        played(full.model_copy(update={"density": 0.0}))
+        played(full.model_copy(update={"density": -1.0}))
 
 
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, cli: Cli) -> None:
