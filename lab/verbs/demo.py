@@ -1,4 +1,4 @@
-"""`lab demo`: the whole lab without hardware. An effect is drawn and sealed first, and named last."""
+"""`lab demo`: the whole lab without hardware. An effect is drawn and sealed first and revealed last."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from .recorded import replay
 from .run import run
 
 WITHHELD = ("area_moment", "spine_shear", "chamber_azimuth", "chamber_twist", "chamber_ballooning")
-"""Effects that a demo may hide: at half their scale a calibration, its tolerances included, leaves four noise floors of them
-and more (of a tilted base or a curved body at rest it leaves none), and whoever knows the cause mends it at its place."""
+"""Effects that a demo may hide: at half their scale at least four noise floors remain after a calibration with its tolerances "
+"(of a tilted base or a precurved body none would), and the cause can be repaired."""
 STIFFNESS = ["steps=6", "min_samples=20"]
 SEALED = "sealed.sha256"
-"""File that shows a folder to be a demo's: the digest of what is withheld."""
+"""File that marks a folder as a demo's: the digest of the hidden effect."""
 BENDING = [
     "repeats=2", "unload=true", "settle.min_samples=3", "spine_lengths=[0, 0.1, 0.2, 0.3]", *PATIENT_PAUSES
 ]  # fmt: skip
@@ -47,7 +47,7 @@ BENDING = [
 
 
 def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> Result:
-    """Do what a person would do on the first day, verb by verb; code 0 unless one of them failed.
+    """Do what a person would do on the first day, verb by verb; code 0 unless one verb fails.
 
     `effect` as `ID[=SIZE]` is withheld instead of a drawn one. Raises ConfigError where the instruments' libraries are not
     installed: the fakes are reached by them."""
@@ -64,7 +64,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
     def step(title: str, do: Callable[[], Result]) -> Result:
-        """Print a title and the time since the begin, do the step, print its result; raises its error."""
+        """Print a title and the elapsed time, do the step, print its result. Raises its error."""
         out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - began:.0f} s", "dim"))
         result = do()
         result.tell()
@@ -107,7 +107,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
 
 
 def _clear(folder: Path) -> None:
-    """Make an empty folder in the place of an earlier demo's; raises ConfigError for one that holds anything else."""
+    """Make an empty folder, replacing an earlier demo's. Raises ConfigError for one that holds anything else."""
     if folder.is_dir() and any(folder.iterdir()):
         if not (folder / SEALED).is_file():
             raise ConfigError(f"{folder}: is not empty and holds no demo; delete it, or give another folder with --out")

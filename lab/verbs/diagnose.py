@@ -1,4 +1,4 @@
-"""`lab diagnose`: where the gap lies, which effect causes it, how far it shrinks, what to do next."""
+"""`lab diagnose`: locate the gap, name its cause, state how far it shrinks, propose the next experiment."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ from ..processes import cluster, for_case
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the answer goes besides the screen."""
+    """Destinations of the answer in addition to the screen."""
 
     json: Path | None = None
     report: Path | None = None
     protocols: Path | None = None
     """Folder for the proposed experiments as protocol files."""
     replace: bool = False
-    """That folder as a whole, whatever it holds."""
+    """Delete and replace that folder with everything in it."""
 
 
 @dataclass(frozen=True)
 class Comparisons:
-    """What is read besides the campaign that is diagnosed."""
+    """Inputs in addition to the diagnosed campaign."""
 
     reference: Path | None = None
     """An earlier campaign: what changed since?"""
@@ -66,7 +66,7 @@ class Comparisons:
     effects: Path | None = None
     """Python file with effects of one's own."""
     baseline: Path | None = None
-    """Predictions of another simulator, in the rod's place."""
+    """Predictions of another simulator, replacing the rod's."""
     simulator: str | None = None
     """The same from the simulator itself."""
 
@@ -117,7 +117,7 @@ def diagnose(
 
 
 def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
-    """Diagnose a case, with what has changed since an earlier campaign where one is given; raises ConfigError."""
+    """Diagnose a case and, if an earlier campaign is given, what has changed since. Raises ConfigError."""
     weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     baseline = _baseline(case, comparisons, weighed)
@@ -141,7 +141,7 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
 
 
 def _of_robot(case: Case) -> Case:
-    """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
+    """Return a case without stiffness trials, which a simulator cannot predict."""
     table = case.table.take(~case.table.pushed)
     if not len(table):
         raise ConfigError("all rows are stiffness trials, which only the rod can predict: leave --baseline and --simulator out")
@@ -151,7 +151,7 @@ def _of_robot(case: Case) -> Case:
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
-    """Predictions in the rod model's place, of a table or a simulator; None: the rod's own. Raises ConfigError."""
+    """Predictions of a table or a simulator that replace the rod model's; None: the rod's own. Raises ConfigError."""
     given = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
     if not given:
         return None
@@ -184,7 +184,7 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
-    """A protocol file for `lab run` for each proposed experiment; a table of states where no rig drives the robot."""
+    """Write a protocol file for each proposed experiment; a table of states if no rig drives the robot."""
     from ..files.all_protocols import found_protocols  # brings all drivers' interfaces, which an answer does not need
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -217,7 +217,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
-    """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
+    """Print an answer; `protocols`: the folder of the proposed experiments, if they were written."""
     for text in d.texts("critical"):
         out.print(f"settle first: {text}")
     out.print(d.headline)
@@ -298,7 +298,7 @@ def _diagnose_verb(a: argparse.Namespace) -> Result:
 
 
 OF_SOFT_ROBOTS = ("protocols", "replace", "reference", "effects", "baseline", "simulator", "workers", "scheduler")
-"""Options without a meaning for an arm."""
+"""Options that do not apply to an arm."""
 VERBS = (
     Verb(
         "diagnose",

@@ -1,8 +1,7 @@
-"""`lab export`: recordings and cases in the forms that other programs read.
+"""`lab export`: write recordings and cases in formats that other programs read.
 
-An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand without this software: beside copies of its files
-stands `ro-crate-metadata.json`: what each file is, its columns with their units, the robot, the instruments, who recorded it
-when, with which version of which software, and what the diagnosis says.
+An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand without this software. Its
+`ro-crate-metadata.json` describes each file, columns with units, robot, instruments, operator, date, versions and diagnosis.
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
 
 
 def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """References to things that are described elsewhere in the crate."""
+    """References to entities described elsewhere in the crate."""
     return [{"@id": thing["@id"]} for thing in things]
 
 
@@ -164,7 +163,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
 
 
 def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """Write inputs in a form; returns the files written, and the table of trials where the form has one. Raises ConfigError."""
+    """Write the inputs in a format; return the files and, if the format has one, the table of trials. Raises ConfigError."""
     cases = [p for p in inputs if p.is_dir()]
     if form == "crate":
         return _crate(inputs, folder, name)
@@ -190,7 +189,7 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """Copy one case, or recordings as one, and further files into a crate; returns files and table. Raises ConfigError."""
+    """Copy a case or recordings, and further files, into a crate; return files and table. Raises ConfigError."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")

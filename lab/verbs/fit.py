@@ -1,5 +1,5 @@
-"""`lab fit`: moduli from stiffness trials, the effective chamber area from bending states, or effects with their posterior, and
-a robot.yaml that holds them."""
+"""`lab fit`: fit moduli to stiffness trials, the effective chamber area to bending states, or effects with their posterior, and "
+"write them into a robot.yaml."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OWN = ("robot.yaml", "samples")
 
 @dataclass(frozen=True)
 class WithEffects:
-    """What `lab fit --with` is asked for."""
+    """The request of `lab fit --with`."""
 
     effects: tuple[str, ...]
     file: Path | None = None
@@ -51,7 +51,7 @@ class WithEffects:
     """Robots to draw from the posterior."""
     seed: int = 0
     residual: bool = False
-    """Learn what the model still misses."""
+    """Learn the remaining error of the model."""
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
@@ -132,7 +132,7 @@ def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:
 
 
 def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
-    """What a fit does otherwise than the diagnosis.json of its case says."""
+    """How a fit disagrees with the diagnosis.json of its case."""
     if {*f.effects} != {*d.effects}:
         yield (
             f"diagnosis.json names {', '.join(d.effects)}, which leaves {d.left_mm:.2f} mm; with "
@@ -161,7 +161,7 @@ def effects_sheet(f: Fitted) -> Sheet:
 
 
 def residual_lines(f: Fitted) -> list[str]:
-    """How far the tip is off before and after, and what a prediction takes its interval from."""
+    """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
     lines = [
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
@@ -203,7 +203,7 @@ def sheet(c: Calibration) -> Sheet:
 
 
 def baseline_line(c: Calibration, area: AreaFit) -> str:
-    """The baseline of a diagnosis, in its words."""
+    """State the baseline of a diagnosis."""
     spine = c.robot.spine is not None
     return (
         f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "

@@ -1,4 +1,4 @@
-"""`lab import`: measurements of other laboratories and programs as a case, by a map of what their columns are."""
+"""`lab import`: turn measurements of other laboratories and programs into a case, with a map of their columns."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
 def import_files(
     inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
 ) -> Result:
-    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
+    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of the states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
@@ -112,7 +112,7 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
 
 
 def grouped(proposed: Guess) -> dict[str, list[str]]:
-    """Keys of a proposed map by the reason that they share, without those that a doubt speaks of."""
+    """Keys of a proposed map by their common reason, without the doubtful ones."""
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
         found.setdefault(reason, []).append(key)
@@ -120,7 +120,7 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
 
 
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace_all: bool = False) -> Result:
-    """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
+    """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of the resulting states."""
     if robot_path is None:
         raise ConfigError(
             "--robot: give the robot.yaml of this robot; its length and actuators help to identify the columns. "

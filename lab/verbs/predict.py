@@ -1,4 +1,4 @@
-"""`lab predict`: where the tip will be, with 95 % intervals; or what to ask of the robot for a wanted tip."""
+"""`lab predict`: predict the tip with 95 % intervals, or find pressures for wanted tips."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .run import Columns, planned_columns, protocol_plan, robot_facts
 Array = NDArray[np.float64]
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
-"""What a table may tell of states that are each reached from rest by one ramp."""
+"""Columns of states that are each reached from rest by one ramp."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
 INTERVAL = (
@@ -53,7 +53,7 @@ LOWEST_PRESSURE = 1e3
 
 @dataclass(frozen=True)
 class PredictionFiles:
-    """Where a prediction goes besides the screen."""
+    """Destinations of a prediction in addition to the screen."""
 
     csv: Path | None = None
     figure: Path | None = None
@@ -117,7 +117,7 @@ def _result(
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
-    """Each state from rest where no trials are told."""
+    """Each state from rest if the table has no trials."""
     number = np.arange(len(states["spine_length"]))
     if set(states) & set(ASKED) <= AT_REST:
         roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
@@ -226,7 +226,7 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
 
 
 def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, Any]]:
-    """One flat row a state: what was asked, then the reading and the ends of its interval, SI."""
+    """One flat row per state: set-points, then the reading and the ends of its interval, SI."""
     assert prediction.orientation_sd is not None and prediction.shape_sd is not None
     columns = {**states, **_with_ends("xyz", prediction.tip, *prediction.interval())}
     columns |= dict(zip(("qw", "qx", "qy", "qz"), prediction.orientation.T, strict=True))
@@ -238,7 +238,7 @@ def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, A
 
 
 def inverse_rows(wanted: Array, reached: Reached) -> list[dict[str, Any]]:
-    """One flat row a target: where it is, whether it can be reached, what to ask, where the tip will be, SI."""
+    """One flat row per target: position, whether it is reachable, set-points, predicted tip, SI."""
     columns: Columns = {f"target_{k}": wanted[:, i] for i, k in enumerate("xyz")}
     columns |= {"reached": reached.reached, "miss": reached.miss}
     columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
@@ -253,7 +253,7 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 
 
 def _rows(columns: Columns) -> list[dict[str, Any]]:
-    """As JSON has them; None for a number that there is not."""
+    """Values for JSON; None for a missing number."""
     cells = zip(*(column.tolist() for column in columns.values()), strict=True)
     rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
     return rows
@@ -272,7 +272,7 @@ def _pressures(robot: Robot, states: Columns) -> Array:
 
 
 def _beyond(robot: Robot, states: Columns) -> None:
-    """Says so where more pressure is asked for than the robot bears: the model was never compared with a robot there."""
+    """Note pressures above what the robot bears, where the model was never compared with a robot."""
     highest = float(_pressures(robot, states).max())
     if robot.max_pressure is not None and highest > robot.max_pressure:
         words = robot.actuators.words

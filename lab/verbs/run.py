@@ -76,7 +76,7 @@ class Job:
     rig: RigFile
     rig_path: Path
     labels: Mapping[str, str] = field(default_factory=dict)
-    """What the person says of it."""
+    """Labels given by the person."""
 
     @property
     def protocol_yaml(self) -> str:
@@ -149,7 +149,7 @@ OF_SPINE = ("spine", "valve", "gauge")
 
 
 def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
-    """What protocols know of a robot with its rig, or with each chamber by itself; ConfigError for a rig wired otherwise."""
+    """What protocols know of a robot with its rig, or with each chamber by itself. Raises ConfigError if the wiring differs."""
     each = tuple((c,) for c in range(1, len(robot.actuators.azimuths_deg) + 1))
     channels = each if rig is None else wiring(rig, robot).channels
     arm = {} if rig is None else arm_places(rig, robot.length)
@@ -199,7 +199,7 @@ def _experiment(name: object, of_file: Experiment | None, where: str) -> Experim
 
 @contextmanager
 def _by_protocol(file: str | Path | None) -> Iterator[None]:
-    """A mistake in the file of a protocol that is not the project's own is reported as its own."""
+    """Report a mistake in the file of a lab's own protocol at its line."""
     try:
         yield
     except Exception as error:
@@ -214,7 +214,7 @@ def _defaults(experiment: Experiment, facts: RobotFacts) -> dict[str, Any]:
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan. That of a file has the file's name, whatever it says: the file may be a copy."""
+    """Return the plan. A file's plan gets the file's name, because the file may be a copy."""
     file = file_of(experiment)
     with _by_protocol(file):
         plan = experiment.plan(parameters)
@@ -228,7 +228,7 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
 
 
 def _with(source: Source, settings: list[str]) -> Source:
-    """The source with `--set key=value` (dotted keys) put in."""
+    """Return the source with `--set key=value` (dotted keys) applied."""
     data: Any = copy.deepcopy(source.data)
     for setting in settings:
         key, equals, text = setting.partition("=")
@@ -356,9 +356,9 @@ class Outcome:
     safe: bool
     error: Exception | None = None
     asked: bool = False
-    """A person asked to end, be it that the run was over by then."""
+    """A person asked to end, even if the run was over by then."""
     displaced: tuple[str, ...] = ()
-    """What happened to the recording or its journal meanwhile; `file` is where the recording is now."""
+    """What happened to the recording or its journal during the run; `file` is the recording's present path."""
 
 
 def run(
@@ -434,23 +434,23 @@ def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
 
 
 def slower(speed: float) -> float:
-    """A speed of the fakes that a busy computer may keep up with, where it does not at this one (above 1)."""
+    """A lower speed of the fakes, for a computer that cannot keep up at this one."""
     return max(1.0, speed // 4)
 
 
 def unverified(rig_path: Path, why: str) -> str:
-    """That the movement check of a rig is missing, and the command that does it."""
+    """State that the movement check of a rig is missing, with the command that does it."""
     check = typed("lab", "check", "--move", "--rig", rig_path)
     return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
 
 
 def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
-    """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
+    """The command that continues a run which ended early."""
     return typed("lab", "run", *([] if source is None else [source]), "--resume", file, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
-    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
+    """Return the job of an interrupted run on the present rig. Raises ConfigError if the robot differs.
 
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
@@ -465,7 +465,7 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
 
 
 def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
-    """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
+    """Open the instruments of an experiment with these needs. Raises the first InstrumentError after trying all."""
     quiet = quiet or out.quiet
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
@@ -592,7 +592,7 @@ def _of_file(error: Exception, experiment: Experiment) -> Exception:
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:
-    """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
+    """Metadata on when the rig last passed its movement check, or why that is unknown."""
     check = last(j.rig_path, j.rig)
     if isinstance(check, str):
         return {"check": {"moved": "no", "why": check}}
@@ -607,7 +607,7 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
-    """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
+    """Close the recording and return the lost samples by topic. The writer itself reports a file that cannot be finished."""
     text = f"{'safe state confirmed' if safe else 'safe state NOT confirmed'}; {outcome} {detail}".strip()
     with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
         recorder.log("info" if safe else "error", text)
@@ -620,7 +620,7 @@ def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[s
 
 
 def _make_safe(rig: Rig, screen: Screen, as_planned: bool) -> bool:
-    """Land the rig; says what was confirmed when something has gone wrong."""
+    """Land the rig; report what was confirmed if something went wrong."""
     try:
         report = rig.make_safe()
     except Exception as e:  # noqa: BLE001

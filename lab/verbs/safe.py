@@ -1,7 +1,7 @@
-"""`lab safe`: vent, stop and release whatever can be reached, confirmed by reading back; `--clear` then unlocks the rig.
+"""`lab safe`: vent, stop and release every reachable actuator, confirmed by reading back; `--clear` then unlocks the rig.
 
-A run in progress is ended: its guard is asked first, before anything is read, lands the rig at once and reports here what it
-read back. What no guard owns is landed by this process, by what can be read of rig.yaml.
+A run in progress is ended: its guard is asked first, lands the rig at once and reports what it read back. This process lands
+every actuator that no guard owns, by the readable part of rig.yaml.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ BY_HAND = "make it safe by hand"
 
 @dataclass
 class RigLanding:
-    """What was reached at one rig."""
+    """Result at one rig."""
 
     steps: list[SafeStep] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     names: frozenset[str] = frozenset()
-    """What the guards own that have answered."""
+    """Names owned by the guards that answered."""
     locked: str = ""
     """Why the rig stays locked."""
 
     def ask(self, names: Iterable[str], rig: Path) -> None:
-        """Have the guards that own these names land their rigs; one that stands still is ended, if that is allowed."""
+        """Have the guards that own these names land their rigs; kill a guard that does not answer, if permitted."""
         landed = land(names, rig)
         self.steps += landed.report.steps
         self.names |= landed.names
@@ -157,7 +157,7 @@ def _show(rig_path: Path, result: RigLanding) -> None:
 
 
 def _ended(landed: Landed) -> list[str]:
-    """Kill each believed guard that did not answer, where that is allowed; texts on what was done, and on guards in doubt."""
+    """Kill each trusted guard that did not answer, if permitted; return texts on what was done, and on guards in doubt."""
     texts = []
     for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
@@ -208,7 +208,7 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
 
 
 def _without(rig: RigFile, names: frozenset[str]) -> RigFile:
-    """The rig without the instruments that guards have landed which own its lines; by its own path only when that is free."""
+    """The rig without the instruments that its guards have landed; under its own path only if that is free."""
     from ..guard.instruments import exclusive
 
     if not names:

@@ -1,4 +1,4 @@
-"""`lab watch`: a run on a page in the browser while it goes on, or a recording played; on request in Foxglove too."""
+"""`lab watch`: show a run live in the browser, or play a recording; on request in Foxglove too."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from ..options import ANY_SIZE, JSON, Result, Verb, option
 from ..plain import typed
 
 LOOK = 0.2
-"""Host seconds between two looks at whether another run of the rig has begun."""
+"""Host seconds between two checks for a new run of the rig."""
 GOING_ON = 3.0
-"""Host seconds since a recording last grew within which its run is taken to go on: it grows ten times a second."""
+"""A run counts as active for this many host seconds after its recording last grew; it grows ten times a second."""
 
 
 def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, foxglove: int | None = None) -> Result:
@@ -80,7 +80,7 @@ def _tell(file: Path, going_on: bool, page: PageAddress, other: Foxglove | None)
 
 
 def _foxglove(bind: str, port: int) -> Foxglove:
-    """The server for Foxglove, which knows no secret and so serves this computer only; raises ConfigError."""
+    """Return the server for Foxglove, which has no secret and serves this computer only. Raises ConfigError."""
     if not ipaddress.ip_address(bind).is_loopback:
         raise ConfigError(
             f"--foxglove --bind {bind}: Foxglove has no secret, so anybody on the network could watch. Leave out --bind; from "
@@ -90,7 +90,7 @@ def _foxglove(bind: str, port: int) -> Foxglove:
 
 
 def listening(bind: str, port: int) -> PageAddress:
-    """The place at which a page is served; raises ConfigError when there is none such."""
+    """Return the address of the page. Raises ConfigError if it cannot be used."""
     try:
         ipaddress.ip_address(bind)
     except ValueError:
@@ -104,7 +104,7 @@ def listening(bind: str, port: int) -> PageAddress:
 
 
 def _recording(what: Path) -> Path:
-    """The recording that is meant; raises ConfigError, `RecordingError`."""
+    """Return the recording of the argument. Raises ConfigError, `RecordingError`."""
     if what.suffix in (".yaml", ".yml"):
         return recording_of(what)
     with Tail(what):

@@ -113,7 +113,7 @@ def test_a_name_of_our_own_stays_ours_and_of_two_packages_neither_has_it(install
     install("second", "ONE = 2", numbers={"mine": ":ONE", "lost": ":TWO"})
     found = installed("softlab.numbers", {"zero": 0}, number, {"lost": "install it"})
     assert found.usable == {"zero": 0}
-    assert "package first 1.0" in found.doubts["zero"] and "belongs to this software and cannot be replaced" in found.doubts["zero"]
+    assert "package first 1.0" in found.doubts["zero"] and "belongs to this software" in found.doubts["zero"]
     assert found.broken["lost"] == "install it" and "package second 1.0" in found.doubts["lost"]
     both = found.broken["mine"]
     assert "first 1.0" in both and "second 1.0" in both and "pip uninstall first or pip uninstall second" in both
