@@ -1,4 +1,4 @@
-"""What another simulator predicts of the measured states: from a table of its predictions, or from the simulator itself."""
+"""Another simulator's predictions of the measured states, from a table or from the simulator itself."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _names(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
-    """A prediction in mm, or with z upside down, looks as a measurement would. Raises ConfigError."""
+    """Refuse predictions in mm or with z upside down, as for measurements. Raises ConfigError."""
     from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
 
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
@@ -169,9 +169,9 @@ def from_simulator(
     progress: Callable[[float, float], None],
     varied: bool = True,
 ) -> Baseline:
-    """What a simulator predicts of a case, as it is and, where asked for, with each of its own parameters varied.
+    """Return a simulator's predictions of a case, nominal and, if wanted, with each of its own parameters varied.
 
-    Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks."""
+    Each setting is simulated once. Raises ConfigError for results that violate `Forward`."""
     specs = (*catalogue.values(), *TOLERANCES.values(), AREA)
     scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
     unknown = [p for p in forward.parameters if p not in scale]

@@ -1,7 +1,7 @@
-"""What is kept beside rig.yaml: when the rig last passed `lab check --move`, with which USB adapters, and which recording its run
+"""Files next to rig.yaml: when the rig last passed `lab check --move`, with which USB adapters, and which recording its run
 writes.
 
-Port names go to adapters in the order in which they are plugged in, so that two of them may come back exchanged. The check,
+Port names go to adapters in the order in which they are plugged in, so two of them may come back swapped. The check,
 which shows that each instrument follows its commands, keeps the adapters of instruments that have no serial number of their
 own; the guard refuses others.
 """
@@ -74,7 +74,7 @@ class Adapters:
 
 @dataclass(frozen=True)
 class Moved:
-    """One actuator that was tried: whether it did what it was told, and what was seen."""
+    """One moved actuator: whether it followed its command, and the observation."""
 
     what: str
     ok: bool
@@ -112,7 +112,7 @@ def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved], adapters: Mapping[
 
 
 def last(rig_path: Path, rig: RigFile) -> Checked | str:
-    """The last check of a rig as its file is now, or why there is none."""
+    """The last check that is valid for the present rig.yaml, or why there is none."""
     try:
         data: Any = json.loads(place(rig_path).read_text(encoding="utf-8"))
         if data["digest"] != digest(rig):

@@ -1,4 +1,4 @@
-"""What `fit`, `compare` and their like read: recordings or a case folder, as one table of trials and the robot."""
+"""Inputs of `fit`, `compare` and similar verbs: recordings or case folders, as one table of trials and the robot."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Case:
     robot: Robot
     table: Table
     robot_text: str = field(default="", compare=False)
-    """robot.yaml as it was read, for one that is derived from it; empty where there is none."""
+    """robot.yaml as read, to derive another from it; empty if there is none."""
 
     def __repr__(self) -> str:
         return f"<Case: {self.robot.name}, {repr(self.table)[len('<Table: ') :]}"
@@ -64,7 +64,7 @@ class Case:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
-    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.edits.reading`)."""
+    Readings that this robot cannot produce in SI units and in its frame are refused (see `diagnosis.edits.reading`)."""
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     for path in inputs:
@@ -147,7 +147,7 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
 
 
 def _body(robot: Robot) -> Robot:
-    """What the model knows of a robot: how much pressure it bears, and the arm's error, may have been written down later."""
+    """The robot as the model uses it; max_pressure and the arm's error may have been added later."""
     known = robot.uncertainty.model_copy(update={"push_place": None})
     return robot.model_copy(update={"max_pressure": None, "uncertainty": known})
 
@@ -191,7 +191,7 @@ DOUBTS = {
     "bodies": "a body was out of the robot's reach",
     "drift": "the force sensor's zero drifted unevenly, so the drift was not removed",
 }
-"""What each of `recordings.trials.DOUBTS` means, for people."""
+"""Meaning of each of `recordings.trials.DOUBTS`, for people."""
 CLIPPED = (
     "; the pressures read are right, but the ramp there was uneven: this computer sent a set-point late and max_rate held the "
     "next one back, or a limit of rig.yaml is below what was asked (`/log` has the values)"
@@ -199,7 +199,7 @@ CLIPPED = (
 
 
 def marked_notes(table: Table) -> list[str]:
-    """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
+    """One line that names the states with clipped set-points, and one for each doubt about states."""
     notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
     notes += [(f"{text} in", table.get("doubt") == doubt, "") for doubt, text in DOUBTS.items()]
     return [f"{text} {own.sum()} of {len(table)} states: {_named(table, own)}{more}" for text, own, more in notes if own.any()]

@@ -1,4 +1,4 @@
-"""Folders that a verb writes: each holds what one command wrote, whole or not at all, and nothing else."""
+"""Output folders: each holds the complete result of one command, and nothing else."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .config import ConfigError
 CRATE = "ro-crate-metadata.json"
 """File that shows the recordings of a folder to be copies."""
 MOST_NAMED = 4
-"""Of the files that are in the way."""
+"""Number of obstructing files that are named."""
 
 
 def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
-    """Raise ConfigError where a folder holds what would be mixed with, or lost by, what is to be written.
+    """Raise ConfigError if a folder holds files that would be mixed with the output or lost.
 
     `rewritten`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless
     it holds `inputs`, other recordings, or the folder in which the command runs."""

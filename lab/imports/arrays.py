@@ -1,4 +1,4 @@
-"""Files of arrays: NumPy's, and what files of MATLAB hold."""
+"""Read files of arrays: NumPy's, and the variables of MATLAB files."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The one place that judges times: their period and gaps, clocks that were set, counters that overflow, rows without a time.
+"""Judge times: period and gaps, clocks that were set, counters that overflow, rows without a time.
 
-No time is made up: a row without one has none. Where a clock was set while rows went on at their period, later times are moved by
-the step, which is asked about; a step whose length nothing tells ends what is averaged, and is asked about.
+No time is made up. If a clock was set while rows continued at their period, later times are shifted by the step, with a question;
+at a step of unknown length averages end, also with a question.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Timeline:
     """(n,) of runs whose times begin again, from 0."""
     notes: list[str] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
-    """What a person has to check."""
+    """Questions for a person."""
 
 
 def period(t: Array) -> float:

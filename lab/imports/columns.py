@@ -1,4 +1,4 @@
-"""One column of cells by itself: numbers with their decimal mark, times, words, and which cells are missing."""
+"""Judge one column of cells by itself: decimal mark, numbers, times, words, and missing cells."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ class Strange:
 
 @dataclass(frozen=True)
 class Judged:
-    """What a column holds."""
+    """Content of a column."""
 
     values: Array | NDArray[np.str_]
     unit: str = ""
     """Written behind each number, or s for times of day and dates."""
     strange: Strange | None = None
     note: str = ""
-    """What was taken for granted."""
+    """Assumptions that were made."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:

@@ -1,4 +1,4 @@
-"""Files of other programs as columns of numbers, by their ending."""
+"""Read files of other programs as columns of numbers, by their ending."""
 
 from __future__ import annotations
 

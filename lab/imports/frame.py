@@ -1,4 +1,4 @@
-"""A pandas DataFrame as trials: what `lab import` does with a file, by a map that the call states."""
+"""Turn a pandas DataFrame into trials, like `lab import` a file; the call states the map."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CALL = "lab.case"
 
 
 def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None = None, /, **keys: Any) -> Table:
-    """The states of a DataFrame, with what was left out or taken for granted in `Table.warnings`; raises ConfigError.
+    """Return the states of a DataFrame, with skipped rows and assumptions in `Table.warnings`. Raises ConfigError.
 
     `columns`: column of trials.csv -> heading, "heading [unit]", or an entry of map.yaml; other columns go by their names.
     `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else, and by further

@@ -1,4 +1,4 @@
-"""A map proposed for a file nobody described: what its headings and numbers say, each line with its reason."""
+"""Propose a map for a file from its headings and numbers, each line with its reason."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ Array = NDArray[np.float64]
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
 """Highest pressures of soft robots by unit, in the order in which they are considered."""
 STEADY = 0.02
-"""Of the highest pressure, within which a plateau stands."""
+"""Band of a plateau, as a share of the highest pressure."""
 MOTION_CAPTURE = ("Motive", "C3D")
 FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
 """Words of a heading for a count of rows."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
-    """The most plausible map of a file's columns for a robot; raises ConfigError where no tip or pressure can be made out."""
+    """Return the most plausible map of a file's columns for a robot. Raises ConfigError if no tip or pressure is found."""
     g = Guess()
     headings = [heading(n, series.units.get(n, "")) for n in series.names if n in series.numbers or n in series.words]
     turns, angles = quadruples(headings), turning(headings)
@@ -173,13 +173,13 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
 
 @dataclass(frozen=True)
 class _Unit:
-    """What the numbers of a column are in."""
+    """Unit of a column's numbers."""
 
     name: str
     why: str
     absolute: bool = False
     guessed: bool = False
-    """By what is usual."""
+    """Guessed from usual values."""
 
 
 def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
@@ -221,7 +221,7 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 
 # ------------------------------------------------------------------ the rest
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
-    """Propose what other headings name (time, mass, spine, branch ..), with unit and doubts, and list those not used."""
+    """Propose the other columns (time, mass, spine, branch ..), with unit and doubts, and list unused ones."""
     ignored = []
     frames = _frames(series, headings)
     for h in headings:

@@ -1,4 +1,4 @@
-"""Which columns of a file are the tip, in which frame and how it is turned, as headings, numbers and the robot say."""
+"""Find the tip's columns, frame and orientation from headings, numbers and the robot."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ORDERS_IN_WORDS = (
 NO_ORDER_FITS = 10.0
 """Deg (rms) that the tip may turn about other axes than that of its bending under the best order of three angles."""
 FITS = 1.5
-"""Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
+"""Largest factor between the resting tip's distance and the robot's length that identifies a unit of length."""
 
 
 AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
@@ -128,7 +128,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
 
 
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
-    """The one place that stands still while the tip moves."""
+    """The one point that is fixed while the tip moves."""
     moves = _spread(_xyz(series, tip))
     still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
     # near zero they are standard deviations, or a base that changes nothing
@@ -193,7 +193,7 @@ def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> 
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What acts on the tip."""
+    """Loads on the tip."""
 
     aside: Complex
     """(n,) where chambers push or tendons pull it, x + iy of the base; NaN where unknown."""

@@ -1,7 +1,7 @@
-"""Streams of one experiment joined in time: of several files, of tables below each other in one, or of rows that take turns.
+"""Join streams of one experiment in time: of several files, of several tables in one file, or of alternating rows.
 
-The rows of the stream that holds the tip stay. The others add what they held at its times: on the line between two readings, and
-nothing where the nearest reading is older than the stream's own period.
+The rows of the stream with the tip remain. The others are interpolated at its times, and are missing where the nearest reading is
+older than the stream's own period.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def _overlap(a: Stream, b: Stream) -> float:
 
 
 def _apart(lead: Stream, other: Stream) -> str:
-    """That two tables have no time in common, and what to do."""
+    """State that two tables do not overlap in time, and what to do."""
     spans = " and ".join(f"{s.label} ({s.span[0]:.10g} .. {s.span[1]:.10g} s)" for s in (lead, other))
     zones = [k * HALF_HOUR for k in range(-LARGEST_CHANGE, LARGEST_CHANGE + 1)]
     moved = [z for z in zones if min(lead.span[1], other.span[1] + z) > max(lead.span[0], other.span[0] + z)]
@@ -189,8 +189,8 @@ def _apart(lead: Stream, other: Stream) -> str:
     start, why = lead.span[0] - other.span[0], "if both started together"
     proposed, why = (start, why) if zone is None else (zone, "if one clock is set to another time zone")
     return (
-        f"{spans} do not overlap in time: state by how many seconds to shift one of them, {why} files: {{{other.label!r}: "
-        f"{{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
+        f"{spans} do not overlap in time. State by how many seconds to shift one of them; {why}, write files: "
+        f"{{{other.label!r}: {{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
     )
 
 
@@ -225,7 +225,7 @@ def experiments(
 
 
 def asked(lead: Stream, others: Sequence[Stream]) -> str:
-    """What a person has to check of tables that were joined."""
+    """Questions about joined tables."""
     spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
     return (
         f"joined by their clocks: {spans}, from the start of {lead.label}. Do these clocks agree? If not: files: "

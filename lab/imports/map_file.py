@@ -1,4 +1,4 @@
-"""map.yaml: what the columns of somebody's file are, in which unit and frame, and which of its rows make a state.
+"""map.yaml: what each column of a file is, its unit and frame, and which rows form a state.
 
 Keys of `columns`, `constants` and `files` are columns of trials.csv. A quantity of `constants` and `files` carries its unit
 ("20 mm"); a bare number is in SI.

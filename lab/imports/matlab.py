@@ -1,4 +1,4 @@
-"""MATLAB files of any version: SciPy and HDF5 for numbers, mat-io for what MATLAB calls objects (table, string, datetime ..)."""
+"""Read MATLAB files of any version: SciPy and HDF5 for numbers, mat-io for MATLAB's objects (table, string, datetime ..)."""
 
 from __future__ import annotations
 

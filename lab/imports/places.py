@@ -1,4 +1,4 @@
-"""Whether the tip turns as it moves, whether files have their markers in one order, and whether a marker was taken for another.
+"""Check whether the tip turns as it moves, whether files have their markers in one order, and whether markers were confused.
 
 Jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of pressure
 have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.

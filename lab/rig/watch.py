@@ -1,8 +1,7 @@
 """Vital signs: what must hold at every moment of an experiment, looked at whenever it waits; and the pause when it does not.
 
-A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a
-person can put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are
-raised as Suspended.
+A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a person can
+put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are raised as Suspended.
 """
 
 from __future__ import annotations

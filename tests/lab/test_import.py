@@ -216,7 +216,7 @@ def test_a_numpy_file_that_claims_more_than_it_holds_is_refused(descr: str, shap
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("p.npy", npy(descr, shape))
     for name in ("a.npy", "a.npz"):
-        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes and holds 64 bytes"):
+        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes but holds 64 bytes"):
             read(tmp_path / name, Source())
 
 
@@ -231,7 +231,7 @@ def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> N
         ("numbers", "40 MB, at most 32 MB are read of 0.005"),
         ("words", "52 MB"),
         ("columns", "has 6000 columns"),
-        ("packed", "is packed"),
+        ("packed", "is not packed"),
     ):
         assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
         with pytest.raises(ConfigError, match=why):
@@ -430,7 +430,7 @@ def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli)
     (tmp_path / "means.csv").write_text("\n".join(lines))
     robot = Path(__file__).parents[2] / "examples" / "own_table" / "robot.yaml"
     said = cli("import", tmp_path / "means.csv", "--guess", "--robot", robot, "--out", tmp_path / "map").flat_err
-    assert "not used: sx [mm]/sy" in said and "at the base" not in said
+    assert "not used: sx [mm]/sy" in said and "marker at the base" not in said
 
 
 def test_the_line_that_comes_next_can_be_typed_whatever_the_file_is_called(tmp_path: Path, cli: Cli) -> None:

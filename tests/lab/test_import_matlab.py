@@ -101,7 +101,7 @@ def test_an_array_of_structures_is_a_table(tmp_path: Path) -> None:
 
 def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"name": "finger", "parts": np.array([np.zeros(3), np.zeros((2, 2))], dtype=object)})
-    with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"):
+    with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells with more"):
         read(tmp_path / "run.mat", Source())
 
 

@@ -281,9 +281,7 @@ def test_times_that_fall_to_somewhere_else_than_where_they_began_are_asked_about
 def test_rows_without_a_time_have_none_and_are_counted(tmp_path: Path) -> None:
     made = timed(tmp_path, lambda k: 0.1 * k if k % 7 else None)
     assert len(made.table) == PLATEAUS and not made.questions
-    assert any(
-        f"{len(MANY[::7])} of {len(MANY)} rows have no time (first: line 2); they were skipped" in n for n in made.notes
-    )
+    assert any(f"{len(MANY[::7])} of {len(MANY)} rows have no time (first: line 2); they were skipped" in n for n in made.notes)
 
 
 def test_times_that_are_all_equal_or_coarse_are_told(tmp_path: Path) -> None:

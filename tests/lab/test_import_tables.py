@@ -231,7 +231,7 @@ def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: P
     assert len(made.table) == STATES - 1
     assert any("line 4 has more than 7 cells and is skipped: '8,000," in n for n in made.notes)
     commas = text(FEW, change=lambda k, c: comma(c, *range(7)))
-    with pytest.raises(ConfigError, match="line 1: 7 headings stand above 14 columns: commas seem to be both"):
+    with pytest.raises(ConfigError, match="line 1: 7 headings for 14 columns: commas seem to be both"):
         through(tmp_path / "table.csv", commas)
 
 
@@ -318,7 +318,9 @@ def test_a_count_of_frames_with_gaps_tells_the_times(tmp_path: Path) -> None:
     lines = text(MANY, headings=["Frame", *HEADINGS[1:]], change=lambda k, c: [str(3 * k), *c[1:]]).splitlines()
     kept = [line for k, line in enumerate(lines) if k % 40 < 16 or k % 3]
     made, result = through(tmp_path / "table.csv", "\n".join(kept) + "\n")
-    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any("0.01 is a guess" in d for d in made.doubts)
+    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any(
+        "0.01 s per frame is a guess" in d for d in made.doubts
+    )
     assert len(result.table) == PLATEAUS
 
 

@@ -190,7 +190,7 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
         row[5] = cell(number(row[5]) + off)
     trunk.write(head, rows)
     proposed, _ = trunk.guessed()
-    assert "\n- 'straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
+    assert "\n- 'straight: at rest the recorded tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
     trunk.map.write_text(proposed)
     trunk.imported()
     tips = [r.tip for r in trunk.case().rows if max(r.pressures) == 0 and r.step == 1]
@@ -389,7 +389,7 @@ def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_poin
     points = yaml.safe_load(proposed)["points"]
     assert points["tip"]["against"] == points["m1"]["against"] == [fixed]
     assert points["m1"]["of"] == [list(MIDDLE)]
-    assert "stands still" in done.flat_err and "not used" not in done.flat_err
+    assert "does not move" in done.flat_err and "not used" not in done.flat_err
     trunk.robot.write_text(ROBOT.replace("markers: [90 mm]\n", ""))
     proposed, done = trunk.guessed()
     assert "points" in yaml.safe_load(proposed) and done.flat_err.count("Mitte_x [mm]") == 1
