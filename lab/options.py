@@ -19,7 +19,6 @@ class Option:
 
     names: tuple[str, ...]
     how: dict[str, Any]
-    """As argparse takes it."""
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
         """Have it parsed."""
@@ -53,7 +52,6 @@ class Result:
     """The result of a verb: as JSON, as text for a person, and as an exit code."""
 
     data: object = None
-    """As JSON has it."""
     show: Callable[[], object] | None = None
     """Prints it for a person; None: the JSON serves people too, or everything has been printed already."""
     code: int = 0
@@ -148,9 +146,7 @@ def inputs(text: str) -> Option:
 
 JSON = option("--json", action="store_true", help="print the result as JSON")
 ANY_SIZE = option(
-    "--any-size",
-    action="store_true",
-    help="accept files with an unusually high compression ratio; only if you trust them",
+    "--any-size", action="store_true", help="accept files with an unusually high compression ratio; only if you trust them"
 )
 """For every verb that reads recordings: lifts the limits of size."""
 REPLACE = option("--replace", action="store_true", help="delete and replace the output folder with everything in it")

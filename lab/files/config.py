@@ -33,7 +33,6 @@ Lines = Mapping[Loc, int]
 SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
-"""Of a field's number."""
 
 
 class ConfigError(Exception):
@@ -66,7 +65,6 @@ class Source:
     data: object
     lines: Lines
     text: bytes = b""
-    """What was parsed."""
 
     @property
     def table(self) -> dict[str, Any]:

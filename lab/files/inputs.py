@@ -26,7 +26,6 @@ from .config import ConfigError, Source, check, parse_yaml, read_yaml
 from .robot_numbers import doubts
 
 CASE = ("robot.yaml", "trials.csv")
-"""Files of a case folder."""
 TABLES = (
     ".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".mat", ".npz", ".npy", ".c3d", ".parquet",
 )  # fmt: skip

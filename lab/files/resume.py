@@ -27,11 +27,8 @@ class Broken:
     finished: int
     """Trials 1 to this one are done with all their states recorded, or were skipped."""
     table: Table
-    """The rows of the finished trials."""
     labels: dict[str, str]
-    """Labels of its first run."""
     protocol: str
-    """protocol.yaml of the campaign, in full."""
     own_file: bool
     """Whether its protocol is a Python file of the lab's own, which is attached but never run from there."""
     robot: bytes

@@ -144,7 +144,6 @@ class Door:
         self._accounts = believed_accounts(rig)
         self._sockets: list[socket.socket] = []
         self._left = contextlib.ExitStack()
-        """What closing does."""
         self._asking: dict[socket.socket, _Question] = {}
         """The oldest first."""
         self._lock = timing.Lock()

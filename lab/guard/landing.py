@@ -43,7 +43,6 @@ class LandingDrivers:
 
     drivers: Mapping[str, Any]
     opened: Collection[str]
-    """Those that are open now."""
     open: Callable[[str], Any]
     """Opens one; raises InstrumentError."""
     busy: Callable[[str], bool] = lambda name: False

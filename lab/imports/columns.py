@@ -57,7 +57,6 @@ class Strange:
     words: tuple[str, ...]
     cells: int
     column: NDArray[np.str_]
-    """All cells of the column."""
 
 
 @dataclass(frozen=True)

@@ -221,7 +221,6 @@ def _labels(reader: Any, group: str) -> list[str]:
 READERS: Mapping[str, Callable[[Path, Source], Series]] = dict.fromkeys(TABLES, read_text) | {
     ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": _c3d, ".parquet": _parquet,
 }  # fmt: skip
-"""By ending."""
 RECORDING = ".mcap"
 REMEDIES: Mapping[str, str] = dict.fromkeys((".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first") | dict.fromkeys(
     (".bag", ".db3"), "convert it with `mcap convert`"

@@ -179,7 +179,6 @@ class _Unit:
     why: str
     absolute: bool = False
     guessed: bool = False
-    """Guessed from usual values."""
 
 
 def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:

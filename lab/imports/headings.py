@@ -80,7 +80,6 @@ v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 
 sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
 """
 OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | UNSTATED
-"""Other cells in such a row."""
 
 
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
@@ -211,7 +210,6 @@ class Triple:
 
     columns: tuple[str, str, str]
     words: frozenset[str]
-    """What else the headings say."""
     unit: str
 
 

@@ -16,7 +16,6 @@ class Guess:
 
     values: dict[str, Any] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    """By dotted key."""
     doubts: list[str] = field(default_factory=list)
     """What a person has to look at or to fill in."""
     doubtful: set[str] = field(default_factory=set)

@@ -47,7 +47,6 @@ class FileRows:
     """What the map names. Orientations are from the straight robot's frame, or from the recorded one's where nothing says which
     reading is straight."""
     constants: Mapping[str, Any]
-    """By column, for all rows."""
     run: NDArray[np.int64]
     """(n,) of runs that follow each other in one file, from 0."""
     row: NDArray[np.int64]
@@ -57,7 +56,6 @@ class FileRows:
     notes: tuple[str, ...] = ()
     """What is missing."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
     @property
     def t(self) -> Array:
@@ -85,7 +83,6 @@ class File:
 
     series: Series
     drive: Words
-    """Of what drives the robot."""
     notes: list[str] = field(default_factory=list)
     contradicted: dict[str, dict[str, str]] = field(default_factory=dict)
     """Note on a unit -> column whose unit it is -> key of the map."""

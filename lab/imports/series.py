@@ -53,9 +53,7 @@ class Series:
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
     notes: tuple[str, ...] = ()
-    """What was left out."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

@@ -60,7 +60,6 @@ class Imported:
     unread: tuple[str, ...]
     """Files that cannot be read, and why; `notes` has them, too."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
 
 def _with(table: Table, names: Sequence[str], values: Array) -> Table:

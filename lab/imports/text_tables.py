@@ -427,9 +427,7 @@ class Head:
 
     names: list[str]
     stated: frozenset[str] = frozenset()
-    """Names that stand in the file."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """By column."""
     common_units: Mapping[str, str] = field(default_factory=dict)
     """SI unit -> unit of all such columns."""
 

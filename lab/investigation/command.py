@@ -181,7 +181,6 @@ class Wanted:
     rig: Path
     folder: Path
     minutes: float
-    """Of all experiments."""
     experiments: int
     robot: Path | None = None
     effects: Path | None = None
@@ -189,11 +188,9 @@ class Wanted:
     without: tuple[str, ...] = ()
     """Experiments that are not to be done, by id."""
     settings: tuple[str, ...] = ()
-    """KEY=VALUE, for every experiment."""
     labels: Mapping[str, str] = field(default_factory=dict)
     workers: int | None = None
     watched: bool = False
-    """On a page in the browser."""
 
 
 class RigLaboratory:
@@ -210,7 +207,6 @@ class RigLaboratory:
         """Samples."""
         self.safe = True
         self.page: Page | None = None
-        """Shows the experiments."""
 
     @property
     def inputs(self) -> tuple[Path, ...]:
@@ -359,13 +355,15 @@ def run(w: Wanted) -> Result:
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
     """The command that continues with the data measured so far; `unreadable`: an experiment to leave out from now on."""
-    words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
-    for name, place in (("--robot", w.robot), ("--effects", w.effects)):
-        words += [name, str(place)] if place is not None else []
-    words += [] if w.hands else ["--no-hands"]
-    for name, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
-        words += [word for one in several for word in (name, one)]
-    return typed(*words)
+    several = (
+        ("--without", (*w.without, unreadable)),
+        ("--set", w.settings),
+        ("--robot", (w.robot,)),
+        ("--effects", (w.effects,)),
+    )
+    words = [word for name, values in several for value in values if value for word in (name, value)]
+    hands = () if w.hands else ("--no-hands",)
+    return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.folder}-2", *hands, *words)
 
 
 def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:

@@ -103,7 +103,6 @@ class Vital:
     errors: dict[str, InstrumentError] = field(default_factory=dict)
     """The error that took the place of the newest reading."""
     repeats: Repeats = field(default_factory=Repeats)
-    """Of the gauge's readings."""
     landed: Event | None = None
     pause: Event | None = None
 
@@ -138,7 +137,6 @@ class Watch:
         """Of each polled instrument, host time at which the first command since its newest reading ended: it cannot be read while
         it works. Later commands excuse nothing, or an instrument that takes commands would never have to be read."""
         self._values: dict[str, Shown] = {}
-        """What each stream showed last."""
         self._began = timing.now()
         """Host time from which silences count."""
         self._looked = self._began, actuators.pulse.awake.now

@@ -60,9 +60,7 @@ class Comparisons:
     """Inputs in addition to the diagnosed campaign."""
 
     reference: Path | None = None
-    """An earlier campaign: what changed since?"""
     holdout: Path | None = None
-    """A campaign that is not fitted."""
     effects: Path | None = None
     """Python file with effects of one's own."""
     baseline: Path | None = None

@@ -62,7 +62,6 @@ class Signature:
     change: Array
     """(l, k, 3) m, base frame; for stiffness rows (l, k, 1) N."""
     axis: int
-    """The component that moves most."""
     hidden: float
     """Share (0..1) of the squared change that one factor on the chamber area could take over."""
 

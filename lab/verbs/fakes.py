@@ -236,7 +236,8 @@ def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None
 
 def rig_yaml(rig: FakeRig, robot: str, changes: Mapping[str, Any] | None = None) -> str:
     """The rig.yaml that reaches the fakes, with `changes` to its tables; its numbers have units."""
-    return yaml.safe_dump(in_units(_merged(rig.rig_file(robot), changes or {}), RigFile), sort_keys=False)
+    tables = in_units(_merged(rig.rig_file(robot), changes or {}), RigFile)
+    return yaml.safe_dump(tables, sort_keys=False, default_flow_style=None, width=120)
 
 
 def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -48,7 +48,6 @@ class WithEffects:
     file: Path | None = None
     """Python file with effects of one's own."""
     samples: int = 0
-    """Robots to draw from the posterior."""
     seed: int = 0
     residual: bool = False
     """Learn the remaining error of the model."""

@@ -76,7 +76,6 @@ class Job:
     rig: RigFile
     rig_path: Path
     labels: Mapping[str, str] = field(default_factory=dict)
-    """Labels given by the person."""
 
     @property
     def protocol_yaml(self) -> str:
@@ -250,12 +249,8 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     p, speed = j.plan, j.rig.clock.speed
     margins_asked = margins(p, j.rig, j.rig.body)
     if not any(m.name in ACTIVE for m in margins_asked):
-        note(
-            [
-                f"{p.protocol}: no step asks for a pressure, a spine length or a push; check its parameters, such as "
-                "chambers: `lab plan PROTOCOL --keys` lists them"
-            ]
-        )
+        keys_of = "check its parameters, such as chambers: `lab plan PROTOCOL --keys` lists them"
+        note([f"{p.protocol}: no step asks for a pressure, a spine length or a push; {keys_of}"])
     done = _rehearsed(j) if rehearsing else None
     largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}

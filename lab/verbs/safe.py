@@ -36,7 +36,6 @@ class RigLanding:
     names: frozenset[str] = frozenset()
     """Names owned by the guards that answered."""
     locked: str = ""
-    """Why the rig stays locked."""
 
     def ask(self, names: Iterable[str], rig: Path) -> None:
         """Have the guards that own these names land their rigs; kill a guard that does not answer, if permitted."""

@@ -99,7 +99,7 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert "not confirmed" not in cli(*run, code=SOUND).out
     (first,) = tmp_path.glob("*.mcap")
     assert Recording.open(first).metadata["check"]["moved"].startswith("20")
-    rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
+    rig.write_text(rig.read_text().replace("units: [A, B", "units: [B, A"))
     assert "are not confirmed: instruments or stand of" in cli(*run, code=SOUND).out
     (second,) = set(tmp_path.glob("*.mcap")) - {first}
     assert Recording.open(second).metadata["check"]["moved"] == "no"

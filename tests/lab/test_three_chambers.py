@@ -63,6 +63,7 @@ def test_a_body_without_a_hole_is_simulated() -> None:
 
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, cli: Cli) -> None:
     assert not {"spine", "valve", "gauge"} & set(yaml.safe_load(rig.read_text())["instruments"])
+    assert "quaternion: [" in rig.read_text() and "\n- " not in rig.read_text()
     assert "above max_pressure = 80 kPa" in cli("plan", "bending", "--rig", rig, "--json", code=2).err
     for protocol in ("bending", "elongation"):
         plan = cli("plan", protocol, "--rig", rig, "--set", "pressures=[30 kPa]", "--json").json
