@@ -245,7 +245,7 @@ KINDS: Mapping[str, Mistake] = {
     "pressures 1.3 times too high": (r"area|pressure|gain|stiffer", written(_times(lambda t: t.pressures, 1.3))),
     "a chamber dead": (r"chamber 3|p3", acting(_dead)),
     "a chamber weak": (r"chamber 2|p2", acting(_weak)),
-    "two chambers exchanged": (r"order|exchang|chambers? 1|p1", written(_exchanged)),
+    "two chambers exchanged": (r"order|swap|chambers? 1|p1", written(_exchanged)),
     "order reversed": (r"order|revers|mirror|direction", written(_reversed)),
     "order shifted": (r"order|shift|azimuth|turned", written(_shifted)),
     "length under pressure": (r"length|origin", written(_robot_number("length", 1.06))),

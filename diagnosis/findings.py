@@ -1,4 +1,4 @@
-"""What an answer has to say besides its numbers: a code, the values it rests on, and one template of text for each code.
+"""Messages of an answer: a code, the values behind it, and one text template for each code.
 
 The terminal, the page and diagnosis.json show the same text; programs read code and values. Templates name what drives the robot
 by fields of `model.actuators.Words` such as {pressures}, so one template serves chambers and tendons.
@@ -13,7 +13,7 @@ from typing import Any, Literal
 from model.actuators import Chambers, Words
 
 Severity = Literal["critical", "warning", "note"]
-"""critical: settle it before you believe the answer; warning: it limits the answer; note: what was done."""
+"""critical: resolve it before you trust the answer; warning: it limits the answer; note: what was done."""
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Finding:
     severity: Severity
     text: str
     values: Mapping[str, Any] = field(default_factory=dict)
-    """What the text states, in the units of the text; findings where it lists some."""
+    """Values in the text, in its units; a list of findings if the text lists them."""
 
     def __str__(self) -> str:
         return self.text
 
 
 def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Finding:
-    """Return the finding of a code with its text, in the words for the robot's actuators; `values` fill its template.
+    """Return the finding of a code, with `values` and the words for the robot's actuators filled into its template.
 
     >>> str(finding("states_not_finite", left_out=1, states=7))
     '1 of 7 states have values that are not finite and are ignored'
@@ -44,22 +44,22 @@ def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Findi
 TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
     "critical": {
         "refitted_first": (
-            "robot.yaml or the table is too far from the model, so this was changed first (rms {before_mm:.2f} mm at best, "
-            "{after_mm:.2f} mm with it, outliers down-weighted): {changes}. The answer is about the robot and the table with "
-            "these changes; check them: until then no cause is certain"
+            "robot.yaml or the table is too far from the model, so this was changed first (rms, outliers down-weighted: at best "
+            "{before_mm:.2f} mm before, {after_mm:.2f} mm after): {changes}. The answer assumes these changes. Check them: until "
+            "then no cause is reported as certain"
         ),
         "beyond_tolerance": (
-            "values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}: re-measure these "
-            "values or widen their uncertainty; until then no cause is certain"
+            "the fit moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
+            "Re-measure these values or widen their uncertainty; until then no cause is reported as certain"
         ),
         "stiffness_far_off": (
-            "the fit requires a body {stiffness:.2g} times as stiff as that of robot.yaml, or {pressures} "
-            "{pressure_ratio:.2g} times as high: check youngs_modulus, outer_radius, path_radius and area_factor of "
-            "robot.yaml, and the unit of the {pressures} (psi and kPa differ by 6.9); until then no cause is certain"
+            "the fit needs a body {stiffness:.2g} times as stiff as robot.yaml's, or {pressures} {pressure_ratio:.2g} times as "
+            "high. Check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, and the unit of the "
+            "{pressures} (psi and kPa differ by 6.9); until then no cause is reported as certain"
         ),
         "unconfirmed_guesses": (
-            "guesses of the map that nobody has confirmed: {count} ({guesses}); check each in {path}, correct it, remove it "
-            "from `{key}`, and import again"
+            "{count} guesses of the map are unconfirmed ({guesses}): check and correct each in {path}, remove it from "
+            "`{key}`, and import again"
         ),
     },
     "warning": {
@@ -68,17 +68,16 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "lengths"
         ),
         "one_pressure": (
-            "only one {pressure}: no cause can be distinguished from an error of the {actuator_area}; record at least two "
-            "{pressures}"
+            "only one {pressure}: no cause can be distinguished from a wrong {actuator_area}; record at least two {pressures}"
         ),
         "not_bent": "no state is bent: {actuators}, spine and material cannot be judged; record a bending sweep",
         "not_repeated": (
-            "no state was repeated: the noise floor is that of typical instruments and misses differences between trials, so "
-            "no cause is named; repeat the sweep three times"
+            "no state was repeated: the noise floor is that of typical instruments, without differences between trials, so no "
+            "cause is named; repeat the sweep three times"
         ),
         "repeated_once": (
-            "the median state was read in only two trials: the noise floor rests on few differences, and probabilities are "
-            "less certain than stated; repeat the sweep three times"
+            "the median state was read in only two trials: the noise floor is uncertain, and so are the probabilities; repeat "
+            "the sweep three times"
         ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
@@ -103,30 +102,29 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             " at two or more"
         ),
         "scatter_of_repeats": (
-            "repeats of the same state scatter {factor:.1f} times more than instruments and re-grown spines usually do: find "
-            "out what changes from trial to trial before you trust a cause"
+            "repeats of a state scatter {factor:.1f} times more than instruments and re-grown spines usually do: find out what "
+            "changes from trial to trial before you trust a cause"
         ),
-        "impossible_size": (
-            "the data would require {parameter} = {size}, which is physically impossible: evidence against the effect itself"
-        ),
+        "impossible_size": ("the fit gives {parameter} = {size}, which is physically impossible: evidence against this effect"),
         "stage_error": (
-            "in addition to the cause, a free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence"
+            "an additional free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence: the named cause "
+            "may not be the only one"
         ),
-        "cause_impossible": "the cause is not certain: {effect} would have an impossible size",
-        "cause_undetermined": "the cause is not certain: within its error, {effect} carries less than the noise floor",
+        "cause_impossible": "the cause is not certain: the fitted size of {effect} is impossible",
+        "cause_undetermined": "the cause is not certain: {effect} may move the tip by less than the noise floor",
         "fit_not_reached": (
-            "the cause is not certain: the robot with {effect} alone leaves {mm:.2g} mm, with tolerances of other effects "
-            "{promised_mm:.2g} mm"
+            "the cause is not certain: {mm:.2g} mm remain with {effect} alone, {promised_mm:.2g} mm with tolerances of other "
+            "effects too"
         ),
-        "cause_or_calibration": "the cause is not certain: {effect} alone would do the same without calibration",
-        "law_of_another_form": "the cause is not certain: known laws of {effect} do not act exactly like this, another cause may",
+        "cause_or_calibration": "the cause is not certain: {effect} alone would explain the data without calibration",
+        "law_of_another_form": "the cause is not certain: known laws of {effect} fit only roughly; another cause may fit better",
         "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
     },
     "note": {
         "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",
         "thrust_settled": (
-            "robot.yaml does not say what takes the thrust of the {actuators}: with the side walls {walls_mm:.2f} mm rms remain "
-            "calibrated, with the tip's cap {cap_mm:.2f} mm, so the walls take it here; state `thrust: walls`"
+            "robot.yaml does not say whether cap or walls take the thrust of the {actuators}. After calibration {walls_mm:.2f} "
+            "mm rms remain with the walls, {cap_mm:.2f} mm with the cap; the walls are used. To settle it, write `thrust: walls`"
         ),
         "refitted": "{name} {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}){rather}",
         "refitted_to_limit": (
@@ -142,32 +140,32 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "frame{rather}"
         ),
         "base_tilted": (
-            "the base is tilted by {about} (p = {p:.2f}): robot.yaml says gravity {given}, as of a base that is not; level it, "
-            "or state the tilt in robot.yaml (effects, base_tilt){rather}"
+            "the base is tilted by {about} (p = {p:.2f}), but robot.yaml says gravity {given}: level the base, or state the tilt "
+            "in robot.yaml (effects, base_tilt){rather}"
         ),
         "frame_turned": ("the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): correct {line}{rather}"),
         "frame_mirrored": (
             "the cameras' frame is a mirror image of the base's (p = {p:.2f}): correct the sign of a column, or two columns "
-            "that are exchanged, and {line}{rather}"
+            "that are swapped, and {line}{rather}"
         ),
         "frame_moved": (
-            "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): take {by} off the tips from that trial on, "
-            "or make two cases{rather}"
+            "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
+            "on, or make two cases{rather}"
         ),
         "actuators_exchanged": (
-            "{actuators} {first} and {second} are exchanged (p = {p:.2f}): exchange p{first} and p{second} in the table or in "
-            "map.yaml, or these two of azimuths_deg in robot.yaml{rather}"
+            "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
+            "map.yaml, or their azimuths_deg in robot.yaml{rather}"
         ),
         "actuator_dead": (
-            "{actuator} {number} gets no {pressure} (p = {p:.2f}): check that it is connected, and column p{number}{rather}"
+            "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
         "column_in_unit": (
             "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
             "map.yaml, or its scale{rather}"
         ),
         "stiffness_unit": (
-            "{place}, column {column}: {value:.4g} {si}, {ratio:.2g} times the stiffness that robot.yaml's modulus gives: looks "
-            "like {looks} (p = {p:.2f}); write {si}: {remedy}"
+            "{place}, column {column}: {value:.4g} {si} is {ratio:.2g} times the stiffness expected from robot.yaml's modulus; "
+            "it looks like {looks} (p = {p:.2f}). Write {si}: {remedy}"
         ),
         "pressures_in_unit": (
             "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
@@ -178,7 +176,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "or their scale{rather}"
         ),
         "attitudes_elsewhere": (
-            "the tip's orientations are in another frame or order than its places (p = {p:.2f}), columns qw, qx, qy, qz: "
+            "the tip's orientations (qw, qx, qy, qz) are in another frame or order than its positions (p = {p:.2f}): "
             "{remedy}{rather}"
         ),
         "displacements": (
@@ -186,24 +184,23 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "(0, 0, {length:g}) m: add {length:g} to z{rather}"
         ),
         "points_exchanged": (
-            "the tip and marker {number} are exchanged (p = {p:.2f}): exchange their columns in the table, or points in map.yaml"
+            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in map.yaml"
             "{rather}"
         ),
         "axes_of_point": (
-            "{point} stands along other axes (p = {p:.2f}): in the base's order its columns are {axes}; check its columns x, y, z"
-            "{rather}"
+            "{point} uses other axes (p = {p:.2f}): along the base's axes its columns are {axes}; check columns x, y, z{rather}"
         ),
         "scale_far_off": (
-            "the tip moves {factor:.2g} times as far as the rod with the numbers of robot.yaml under these {pressures}: check "
-            "the unit and scale of the {pressures}, the moduli, radii and path_radius"
+            "the tip moves {factor:.2g} times as far as robot.yaml predicts for these {pressures}: check the unit and scale of "
+            "the {pressures}, the moduli, radii and path_radius"
         ),
         "tip_far_off": (
-            "the tip is {mm:.3g} mm (rms, outliers down-weighted) from where the rod of robot.yaml has it, and no single mistake "
-            "explains it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass and moduli"
+            "the tip is {mm:.3g} mm (rms, outliers down-weighted) from robot.yaml's prediction, and no single mistake explains "
+            "it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass and moduli"
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
-        "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): take {ambient:.6g} Pa off all of them{rather}"),
-        "reordered": "{actuators} 1 to {count} hold the {pressures} of {order} ({effect})",
+        "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
+        "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} ({effect})",
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",

@@ -1,9 +1,9 @@
-"""Diagnose, choose the experiment that tells most for its time, predict it, do it, diagnose again.
+"""Diagnose, choose the most informative experiment for its time, predict it, do it, diagnose again.
 
     bits gained = sum_h q_h log2(q_h / p_h),    p before the experiment, q after
 
-What each rival predicts is written down before the experiment runs, and judged where it was done: by the density of the readings
-and by how far they are off. An experiment that no rival foretold speaks for a cause outside the catalogue.
+What each rival predicts is written down before the experiment runs. The readings then judge it, by their density and by their
+distance from it. If no rival predicted the readings, the cause is probably outside the catalogue.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class RivalPrediction:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class Predicted:
     """An experiment, and what is expected of it, before it runs."""
 
     proposal: Proposal
@@ -79,16 +79,16 @@ class Round:
     diagnosis: Diagnosis
     minutes: float
     """Spent on experiments so far."""
-    foretold: Foretold | None = None
+    predicted: Predicted | None = None
     judged: tuple[Tested, ...] = ()
     bits: float = 0.0
     """Gained by the experiment, from this diagnosis to the next."""
     refused: Mapping[str, str] = field(default_factory=dict)
-    """Experiments that would have told more, and why they were not done."""
+    """More informative experiments, and why they were not done."""
 
     @property
     def unforeseen(self) -> bool:
-        """No rival foretold what was read."""
+        """No rival predicted the readings."""
         return bool(self.judged) and all(j.failed for j in self.judged)
 
 
@@ -119,8 +119,8 @@ class Laboratory(Protocol):
     def refusal(self, proposal: Proposal) -> str:
         """Why this one cannot be done; empty where it can."""
 
-    def perform(self, foretold: Foretold) -> CaseLike:
-        """Do it, after keeping what was foretold; the campaign with the new states behind the others. Raises `NotDone`."""
+    def perform(self, predicted: Predicted) -> CaseLike:
+        """Save the prediction, do the experiment and return the campaign with its states appended. Raises `NotDone`."""
 
 
 def settled(d: Diagnosis) -> bool:
@@ -136,8 +136,8 @@ def investigate(
     experiments: int,
     diagnosed: Callable[[Round], None] = lambda _: None,
 ) -> Investigation:
-    """Diagnose and experiment until the cause is settled, nothing on the menu tells more, or the limits are reached: `minutes`
-    of the experiments as they are estimated, hands included, and a number of `experiments`.
+    """Diagnose and experiment until the cause is settled, no experiment on the menu is informative, or a limit is reached:
+    `minutes`, the estimated time of all experiments with their preparation, or the number of `experiments`.
 
     `diagnosed` gets each round as soon as its diagnosis is there. Raises `BadCase`, and what the laboratory raises.
     """
@@ -158,21 +158,21 @@ def investigate(
             if proposal.id in ids_done or proposal.expected_bits < LEAST_BITS:
                 continue
             try:
-                foretold, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
+                predicted, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:
                 refused[proposal.id] = str(e)
                 continue
-            rounds.append(replace(this_round, foretold=foretold, judged=judge(examined, case, extended), refused=refused))
+            rounds.append(replace(this_round, predicted=predicted, judged=judge(examined, case, extended), refused=refused))
             ids_done.add(proposal.id)
             spent, case = spent + proposal.cost_min, extended
             break
         else:
-            ended = "nothing that can be done is expected to tell more" if refused else "no experiment is expected to tell more"
+            ended = f"no {'further possible ' if refused else ''}experiment is expected to be informative"
             return Investigation((*rounds, replace(this_round, refused=refused)), ended)
 
 
-def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Foretold, CaseLike]:
-    """What was foretold, and the campaign with the experiment; raises `NotDone`, also where fewer `minutes` are left."""
+def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minutes: float) -> tuple[Predicted, CaseLike]:
+    """The prediction, and the campaign with the experiment. Raises `NotDone`, also if it takes more than `minutes`."""
     if why := laboratory.refusal(proposal):
         raise NotDone(why)
     if proposal.cost_min > minutes:
@@ -180,12 +180,12 @@ def _performed(rivals: Rivals, proposal: Proposal, laboratory: Laboratory, minut
     predictions = rivals.predict(planned(rivals.prepared, replace(proposal, channels=()))) or ()
     of_rivals = zip(rivals.candidates, rivals.weight, predictions, strict=False)
     made = tuple(RivalPrediction(c.named, float(w), *(_mm(values) for values in q.tip)) for c, w, q in of_rivals)
-    foretold = Foretold(proposal, made)
-    return foretold, laboratory.perform(foretold)
+    predicted = Predicted(proposal, made)
+    return predicted, laboratory.perform(predicted)
 
 
 def judge(examined: Examined, case: CaseLike, extended: CaseLike) -> tuple[Tested, ...]:
-    """How each rival's prediction, made from `case`, came out in the rows that `extended` has behind those; none without tips."""
+    """Judge each rival's prediction, made from `case`, by the rows that `extended` adds to it; empty without tips."""
     rivals, p = examined.rivals, examined.rivals.prepared
     new_rows = extended.table.take(np.arange(len(case.table), len(extended.table)))
     try:
@@ -231,9 +231,9 @@ def _round(r: Round) -> dict[str, Any]:
         "minutes": r.minutes,
         "not_done": dict(r.refused),
     }
-    if r.foretold is not None:
+    if r.predicted is not None:
         out |= {
-            "experiment": {name: getattr(r.foretold.proposal, name) for name in ("id", "do", "expected_bits", "cost_min")},
+            "experiment": {name: getattr(r.predicted.proposal, name) for name in ("id", "do", "expected_bits", "cost_min")},
             "came_out": [{**asdict(j), "failed": j.failed} for j in r.judged],
             "unforeseen": r.unforeseen,
             "bits_gained": r.bits,

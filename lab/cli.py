@@ -19,32 +19,32 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "safe": ("verbs.safe", "vent, stop and release the spine, confirmed by reading back"),
     },
     "run": {
-        "plan": ("verbs.run", "steps, duration and limits of a protocol; nothing moves"),
+        "plan": ("verbs.run", "show steps, duration and limits of a protocol; nothing moves"),
         "run": ("verbs.run", "run a protocol and record it"),
-        "campaign": ("campaign.command", "runs of protocols in a designed order, planned and resumed as a whole"),
-        "watch": ("verbs.watch", "a run on a page in the browser while it goes on, or a recording played"),
+        "campaign": ("campaign.command", "run several protocols in a designed order; plan and resume them as a whole"),
+        "watch": ("verbs.watch", "show a run live in the browser, or play a recording"),
         "investigate": ("investigation.command",
-                        "diagnose, run the experiment that tells most, diagnose again, until it is clear"),
+                        "diagnose, run the most informative experiment, and repeat until the cause is clear"),
     },
     "recordings": {
-        "info": ("verbs.recorded", "what recordings hold: streams, rates, losses, provenance, outcome"),
+        "info": ("verbs.recorded", "show a recording's streams, rates, losses, provenance and outcome"),
         "runs": ("verbs.recorded", "list the recordings of a folder tree, with outcome and losses"),
         "verify": ("verbs.recorded", "compare every checksum, record and index of a recording"),
-        "recover": ("verbs.recorded", "save all that can be read of a damaged or truncated recording"),
+        "recover": ("verbs.recorded", "save everything readable in a damaged or truncated recording"),
         "replay": ("verbs.recorded", "compute the trials again from the recording alone and compare with the live run"),
-        "export": ("verbs.export", "recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate"),
-        "import": ("verbs.import_data", "measurements of other programs as a case, by a map of their columns"),
+        "export": ("verbs.export", "write recordings and cases for other programs: CSV, MATLAB, a case, an RO-Crate"),
+        "import": ("verbs.import_data", "turn other programs' measurements into a case, with a map of their columns"),
     },
     "model and diagnosis": {
-        "compare": ("verbs.compare", "measured against model: error table and figure"),
+        "compare": ("verbs.compare", "compare measurements with the model: error table and figure"),
         "fit": ("verbs.fit", "calibrate the model on recordings or a case folder"),
-        "predict": ("verbs.predict", "where the tip will be, with 95 % intervals; or pressures for wanted tips"),
-        "diagnose": ("verbs.diagnose", "the gap: where it lies, which effect causes it, how far it shrinks, what to do next"),
-        "power": ("investigation.power", "before measuring: which causes a plan can tell apart, and what to add to it"),
-        "effects": ("verbs.effects", "the catalogue of effects, with a figure of the signature of each"),
+        "predict": ("verbs.predict", "predict the tip with 95 % intervals, or find pressures for wanted tips"),
+        "diagnose": ("verbs.diagnose", "locate the model error, name its cause, and propose the next experiment"),
+        "power": ("investigation.power", "which causes a planned experiment can distinguish, and what would improve it"),
+        "effects": ("verbs.effects", "list the catalogue of effects, or draw what each does to the tip"),
     },
     "for developers": {
-        "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, ending in an HTML report"),
+        "demo": ("verbs.demo", "record, fit and diagnose on fake instruments, and write an HTML report"),
         "schema": ("verbs.developer",
                    "JSON schema of rig.yaml, robot.yaml, arm.yaml, map.yaml, campaign.yaml or a protocol file, for your editor"),
         "completion": ("verbs.developer", "print the shell's completion script for verbs, options and files"),
@@ -64,7 +64,7 @@ class LabParser(argparse.ArgumentParser):
     """The command, whose help lists the verbs in groups."""
 
     def format_help(self) -> str:
-        """Return usage, description, verbs by group, and where to go on."""
+        """Return usage, description, verbs by group, and further help."""
         lines = ["usage: lab VERB ...", "", self.description or ""]
         for title, verbs in GROUPS.items():
             lines += ["", f"{title}:", *(f"  {verb:13}{summary}" for verb, (_, summary) in verbs.items())]
@@ -73,7 +73,7 @@ class LabParser(argparse.ArgumentParser):
 
 
 class Version(argparse.Action):
-    """Prints the version; found out only when it is asked for."""
+    """Prints the version, which is computed only on request."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from .console import out

@@ -209,9 +209,9 @@ def seconds_left(done: float, total: float, elapsed: float, speed: float) -> flo
 
 
 def clock(seconds: float) -> str:
-    """Seconds as a person reads them: 45 s, 12 min, 2 h 05 min."""
+    """Seconds as a person reads them: 0.5 s, 45 s, 12 min, 2 h 05 min."""
     s = max(0, round(seconds))
     if s < 90:
-        return f"{s} s"
+        return f"{s} s" if s >= 10 else f"{max(0.0, seconds):.2g} s"
     minutes = round(s / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"

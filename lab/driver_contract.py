@@ -75,7 +75,6 @@ class DriverOnFake:
     config: Any
     clock: RigClock = field(default_factory=lambda: RigClock(SPEED, timing.now() - AGO))
     samples: list[Any] = field(default_factory=list)
-    """What a stream has sent."""
     arrived: list[float] = field(default_factory=list)
     """When it sent them, rig time."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import replace
 from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.judgement import LEAST_BITS
+
+from .plain import typed
 
 FIRST = 6
 """Experiments shown."""
@@ -27,4 +28,4 @@ def nothing_next(d: Diagnosis) -> str:
 
 def command(p: Proposal, protocols: Path | None) -> str:
     """Return what to type to run a proposed experiment, RIG.yaml for the rig; its file is in `protocols`, by default next."""
-    return f"lab run {shlex.quote(str((protocols or Path('next')) / p.id))}.yaml --rig RIG.yaml"
+    return typed("lab", "run", (protocols or Path("next")) / f"{p.id}.yaml", "--rig", "RIG.yaml")

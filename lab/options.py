@@ -1,4 +1,4 @@
-"""What a verb of the command is: its options, its examples, its page and its function. Each is declared below that function."""
+"""Declare a verb of the command: options, examples, page and function. Each declaration follows its function."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ class Option:
 
     names: tuple[str, ...]
     how: dict[str, Any]
-    """As argparse takes it."""
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
         """Have it parsed."""
@@ -50,25 +49,24 @@ Options = Sequence[Option | OneOf]
 
 @dataclass(frozen=True)
 class Result:
-    """What a verb came to: as JSON has it, as a person reads it, and the exit code."""
+    """The result of a verb: as JSON, as text for a person, and as an exit code."""
 
     data: object = None
-    """As JSON has it."""
     show: Callable[[], object] | None = None
-    """Prints it for a person; None: the JSON is for persons, too, or all has been printed where there is none."""
+    """Prints it for a person; None: the JSON serves people too, or everything has been printed already."""
     code: int = 0
     error: BaseException | None = None
     """Raised once the result is printed."""
     then: Callable[[], object] | None = None
-    """What goes on from then on until a person ends it."""
+    """Runs after printing, until a person ends it."""
     safe: bool = True
     """The safe state of the rig was confirmed."""
     again: str | None = None
-    """What to type to go on."""
+    """The command that continues it."""
 
     def tell(self) -> None:
         """Print it for a person."""
-        from .console import err, out  # so that a verb's options are known without what prints
+        from .console import err, out  # declaring options must not import the console
 
         if self.show is not None:
             self.show()
@@ -80,7 +78,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Verb:
-    """What the command needs beyond the verb's group and summary, which are in the table of `lab.cli`."""
+    """A verb without its group and summary, which are in the table of `lab.cli`."""
 
     name: str
     call: Callable[[argparse.Namespace], Result]
@@ -99,7 +97,7 @@ class Verb:
             one.add_to(parser)
 
     def unknown_option(self, words: Sequence[str]) -> str:
-        """Return the complaint about the first of the words that is no option of the verb; "" if all are known."""
+        """Return the error for the first unknown option in the words; "" if all are known."""
         known = ["-h", "--help", *(name for one in self.options for name in one.names)]
         given = words[: words.index("--")] if "--" in words else words
         if {"-h", "--help"} & set(given):
@@ -111,21 +109,21 @@ class Verb:
 
 
 OPTION = re.compile(r"--?[a-zA-Z][^\s]*")
-"""What is taken for an option, not for a value."""
+"""A word that is an option, not a value."""
 
 
 def unknown(said: str, kind: str, name: str, known: Iterable[str], otherwise: str) -> str:
-    """Return the complaint about a name that is not known: the nearest one, or where to look."""
+    """Return the error for an unknown name: the nearest known one, or where to look."""
     near = difflib.get_close_matches(name, known, 1)
     return f"{said}: is not {kind}; " + (f"did you mean {near[0]}?" if near else otherwise)
 
 
 TYPES: dict[Any, Callable[[str], float]] = {float: number, int: whole_number}
-"""How numbers of the command line are read."""
+"""Parser for each number type on the command line."""
 
 
 def option(*names: str, **how: Any) -> Option:
-    """Return an option, or an argument that is given by its place; `how` as argparse's add_argument takes it."""
+    """Return an option or a positional argument; `how` as for argparse's add_argument."""
     if how.get("type") in TYPES:
         how["type"] = TYPES[how["type"]]
     return Option(names, how)
@@ -142,39 +140,37 @@ def settings(text: str) -> Option:
 
 
 def inputs(text: str) -> Option:
-    """Return the argument for one file or folder, or several."""
+    """Return the argument for one or more files or folders."""
     return option("inputs", type=Path, nargs="+", metavar="INPUT", help=text)
 
 
 JSON = option("--json", action="store_true", help="print the result as JSON")
 ANY_SIZE = option(
-    "--any-size",
-    action="store_true",
-    help="read files that claim to unpack to more than their size allows; only if you trust them",
+    "--any-size", action="store_true", help="accept files with an unusually high compression ratio; only if you trust them"
 )
-"""Of every verb that reads recordings, whose limits of size it lifts."""
-REPLACE = option("--replace", action="store_true", help="replace the output folder as a whole, whatever it holds")
-INPUTS = inputs("recordings (.mcap) or case folders, as one")
+"""For every verb that reads recordings: lifts the limits of size."""
+REPLACE = option("--replace", action="store_true", help="delete and replace the output folder with everything in it")
+INPUTS = inputs("recordings (.mcap) or case folders, read as one campaign")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
-SCHEDULER = option("--scheduler", help="a Dask scheduler instead, tcp://host:port (extra `cluster`)")
+SCHEDULER = option("--scheduler", help="use a Dask scheduler instead, tcp://host:port (extra `cluster`)")
 OWN_EFFECTS = option("--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)")
 LABELS = (
-    option("--operator", metavar="NAME", help="who runs it; recorded, as the two below"),
-    option("--specimen", metavar="NAME", help="which piece is mounted"),
+    option("--operator", metavar="NAME", help="name of the operator; recorded, as are the next two"),
+    option("--specimen", metavar="NAME", help="name of the mounted specimen"),
     option("--tag", action="append", default=[], metavar="KEY=VALUE", help="a label of your own (repeatable)"),
 )
 
 
 def given_labels(a: argparse.Namespace) -> dict[str, str]:
-    """Return name and text of the labels that LABELS gave; raises ConfigError."""
+    """Return names and texts of the given LABELS. Raises ConfigError."""
     from recordings.campaign.labels import labels, split
     from recordings.errors import BadMessage
 
     from .files.config import ConfigError
 
     named = [(name, text) for name in ("operator", "specimen") if (text := getattr(a, name)) is not None]
-    place = "--tag "  # what a message names while tags are read
+    place = "--tag "  # prefix of messages while tags are read
     try:
         tags = [split(text) for text in a.tag]
         place = ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 
 _ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 """Control characters but tab and newline, what turns the direction of writing, and halves of characters."""
@@ -16,3 +17,8 @@ def plain(text: str) -> str:
 def one_line(text: str) -> str:
     """The same on a single line, for files that are read line by line."""
     return plain(text).replace("\n", "\\n")
+
+
+def typed(*words: object) -> str:
+    """A command as a person types it: paths with spaces are quoted."""
+    return shlex.join(map(str, words))

@@ -1,4 +1,4 @@
-"""The answer in one line of at most 20 words: what is wrong, by how much in a person's unit, and how probable that is."""
+"""The answer in one line of at most 20 words: the cause, its size in a person's unit, and its probability."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .verdict import stage
 
 MOST_WORDS = 20
 ROOM = MOST_WORDS - 5
-"""Words for what is wrong, besides "most likely" and (p = ..)."""
+"""Words for the cause itself, without "most likely" and (p = ..)."""
 UNITS = {
     "rad": (180 / math.pi, "deg"), "rad/m": (180 / math.pi, "deg/m"), "rad/(N m)": (180 / math.pi, "deg/(N m)"),
     "m": (1e3, "mm"), "m/N": (1e3, "mm/N"), "kg": (1e3, "g"), "1": (1.0, ""),
@@ -28,8 +28,8 @@ UNITS = {
 
 
 def for_people(value: float, unit: str, words: Words = Chambers.words) -> tuple[float, str]:
-    """A value and its unit as a person reads them; the logarithm of a factor (ln) as the factor. `words` holds the unit of what
-    drives the robot, a pressure or a tension, which tables hold as Pa.
+    """Return a value and its unit as a person reads them; the logarithm of a factor (ln) becomes the factor. `words` holds the
+    unit for pressure or tension, which tables hold in Pa.
 
     >>> for_people(0.1, "m"), for_people(0.0, "ln"), for_people(2e4, "Pa")
     ((100.0, 'mm'), (1.0, 'times'), (20.0, 'kPa'))
@@ -87,7 +87,7 @@ def stated(probability: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Closed share of a gap in whole percent; nothing closes more than all of it.
+    """Return the closed share of a gap in whole percent, at most 100.
 
     >>> percent(0.876), percent(1.02), percent(-0.001)
     ('88', '100', '0')
@@ -118,10 +118,10 @@ def headline(
     beyond: bool = False,
     alone: bool = False,
 ) -> str:
-    """The conclusion in at most 20 words, those of the robot's actuators, which are named by number where the `robot` is given.
+    """Return the conclusion in at most 20 words. Actuators are named by number if `robot` is given.
 
-    `by_calibration`: share of the reducible gap that calibration closes where that is most of it, `calibrated` what it changed,
-    `beyond` whether it reached its limit and `alone` whether one effect in its place leaves no more than what is named does.
+    `by_calibration`: share of the reducible gap that calibration closes, if that is most of it; `calibrated`: what it changed;
+    `beyond`: it reached its limit; `alone`: one effect in its place leaves no larger error than the named ones.
     """
     a, speech = d.attribute, Speech(d, catalogue, robot)
     closed = None if d.shrink is None else d.shrink.share_closed
@@ -141,7 +141,7 @@ def headline(
         if closes_nothing and calibration_closes:
             return f"{calibration_closes}; no effect closes the rest."
         if closes_nothing:
-            text = f"unclear: nothing closes the gap; nearest is {name} {p}."
+            text = f"unclear: no effect closes the gap; the closest is {name} {p}."
         elif several and a.probability < LIKELY:
             text = _tied(a, speech) or f"possibly {name} {p}."
         else:
@@ -157,17 +157,17 @@ def headline(
         return _short_enough(f"{calibration_closes}; no other cause {other} {p}.", f"{calibration_closes} {p}.", short)
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."
-    return f"No cause: no known effect accounts for enough of the gap {p}."
+    return f"No cause: no known effect explains enough of the gap {p}."
 
 
 def _short_enough(*texts: str) -> str:
-    """The first of texts that is, or the last."""
+    """The first text that is short enough, or the last."""
     return next((text for text in texts if len(text.split()) <= MOST_WORDS), texts[-1])
 
 
 @dataclass(frozen=True)
 class Speech:
-    """What a sentence takes its words from."""
+    """The sources of a sentence's words."""
 
     d: Diagnosis
     catalogue: Mapping[str, EffectSpec]
@@ -175,8 +175,8 @@ class Speech:
 
 
 def _tied(a: Attribute, speech: Speech) -> str:
-    """What is named and the next hypothesis, where that is nearly as probable and both find room; else empty. Of what is not
-    likely no size is said."""
+    """The named effects and the next hypothesis, if it is nearly as probable and both fit; else empty. Sizes are given only for
+    what is likely."""
     second = max((r for r in a.ranking if r.effects != a.effects), key=lambda r: r.probability, default=None)
     if second is None or second.probability < a.probability - TIE_STATED:
         return ""
@@ -195,12 +195,12 @@ def _name_all(effects: Sequence[str], speech: Speech) -> str:
 
 
 def _sizes(a: Attribute, effects: Sequence[str]) -> Mapping[str, Value]:
-    """Parameters of a hypothesis; empty where it is not among those ranked."""
+    """Parameters of a hypothesis; empty if it is not ranked."""
     return next((r.parameters for r in a.ranking if r.effects == tuple(effects)), {})
 
 
 def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech, spread: bool = True) -> str:
-    """What is wrong, by names alone where sizes find no room; with `spread`, sizes have their standard deviation if that does."""
+    """The effects with their sizes, or names alone if those do not fit; `spread` adds standard deviations if they fit."""
     if tuple(effects) == UNKNOWN:
         return "the cause is outside the catalogue"
     if not effects:
@@ -214,7 +214,7 @@ def _says_all(effects: Sequence[str], sizes: Mapping[str, Value], speech: Speech
 
 
 def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool) -> str:
-    """What one effect does, with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
+    """One effect with its size (parameter -> value) in a person's unit and, with `spread`, its standard deviation."""
     spec, words = speech.catalogue.get(effect), speech.d.words
     if spec is None or not spec.says:
         return f"{_name_all((effect,), speech)} is at work"
@@ -236,7 +236,7 @@ def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool)
 
 
 def _amount(value: float, sd: float, unit: str, words: Words) -> str:
-    """A size to two digits, and its standard deviation where that shows in them."""
+    """A size to two digits, and its standard deviation if that is visible at this precision."""
     factor = 100.0 if unit == "1" else 0.0 if unit == "ln" else for_people(1.0, unit, words)[0]
     number, name = (100 * value, "%") if unit == "1" else for_people(value, unit, words)
     digits = max(0, 1 - math.floor(math.log10(abs(number)))) if number and unit != "1" else 0

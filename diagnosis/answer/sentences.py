@@ -17,7 +17,7 @@ from ..criticism.stage_errors import StageError
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
-from .headline import LEAST_STATED, OUTSIDE, for_people, percent, plain_name, stated, with_id
+from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
@@ -44,26 +44,26 @@ def _what(d: Diagnosis) -> tuple[str, int]:
 
 
 def _verdict(d: Diagnosis) -> str:
-    """The conclusion: cause, candidates or none, with its probability; where it is outside the catalogue, which stage errs."""
+    """The conclusion: cause, candidates or none, with its probability; the stage in error if outside the catalogue."""
     a, named = d.attribute, _named(d.attribute.effects, d)
     open_ended = a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED
     given = f"; {a.within:.2f} if it is in the catalogue" if open_ended else ""
     sure = f"p = {a.probability:.2f}{given}; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
-    second = f" Together with it acts another of comparable size: {' or '.join(each)}." if each else ""
+    second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
     if a.conclusion == "cause":
         return f"Cause: {named} ({sure}).{second}"
     if a.conclusion == "one of several":
         experiment = next((f" To tell them apart: {x.do}." for x in d.next_experiment if x.separates), "")
-        text = f"Behaves most like {named} ({sure}); the data do not exclude {_others(d)}."
+        text = f"The most probable cause is {named} ({sure}); the data cannot rule out {_others(d)}."
         return f"{text}{experiment}{second}{_relatives(d)}"
     if a.conclusion == "none" and a.too_small:
         return (
-            f"{_by_calibration(d, 'No cause stands out', 'no cause stands out')}: probably no effect carries "
+            f"{_by_calibration(d, 'No cause stands out', 'no cause stands out')}: probably no effect moves the tip by "
             f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({sure}). The most probable one is {_named(a.too_small, d)}."
         )
     if a.conclusion == "none":
-        return f"{_by_calibration(d, 'No cause:')} no effect accounts for enough above the noise floor ({sure})."
+        return f"{_by_calibration(d, 'No cause:')} no effect explains enough of the gap above the noise floor ({sure})."
     if a.conclusion == "noise":
         return f"{_by_calibration(d, 'No gap:')} nothing is above the noise floor ({sure})."
     if a.conclusion == "too little data":
@@ -73,26 +73,26 @@ def _verdict(d: Diagnosis) -> str:
         runner_up = next((f", in the {e.stage} {e.gain:.1f}" for e in a.stage_errors if e.stage != leading_error.stage), "")
         stage_clause = (
             f" An error in the {leading_error.stage} that {d.words.fill(leading_error.varies)} fits best (log evidence "
-            f"{leading_error.gain:.1f}{runner_up}); a cause of another stage may do the same to these states."
+            f"{leading_error.gain:.1f}{runner_up}), but a cause in another stage may look the same in these states."
         )
     return f"The cause is not in the catalogue ({sure}).{stage_clause}{_relatives(d)}"
 
 
 def _relatives(d: Diagnosis) -> str:
-    """Causes outside the catalogue that do what these readings show, and how to find out."""
+    """Causes outside the catalogue with the same signature, and the test for each."""
     said = [(s.name(d.words), d.words.fill(s.seen_best_in)) for s in (RELATIVES[r] for r in d.attribute.relatives[:2])]
     if d.attribute.verdict == "unknown":
-        return "".join(f" It may be {name}: {test}, to find out." for name, test in said)
-    return "".join(f" {name[0].upper()}{name[1:]} would do this too: {test}, to find out." for name, test in said)
+        return "".join(f" It may be {name}. To find out, {test}." for name, test in said)
+    return "".join(f" {name[0].upper()}{name[1:]} would look the same. To find out, {test}." for name, test in said)
 
 
 def _others(d: Diagnosis) -> str:
-    """What else it may be, where an effect is named and not sure."""
+    """The alternatives to an effect that is named without certainty."""
     a = d.attribute
     if a.rivals:
         return _named(a.rivals[:3], d, " or ") + (f" or {len(a.rivals) - 3} others" if len(a.rivals) > 3 else "")
     outside = a.relatives or a.outside >= 1 - a.probability - a.outside
-    return OUTSIDE if outside else "that no effect carries enough"
+    return "a cause that this software does not know" if outside else "that no effect is large enough"
 
 
 def _gap(d: Diagnosis) -> str:
@@ -104,14 +104,14 @@ def _gap(d: Diagnosis) -> str:
     factor = "" if d.fitted is not None else _factor(d)
     if d.waterfall is None:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
-        factor = " and towards the rod" if d.simulator is not None else factor
-        return f"Calibrated with one {d.words.area_factor}{factor} {model} misses {what} by {missed}; {floor}."
+        factor = " and moved towards the rod" if d.simulator is not None else factor
+        return f"Calibrated with one {d.words.area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
     calibrated = d.waterfall.steps[0].left_mm
     no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
-    remark = f", no less: no {d.words.area_factor} makes up for what is wrong" if no_better else ""
+    remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
-        f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms, calibrated with one "
-        f"{d.words.area_factor}{factor} by {calibrated:.{digits}f} mm on states that the fit did not see{remark}; {floor}."
+        f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
+        f"{d.words.area_factor}{factor}, by {calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
 
 
@@ -121,18 +121,18 @@ def _factor(d: Diagnosis) -> str:
     if c is None or max(abs(c.stiffness - 1), abs(c.modulus - 1)) < judgement.CALIBRATION_STATED:
         return ""
     if d.simulator is not None:
-        return f" ({c.area_factor:.2f} in place of the {c.given:.2f} with which the rod comes nearest to {d.simulator.name})"
+        return f" ({c.area_factor:.2f}; the rod comes nearest to {d.simulator.name} with {c.given:.2f})"
     body = f"a body {as_stiff(c)}"
     how = f"; {body} would look the same"
     if c.at_bound:
         how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
     elif abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
-        how = f", with {c.modulus:.2f} times the modulus; these data show hardly more than their ratio, that of {body}"
+        how = f", with {c.modulus:.2f} times the modulus; these data determine only the ratio of the two, that of {body}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
 
 def changed_by(d: Diagnosis) -> str:
-    """What calibration comes to, in a few words; empty where there is none."""
+    """The calibration in a few words; empty if there is none."""
     if d.calibration is None:
         return ""
     if d.simulator is not None:
@@ -141,27 +141,30 @@ def changed_by(d: Diagnosis) -> str:
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
-    """Name and size of an effect that does what the area factor does, with or without its identifier."""
+    """Name and size of an effect that acts like the area factor, with or without its identifier."""
     value, unit = _in_percent(a.value, a.unit)
     return f"{(with_id if ids else plain_name)(a.parameter.partition('.')[0], names)} {value:+.3g} {unit}"
 
 
 def _alike(d: Diagnosis) -> str:
-    """What else would do what a calibrated area factor does that closes most of the gap, and the experiment that tells."""
+    """Alternatives to a calibrated area factor that closes most of the gap, and how to test them."""
     c = d.calibration
     if c is None or d.simulator is not None or closed_by_calibration(d) is None or (d.fitted is not None and not c.alike):
         return ""
     each = [f"{alike_in_words(a, d.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
     others = ", ".join([*each, f"the gain of the {d.words.pressures}, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's {d.words.area_factor} the same would be done by: {others}. To tell them apart: weigh what the tip "
-        f"carries, hang a known mass on it without {d.words.pressure}, hold a gauge against the {d.words.pressures}, and measure "
-        "a section."
+        f"With robot.yaml's {d.words.area_factor}, any of these would have the same effect: {others}. To tell them apart, weigh "
+        f"what the tip carries, hang a known mass on it without {d.words.pressure}, {_checked(d.words)}."
     )
 
 
+def _checked(words: Words) -> str:
+    return f"check the {words.pressures} with a gauge, and measure a cross-section of the body"
+
+
 def as_stiff(c: Calibration) -> str:
-    """What a body that looks the same is, against that of robot.yaml."""
+    """The equivalent stiffness of the body, relative to robot.yaml."""
     if c.stiffness > 2:
         return f"{c.stiffness:.1f} times as stiff"
     return f"{100 * abs(c.stiffness - 1):.0f} % {'stiffer' if c.stiffness > 1 else 'softer'}"
@@ -169,14 +172,14 @@ def as_stiff(c: Calibration) -> str:
 
 ORIGINS = {
     "pressures": "the readings of the {pressures}",
-    "cavities": "the body's stiffness, as its section is drawn without the cavities of the {actuators},",
+    "cavities": "the body's stiffness (robot.yaml's section leaves out the cavities of the {actuators})",
     "area_factor": "area_factor (effective over geometric area of the {actuators})",
 }
-"""Origins that robot.yaml does not hold, or whose key says little -> what to call them, in templates of `Words`."""
+"""Origins that have no key in robot.yaml, or an unclear one -> their names, as templates of `Words`."""
 
 
 def stands_for(c: Calibration | None, words: Words) -> str:
-    """What a calibrated area factor may stand for, and what tells; empty where it is that of robot.yaml."""
+    """Numbers of robot.yaml that may have caused the calibration, and how to test them; empty if it changed nothing."""
     if c is None or abs(c.stiffness - 1) < judgement.CALIBRATION_STATED or not c.origins:
         return ""
     possible = [
@@ -190,8 +193,8 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
     )
     return (
-        "What calibration changed may stem from one wrong number (p: probability that it makes up most of the change): "
-        f"{', or '.join(possible)}. To find out, {by_mass}hold a gauge against the {words.pressures}, and measure a section"
+        "One wrong number could account for most of the calibration (probability in brackets): "
+        f"{', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
     )
 
 
@@ -206,7 +209,7 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
 
 
 def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
-    """What calibration closes of the uncalibrated gap and then the `rest`, where that is most of it; else `otherwise`."""
+    """The share of the gap that calibration closes, then the `rest`, if that share is most of it; else `otherwise`."""
     closed = closed_by_calibration(d)
     return (
         otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it, {rest}".strip()
@@ -231,7 +234,7 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
 
 
 def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
-    """A finding where the calibrated body is `stiffness` times as stiff as that of robot.yaml: a wrong unit does that."""
+    """A finding if the calibrated body is so many times (`stiffness`) stiffer than robot.yaml's that a unit must be wrong."""
     if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 
@@ -239,7 +242,7 @@ def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
 def against(
     sizes: Sequence[Size], named: Sequence[str], errors: Sequence[StageError], names: Mapping[str, str], words: Words
 ) -> Iterator[Finding]:
-    """What speaks against the effects named: a size that cannot be, a stage that asks for an error of its own next to them."""
+    """Evidence against the named effects: an impossible size, or a stage that has an error of its own."""
     for x in (x for x in sizes if x.impossible):
         number, unit = for_people(x.mean, x.unit, words)
         yield finding("impossible_size", parameter=with_id(x.name, names), size=f"{number:.3g} {unit}".rstrip())
@@ -248,7 +251,7 @@ def against(
 
 
 def _simulator(d: Diagnosis) -> str:
-    """How the simulator in the rod's place differs from the rod, and how much of that the measurements do not show."""
+    """How the simulator differs from the rod it replaces, and how much of that the measurements do not show."""
     simulator = d.simulator
     if simulator is None:
         return ""
@@ -257,15 +260,15 @@ def _simulator(d: Diagnosis) -> str:
     if simulator.beyond_calibration_mm < d.locate.noise_floor_mm:
         return f"{difference}, {beyond}: less than the noise floor."
     step = next((s for s in (d.waterfall.steps if d.waterfall else ()) if s.step == "simulator"), None)
-    remark = f" Without that part, {step.left_mm:.2f} mm of the gap remain on unseen states." if step else ""
+    remark = f" Without that part, {step.left_mm:.2f} mm of the gap would remain on unseen states." if step else ""
     explains = judgement.EXPLAINS
     if step and simulator.share > explains and step.mm > explains * (step.mm + step.left_mm - d.locate.noise_floor_mm):
         remark += f" The gap is in {simulator.name}."
-    return f"{difference}, {beyond}; the measurements do not show {simulator.not_measured_mm:.2f} mm of that (in-sample).{remark}"
+    return f"{difference}, {beyond}; {simulator.not_measured_mm:.2f} mm of that is not in the measurements (in-sample).{remark}"
 
 
 def _simulator_acts(d: Diagnosis) -> str:
-    """At how many times the pressure the simulator acts, and where to look for why; empty where calibration closes little."""
+    """The simulator's equivalent pressure scale, and where to look for its reason; empty if calibration closes little."""
     s, c, w = d.simulator, d.calibration, d.waterfall
     if s is None or c is None or w is None or closed_by_calibration(d) is None:
         return ""
@@ -293,8 +296,8 @@ def _moved(d: Diagnosis) -> str:
         return ""
     gap = d.waterfall.steps[0].left_mm if d.waterfall is not None else d.locate.gap_rmse_mm
     more = max(c.mm for c in d.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
-    hidden = ", more than the gap, since tolerances of other effects counteract it" if more else ""
-    return f"Beyond what {d.words.an_area_factor} takes up, {'; '.join(shares)}{hidden}."
+    hidden = ". This exceeds the gap because other effects partly cancel it" if more else ""
+    return f"After {d.words.an_area_factor} is refitted, {'; '.join(shares)}{hidden}."
 
 
 def _closing(d: Diagnosis) -> str:
@@ -306,27 +309,28 @@ def _closing(d: Diagnosis) -> str:
     share, alone = d.shrink.share_closed, closed_alone(d.waterfall, d.shrink)
     if d.attribute.verdict == "effect":
         if share is None:
-            return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, hardly above the noise floor."
+            return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, near the noise floor."
         if share < 0:
-            return f"On unseen states it makes the prediction worse: {before} mm without it, {after} mm with it."
-        clause = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
-        return f"With it, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
+            return f"This cause makes the prediction of unseen states worse: {before} mm without it, {after} mm with it."
+        clause = "" if alone is None else f", {percent(alone)} % by the cause itself and the rest by tolerances of other effects"
+        return f"With the cause, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
     nearest = _named(d.detail["best_hypothesis"], d)
     if not nearest or share is None:
         return ""
     if share < judgement.EXPLAINS:
         return (
-            f"Closest: {nearest}, which does not explain the gap ({before} mm without it, {after} mm with it on unseen states)."
+            f"The nearest effect is {nearest}, which does not explain the gap (unseen states: {before} mm without it, {after} mm "
+            "with it)."
         )
     return (
-        f"Closest: {nearest}, which closes {percent(share)} % of the reducible gap on unseen states but leaves errors that "
-        "are no noise."
+        f"The nearest effect is {nearest}. It closes {percent(share)} % of the reducible gap on unseen states, but the remaining "
+        "errors are not noise."
     )
 
 
 def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
-    """Share of the reducible gap that what is named closes without any tolerance of other effects; None where tolerances hardly
-    add to it."""
+    """Share of the reducible gap that the named effects close without tolerances of other effects; None if tolerances add
+    little."""
     left = [step.left_mm for step in (w.steps if w else ()) if step.step == "cause"]
     if not left or s is None or s.share_closed is None or s.share_closed < 0:
         return None
@@ -335,12 +339,12 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
 
 
 def _robot(d: Diagnosis) -> str:
-    """What the robot with the cause alone leaves, which is the one that other commands use."""
+    """The error of the robot with the cause alone, which is the one that other commands use."""
     if d.fitted is None:
         return ""
     return (
-        f"The robot with it, one {d.words.area_factor}{_factor(d)} and nothing else, as `lab fit --with` writes it, misses the "
-        f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without it)."
+        f"With this cause and one {d.words.area_factor}{_factor(d)} only, as `lab fit --with` writes it, the robot misses the "
+        f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
     )
 
 
@@ -349,11 +353,11 @@ def _absorbed(d: Diagnosis) -> str:
     if a is None or d.attribute.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
         return ""
     left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
-    return f"{d.words.an_area_factor.capitalize()} for each spine length would hide it: {left} ({a.how})."
+    return f"{d.words.an_area_factor.capitalize()} for each spine length would hide this cause: {left} ({a.how})."
 
 
 def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:
-    """The sentence on effects that are there without being a cause, each by its `name`; empty where there is none."""
+    """The sentence on effects that are present but not the cause, each by its `name`; empty if there is none."""
     found = ", ".join(f"{name(c.effect)} {c.mm:.{digits}f} mm" for c in budget if c.role == "present")
     return f"Also present: {found}." if found else ""
 
@@ -366,12 +370,12 @@ def _odd(d: Diagnosis) -> str:
 
 
 def _pushed(d: Diagnosis) -> str:
-    """A sentence about the stiffness trials beside tips."""
+    """A sentence on stiffness trials recorded together with tips."""
     if "stiffness" not in d.detail or d.locate.of != "tip":
         return ""
     pushes = d.detail["stiffness"]
     before, after = (f"{pushes['waterfall_mm'][name]:.3f}" for name in ("calibrated", "explained"))
-    of = "noise floor" if pushes["floor_from_repeats"] else "none was repeated; assumed noise floor"
+    of = "noise floor" if pushes["floor_from_repeats"] else "none repeated; assumed noise floor"
     text = (
         f"The calibrated model misses the deflections of the stiffness trials by {before} mm rms (in-sample; {of} "
         f"{pushes['floor_mm']:.3f} mm)"
@@ -382,7 +386,7 @@ def _pushed(d: Diagnosis) -> str:
 
 
 def held_out(d: Diagnosis) -> str:
-    """What became of the gap on a campaign that was not fitted; empty where none was given."""
+    """The gap on the held-out campaign; empty if none was given."""
     h = d.holdout
     if h is None:
         return ""
@@ -392,14 +396,14 @@ def held_out(d: Diagnosis) -> str:
         f"before, {h.after_mm:.2f} mm after"
     )
     if not h.hypothesis:
-        return f"{errors}; no effect leads, so nothing is tested."
+        return f"{errors}; no effect is named, so none is tested."
     if h.share_closed is None:
-        return f"{errors}: hardly above the noise floor of {h.floor_mm:.2f} mm, so there is no gap to close."
+        return f"{errors}: near the noise floor of {h.floor_mm:.2f} mm, so there is no gap to close."
     named = _named(h.hypothesis, d)
     interval = "" if h.ci95 is None else f" (95 %: {percent(h.ci95[0])} .. {percent(h.ci95[1])} %)"
     closed = f"{errors}: {percent(h.share_closed)} % of the reducible gap is closed{interval}"
     if not h.named:
-        return f"{closed}. This is with {named}, which comes closest but was not named, so nothing is confirmed."
+        return f"{closed} with {named}, the nearest effect. It was not named, so nothing is confirmed."
     verdict = {
         "confirmed": f"{named} confirmed",
         "contradicted": f"{named} contradicted: it makes the prediction worse",
@@ -409,21 +413,18 @@ def held_out(d: Diagnosis) -> str:
 
 
 def disorder(ranking: Sequence[Ranked]) -> str:
-    """Why probability and evidence disagree in order; empty where they agree.
-
-    That a cause lies outside the catalogue has no evidence of its own.
-    """
+    """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
     listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
     disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
     if not disordered:
         return ""
     if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):
         return (
-            "Probability and evidence differ in order: a probability counts how often an effect moves the readings by more than "
-            "the noise floor, over the fits of all hypotheses, in which the other effects are tolerances; log evidence is that "
-            "of one fit. Take the first for a candidate, and make the proposed experiment."
+            "Probability and evidence differ in order. The probability counts, over the fits of all hypotheses, how often an "
+            "effect moves the readings by more than the noise floor; the log evidence is that of one fit. Treat the first row as "
+            "a candidate, and do the proposed experiment."
         )
     return (
-        "Probability and evidence differ in order: of two hypotheses the one with more log evidence may be less probable, since "
-        "one that names more effects has a smaller prior, and only an effect that carries more than the noise floor is named."
+        "Probability and evidence differ in order. A hypothesis with more log evidence may be less probable: naming more effects "
+        "lowers its prior, and an effect is named only if it moves the readings by more than the noise floor."
     )

@@ -1,13 +1,13 @@
-"""What is answered, as deep as the data carry: the sections `data`, `attribute` and `budget`. `sentences` has the words,
+"""The conclusion, as precise as the data allow: the sections `data`, `attribute` and `budget`. `sentences` has the words,
 docs/explanations/diagnosis.md explains them.
 
-cause             named, with a probability of 0.9 at least, no relative outside the catalogue does the same, and no `doubts`
-one of several    named with less: the data do not exclude others
-stage             outside the catalogue; one stage of the chain asks for an error of its own
+cause             named with a probability of at least 0.9; no relative outside the catalogue looks the same; no `doubts`
+one of several    named with less: the data cannot rule out others
+stage             outside the catalogue; the evidence points to an error in one stage of the chain
 outside           outside the catalogue
-none              no effect accounts for enough above the noise floor
-noise             the same, and nowhere is the gap above the noise
-too little data   the table lacks what it takes to name a cause
+none              no effect explains enough above the noise floor
+noise             the same, and the gap is nowhere above the noise
+too little data   the table does not suffice to name a cause
 """
 
 from __future__ import annotations
@@ -41,11 +41,9 @@ LISTED = 12
 
 
 def data_section(p: Prepared, table: Table) -> Data:
-    """What was diagnosed."""
+    """Describe the data that were diagnosed."""
     repeated = p.noise_components.contrasts + (p.pushes.noise_components.contrasts if p.pushes is not None else 0)
-    source = (
-        f"{repeated} differences between repeats" if repeated else "default noise of settled readings, since nothing was repeated"
-    )
+    source = f"{repeated} differences between repeats" if repeated else "default noise of settled readings: no state was repeated"
     noise = p.noise_components.channel["tip"]
     if p.pushes is not None and p.pushes_only:
         noise = float(np.median(p.pushes.noise_components.channel["force"] / p.pushes.stiffness))
@@ -61,10 +59,10 @@ def attribute_section(
     fitted: FittedRobot | None,
     doubtful: bool = False,
 ) -> Attribute:
-    """Verdict and ranking of the hypotheses, with the doubts `why` what is named is not certain.
+    """Return the verdict and the ranking of the hypotheses, with the doubts (`why`) about the named effects.
 
-    `significant`: whether the gap is above the noise floor anywhere; `heldout`: mm rms of hypotheses on unseen states; `fitted`:
-    the robot with what is named, whose sizes are stated; `doubtful`: robot.yaml is too far from the data for a certain cause.
+    `significant`: the gap is above the noise floor somewhere; `heldout`: mm rms of hypotheses on unseen states; `fitted`:
+    the robot with the named effects, whose sizes are stated; `doubtful`: robot.yaml is too far from the data to name a cause.
     """
     d = f.decision
     leading, others = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
@@ -89,8 +87,8 @@ def attribute_section(
 
 
 def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
-    """The section where an effect that the robot has is part of every hypothesis, because none without it comes near the data;
-    what is unknown is so beside it."""
+    """Return the section with the effect `certain`, which the robot has, as part of every hypothesis: without it none comes near
+    the data."""
     size = {f"{certain}.{name}": Value(s.value, s.sd, s.unit) for name, s in robot.effects[certain].items()}
     return replace(
         a,
@@ -103,7 +101,7 @@ def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
 
 
 def budget_section(f: Attribution) -> tuple[Carries, ...]:
-    """What each effect carries of the gap, largest first within named, present and unseen."""
+    """Return each effect's part of the gap in mm, largest first within named, present and unseen."""
     parameters, best = f.prepared.problem.parameters, f.best
     linear = best.linear(f.prepared.problem)
     reduced = linear.reduced(best.grid_point.size, best.grid_point.form_error)
@@ -120,7 +118,7 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
 
 
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
-    """Effects of the 95 % set that are not named, most probable first; only where an effect is named and not sure."""
+    """Return the effects of the 95 % set that are not named, most probable first; only if the named effect is uncertain."""
     if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
         return ()
     others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
@@ -137,10 +135,9 @@ def doubts(
     alone: Sequence[str] = (),
     follows_law: bool = True,
 ) -> Iterator[Finding]:
-    """Why effects (id -> name) are no certain cause: their sizes, what they carry, what they leave on unseen states, and what the
-    robot with them alone does. `alone`: names of effects that do as well without any calibration; `follows_law`: whether the
-    readings follow the catalogue's. (That another is the cause if laws are more or less wrong needs no doubt: probabilities are
-    means over how wrong they are.)"""
+    """Yield the reasons why effects (id -> name) are not a certain cause: their sizes, their part of the gap, the error left on
+    unseen states, and the fit of the robot with them alone. `alone`: effects that do as well without any calibration;
+    `follows_law`: the readings follow the catalogue's law. (Probabilities already average over how wrong laws may be.)"""
     low = {c.effect: c.low95_mm for c in budget}
     for effect, name in effects.items():
         if any(s.impossible for s in sizes if s.effect == effect):
@@ -162,8 +159,8 @@ def doubts(
 
 
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:
-    """As deep as the data carry; `gap` whether it is anywhere above the noise floor, `tense` whether anything speaks against a
-    certain cause, such as a number of robot.yaml that the fit moves far beyond its tolerance, or `doubts`."""
+    """Return the most precise conclusion that the data allow. `gap`: it is above the noise floor somewhere; `tense`: there are
+    `doubts`, or the fit moves a number of robot.yaml far beyond its tolerance."""
     if not d.enough:
         return "too little data"
     if d.verdict == "effect":
@@ -175,7 +172,7 @@ def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool =
 
 
 def stage(asking: Sequence[StageError]) -> StageError | None:
-    """The stage that asks for an error of its own, with what the error goes with most; None where none stands out."""
+    """Return the stage that needs an error of its own, with the variable it depends on most; None if no stage stands out."""
     if not asking:
         return None
     gains = np.exp((np.array([e.gain for e in asking]) - max(e.gain for e in asking)) / judgement.TEMPERATURE)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import secrets
-import shlex
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -34,11 +33,12 @@ from ..files.units import shown
 from ..guard.messages import RigLanded
 from ..live.beside import Page, page_where
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
+from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
-from ..verbs.run import UNCHECKED, Job, Outcome, connect, execute, job_again
+from ..verbs.run import Job, Outcome, connect, execute, job_again, unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
 
@@ -275,7 +275,7 @@ class Session:
         unchecked = last(self.campaign.rig_path, job.rig)
         if isinstance(unchecked, str) and not self._said:
             self._said = True
-            out.print(f"{UNCHECKED}: {unchecked}; lab check --move --rig {self.campaign.rig_path}", soft_wrap=True)
+            out.print(unverified(self.campaign.rig_path, unchecked), soft_wrap=True)
         return rig
 
     def _close(self) -> None:
@@ -406,7 +406,7 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
 
 def resume_command(folder: Path, rig_path: Path) -> str:
     """What to type, as the shell takes it, to go on."""
-    return shlex.join(["lab", "campaign", "--resume", str(folder), "--rig", str(rig_path)])
+    return typed("lab", "campaign", "--resume", folder, "--rig", rig_path)
 
 
 def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool) -> Result:
@@ -430,7 +430,7 @@ def _show(c: CampaignDesign, folder: Path, done: CampaignProgress, ended: Ended)
     word = "completed" if ended.completed else f"ended: {ended.why}"
     out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
     if done.lost:
-        out.print(f"  lost: {done.lost} samples (lab runs {folder})", soft_wrap=True)
+        out.print(f"  lost: {done.lost} samples ({typed('lab', 'runs', folder)})", soft_wrap=True)
 
 
 def _campaign(a: argparse.Namespace) -> Result:

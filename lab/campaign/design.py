@@ -120,14 +120,12 @@ class CampaignDesign:
     """All runs in order."""
 
     file: CampaignFile
-    """With its seed."""
     runs: tuple[CampaignRun, ...]
     warm_up: Job | None
     """Cycles before the first run that inflates the robot; None: there is no such run, or none are wanted."""
     rig_path: Path
     robot: Robot
     seed_given: bool
-    """By the file."""
 
     @property
     def chambers(self) -> int:

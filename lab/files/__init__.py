@@ -1,4 +1,4 @@
-"""What people write and keep: rig.yaml, robot.yaml, protocol files, tables; units, settings, and errors that name the place.
+"""Files that people write: rig.yaml, robot.yaml, protocol files, tables; their units, and errors that name the place.
 
-Anybody in `lab` may come in; nothing here knows an instrument that is open.
+All of `lab` may import from here; nothing here uses an open instrument.
 """

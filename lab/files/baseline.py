@@ -1,4 +1,4 @@
-"""What another simulator predicts of the measured states: from a table of its predictions, or from the simulator itself."""
+"""Another simulator's predictions of the measured states, from a table or from the simulator itself."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def from_table(path: Path, case: Case) -> Baseline:
     predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
     missing = [name for name in "xyz" if name not in predicted]
     if missing:
-        raise ConfigError(f"{path}: has no column {missing[0]}; a baseline predicts the tip: x, y, z in m, base frame")
+        raise ConfigError(f"{path}: has no column {missing[0]}; a baseline must predict the tip: x, y, z in m, base frame")
     place = _by_step(path, predicted, case) if {"trial", "step"} <= predicted.keys() else _by_state(path, predicted, case)
     baseline = _baseline(path.name, predicted, place, case)
     _demand_plausible(str(path), baseline, case)
@@ -113,7 +113,7 @@ def _names(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
-    """A prediction in mm, or with z upside down, looks as a measurement would. Raises ConfigError."""
+    """Refuse predictions in mm or with z upside down, as for measurements. Raises ConfigError."""
     from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
 
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
@@ -140,7 +140,7 @@ def simulator(name: str, robot: Robot) -> tuple[str, Forward]:
         raise ConfigError(listed.broken[name])
     if name not in listed.usable:
         raise ConfigError(
-            f"--simulator {name}: is not known, {nearest(name, listed.usable)}; give its name, or a Python file with a SIMULATOR"
+            f"--simulator {name}: is unknown, {nearest(name, listed.usable)}; give its name, or a Python file with a SIMULATOR"
         )
     return name, _made(name, listed.usable[name], robot)
 
@@ -153,7 +153,7 @@ def _made(place: str, thing: object, robot: Robot) -> Forward:
     try:
         made = thing(robot)
     except (ImportError, ModelError, TypeError, ValueError) as e:
-        raise ConfigError(f"{place}: SIMULATOR cannot be made of this robot: {type(e).__name__}: {e}") from e
+        raise ConfigError(f"{place}: SIMULATOR fails for this robot: {type(e).__name__}: {e}") from e
     if not isinstance(made, Forward):
         raise ConfigError(
             f"{place}: SIMULATOR must give `parameters` and `predict(states, parameters)`; see model/simulators/__init__.py"
@@ -169,9 +169,9 @@ def from_simulator(
     progress: Callable[[float, float], None],
     varied: bool = True,
 ) -> Baseline:
-    """What a simulator predicts of a case, as it is and, where asked for, with each of its own parameters varied.
+    """Return a simulator's predictions of a case, nominal and, if wanted, with each of its own parameters varied.
 
-    Readings of one setting are simulated once. Raises ConfigError for what is not as `Forward` asks."""
+    Each setting is simulated once. Raises ConfigError for results that violate `Forward`."""
     specs = (*catalogue.values(), *TOLERANCES.values(), AREA)
     scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
     unknown = [p for p in forward.parameters if p not in scale]

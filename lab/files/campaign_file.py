@@ -1,4 +1,4 @@
-"""campaign.yaml: protocols in order, what is varied, how often all of it is repeated, and when to stop."""
+"""campaign.yaml: the order of protocols, the varied parameters, the number of blocks, and the stop rules."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from recordings.messages import NAME
 from .config import FileTable, Source, check, read_yaml
 
 OWN_LABELS = ("campaign", "block", "run", "condition", "warm_up")
-"""Labels that a campaign gives its recordings by itself."""
+"""Labels that a campaign adds to its recordings."""
 MOST_BLOCKS, MOST_RUNS = 1000, 10_000
 CampaignName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$")]
 LabelName = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
@@ -27,10 +27,10 @@ class CampaignProtocol(FileTable):
     protocol: str = Field(min_length=1, max_length=1000)
     """Its name, or a protocol file (.py), relative to this file."""
     parameters: dict[str, Any] = {}
-    """The same in each of its runs, as in a protocol file."""
+    """Equal in each of its runs, as in a protocol file."""
     conditions: dict[str, Annotated[list[Any], Field(min_length=1, max_length=200)]] = {}
-    """What is varied: parameter -> values; each combination is a run in each block. For a list a single value stands for a list
-    of one."""
+    """Varied parameters: parameter -> values; each combination is a run in each block. For a list parameter a single value "
+    "means a list of one."""
 
     @property
     def cells(self) -> int:
@@ -41,15 +41,15 @@ class CampaignProtocol(FileTable):
     def _once(self) -> CampaignProtocol:
         both = ", ".join(sorted(set(self.parameters) & set(self.conditions)))
         if both:
-            raise ValueError(f"{both}: stands in parameters and in conditions; leave it in one of them")
+            raise ValueError(f"{both}: is in both parameters and conditions; keep it in one of them")
         for name, values in self.conditions.items():
             if any(value in values[:k] for k, value in enumerate(values)):
-                raise ValueError(f"conditions.{name} lists a value twice; blocks say how often each is repeated")
+                raise ValueError(f"conditions.{name} lists a value twice; `blocks` sets the number of repeats")
         return self
 
 
 class WarmUp(FileTable):
-    """Pressure cycles that nothing is read in, before the first run that inflates the robot."""
+    """Pressure cycles without readings, before the first run that inflates the robot."""
 
     cycles: int = Field(3, ge=0, le=1000)
     """Of each group of chambers, to its highest pressure; 0: none."""
@@ -67,7 +67,7 @@ class Stop(FileTable):
     max_lost: int | None = Field(None, ge=0, le=1_000_000_000)
     """Samples lost in all runs together."""
     max_failed: int = Field(1, ge=1, le=1000)
-    """Failures; before the last of them the run goes on with its first unfinished trial."""
+    """Failures; up to this number the run continues with its first unfinished trial."""
     max_scatter: float | None = Field(None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of the tips of one state in different blocks, rms."""
 
@@ -84,7 +84,7 @@ class CampaignFile(FileTable):
     seed: int | None = Field(None, ge=0, le=2**63 - 1)
     """Of the orders; by default drawn once and kept."""
     hands: Literal["grouped", "random"] = "grouped"
-    """Mounting, tip mass, roll and supply: changed as seldom as possible, or in random order like all else."""
+    """Mounting, tip mass, roll and supply: changed as seldom as possible, or in random order like the rest."""
     warm_up: WarmUp = WarmUp()
     stop: Stop = Stop()
     labels: dict[LabelName, str] = {}
@@ -94,7 +94,7 @@ class CampaignFile(FileTable):
     @classmethod
     def _sound(cls, given: dict[str, str]) -> dict[str, str]:
         if taken := sorted(set(given) & set(OWN_LABELS)):
-            raise ValueError(f"{', '.join(taken)}: is given by the campaign itself")
+            raise ValueError(f"{', '.join(taken)}: is set by the campaign itself")
         try:
             return labels(list(given.items()))
         except BadMessage as e:

@@ -1,7 +1,7 @@
-"""What is kept beside rig.yaml: when the rig last passed `lab check --move`, with which USB adapters, and which recording its run
+"""Files next to rig.yaml: when the rig last passed `lab check --move`, with which USB adapters, and which recording its run
 writes.
 
-Port names go to adapters in the order in which they are plugged in, so that two of them may come back exchanged. The check,
+Port names go to adapters in the order in which they are plugged in, so two of them may come back swapped. The check,
 which shows that each instrument follows its commands, keeps the adapters of instruments that have no serial number of their
 own; the guard refuses others.
 """
@@ -62,9 +62,9 @@ class Adapters:
             if (before := self._known.get(port)) and (now := adapter(port)) and now != before:
                 raise WrongDevice(
                     name,
-                    f"at {port} is the USB adapter {now}, needed {before} as before: adapters have exchanged their names, and "
-                    "this instrument cannot tell; unplug them and put them back, or write their /dev/serial/by-id names in "
-                    "rig.yaml; after a change of adapters run lab check --move",
+                    f"at {port} is the USB adapter {now}, not {before} as before: the adapters have swapped names, and "
+                    "this instrument cannot be told apart by its answers. Replug them in the old order, or write their "
+                    "/dev/serial/by-id names in rig.yaml; after a change of adapters run lab check --move",
                 )
 
     def learn(self, name: str, identity: Identity) -> None:
@@ -74,7 +74,7 @@ class Adapters:
 
 @dataclass(frozen=True)
 class Moved:
-    """One actuator that was tried: whether it did what it was told, and what was seen."""
+    """One moved actuator: whether it followed its command, and the observation."""
 
     what: str
     ok: bool
@@ -112,14 +112,14 @@ def keep(rig_path: Path, rig: RigFile, seen: Sequence[Moved], adapters: Mapping[
 
 
 def last(rig_path: Path, rig: RigFile) -> Checked | str:
-    """The last check of a rig as its file is now, or why there is none."""
+    """The last check that is valid for the present rig.yaml, or why there is none."""
     try:
         data: Any = json.loads(place(rig_path).read_text(encoding="utf-8"))
         if data["digest"] != digest(rig):
             return f"instruments or stand of {rig_path} were changed after the check of {data['when']}"
         return Checked(str(data["when"]), tuple(Moved(**m) for m in data["seen"]))
     except FileNotFoundError:
-        return f"{rig_path} never passed lab check --move, which fakes can do without"
+        return f"{rig_path} has not passed `lab check --move`"
     except (OSError, ValueError, KeyError, TypeError):
         return f"{place(rig_path)} cannot be read"
 
@@ -136,8 +136,8 @@ def recording_of(rig: Path) -> Path:
         raise ConfigError(f"{rig}: no such file; give a recording, or the rig.yaml of a run")
     line = rig.with_suffix(".recording")
     if not line.exists():
-        raise ConfigError(f"{rig}: no run of it is known ({line.name} is not there); give its recording instead")
+        raise ConfigError(f"{rig}: has no known run ({line.name} is not there); give its recording instead")
     found = Path(os.fsdecode(read_bounded(line, 5000, ConfigError).strip()))  # bytes
     if not found.is_file():
-        raise ConfigError(f"{line}: names {found}, which is not there; give the recording instead")
+        raise ConfigError(f"{line}: names {found}, which does not exist; give the recording instead")
     return found

@@ -1,4 +1,4 @@
-"""Files that people write: YAML in, checked frozen objects out, and one message with everything that is wrong.
+"""Read files that people write: YAML in, validated frozen objects out, or one message with every problem.
 
 A file is described by a pydantic model with `extra="forbid"`; a field's unit stands in `json_schema_extra={"unit": ...}`.
 Each problem names the file and line, the key, the value with its unit, the limit, and what to write instead.
@@ -33,7 +33,6 @@ Lines = Mapping[Loc, int]
 SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
-"""Of a field's number."""
 
 
 class ConfigError(Exception):
@@ -52,10 +51,10 @@ class FileTable(BaseModel):
 
 
 def demand_writable(*paths: Path | None) -> None:
-    """A missing folder is reported before minutes are spent, not after; raises ConfigError. None: not wanted."""
+    """Report a missing folder before the work, not after it. Raises ConfigError. None: no file wanted."""
     for path in paths:
         if path is not None and (path.is_dir() or not path.parent.is_dir()):
-            raise ConfigError(f"{path}: cannot be written; give the name of a file in a folder that exists")
+            raise ConfigError(f"{path}: cannot be written; give a file name in an existing folder")
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,6 @@ class Source:
     data: object
     lines: Lines
     text: bytes = b""
-    """What was parsed."""
 
     @property
     def table(self) -> dict[str, Any]:
@@ -202,7 +200,7 @@ def _uncertain(field: FieldInfo) -> str:
 
 
 def _number_and_spread(value: Any, field: FieldInfo) -> tuple[Any, str | None]:
-    """A value and what stands behind its +-, of fields whose uncertainty can be stated; None where there is none."""
+    """A value and its +-, for fields with an uncertainty; None if there is none."""
     if isinstance(value, str) and _uncertain(field):
         number, *spread = re.split(r"\+-|±", value, maxsplit=1)
         if spread:
@@ -213,7 +211,7 @@ def _number_and_spread(value: Any, field: FieldInfo) -> tuple[Any, str | None]:
 def _spread(
     value: str, beside: str, field: FieldInfo, model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]
 ) -> float | None:
-    """What stands behind +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
+    """The deviation after +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
     table = model.model_fields["uncertainty"].annotation
     share = isinstance(table, type) and issubclass(table, BaseModel) and unit_of(table.model_fields[_uncertain(field)]) == "1"
     try:
@@ -227,7 +225,8 @@ def _spread(
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
-    """A value, or those of its list or table, with texts such as "250 kPa" in the field's unit; else a problem is added."""
+    """A value, or those of its list or table, with texts such as "250 kPa" converted to the field's unit; else a problem is "
+    "added."""
     unit = unit_of(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)
@@ -308,7 +307,7 @@ def _holds(data: object, step: str | int) -> bool:
 
 
 def _inside(data: Any, step: str | int) -> object:
-    """What stands at a step; None where there is no such step."""
+    """The value at a step; None if there is no such step."""
     return data[step] if _holds(data, step) else None
 
 

@@ -1,4 +1,4 @@
-"""What `fit`, `compare` and their like read: recordings or a case folder, as one table of trials and the robot."""
+"""Inputs of `fit`, `compare` and similar verbs: recordings or case folders, as one table of trials and the robot."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ from recordings.table_file import read_csv
 from recordings.trials import Table
 
 from ..console import note
+from ..plain import typed
 from .config import ConfigError, Source, check, parse_yaml, read_yaml
 from .robot_numbers import doubts
 
+CASE = ("robot.yaml", "trials.csv")
 TABLES = (
     ".csv", ".tsv", ".txt", ".dat", ".lvm", ".log", ".asc", ".mat", ".npz", ".npy", ".c3d", ".parquet",
 )  # fmt: skip
@@ -37,7 +39,7 @@ class Case:
     robot: Robot
     table: Table
     robot_text: str = field(default="", compare=False)
-    """robot.yaml as it was read, for one that is derived from it; empty where there is none."""
+    """robot.yaml as read, to derive another from it; empty if there is none."""
 
     def __repr__(self) -> str:
         return f"<Case: {self.robot.name}, {repr(self.table)[len('<Table: ') :]}"
@@ -61,7 +63,7 @@ class Case:
 def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
-    What cannot have been measured on this robot in SI units and in its frame is refused (see `diagnosis.edits.reading`)."""
+    Readings that this robot cannot produce in SI units and in its frame are refused (see `diagnosis.edits.reading`)."""
     robots: list[tuple[Source, Robot]] = []
     parts: list[tuple[str, Table]] = []
     for path in inputs:
@@ -81,7 +83,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     for other, other_robot in robots[1:]:
         if _body(other_robot) != _body(robot):
             raise ConfigError(
-                f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for all with --robot"
+                f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
     return case_of(robot, parts, source.name, source.text.decode())
 
@@ -103,15 +105,18 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
 
 
 def _demand_case(path: Path) -> None:
-    """Raise a ConfigError that says what to do for a folder that is no case and for a table that is no recording."""
+    """Raise a ConfigError that says what to give instead of a file or folder that is neither a recording nor a case."""
+    if path.name in CASE and all((path.parent / name).is_file() for name in CASE):
+        raise ConfigError(f"{path}: is part of a case; give its folder: {path.parent}")
+    if path.is_file() and path.suffix.lower() in (".yaml", ".yml"):
+        raise ConfigError(f"{path}: is not a recording or a case folder; a robot.yaml goes with --robot")
     if path.is_file() and path.suffix.lower() in TABLES:
-        raise ConfigError(
-            f"{path}: is a table, not a recording; make a case of it: lab import {path} --guess, see lab import --help"
-        )
+        remedy = typed("lab", "import", path, "--guess", "--robot", "ROBOT.yaml", "--out", "map")
+        raise ConfigError(f"{path}: is a table, not a recording; make a case of it, beginning with: {remedy}")
     if path.is_dir() and not (path / "trials.csv").exists():
         if any(path.glob("*.mcap")):
             raise ConfigError(f"{path}: is a folder of recordings, not a case folder; give its files, {path}/*.mcap")
-        raise ConfigError(f"{path}: holds no trials.csv, so it is no case folder; give one that lab import or lab export wrote")
+        raise ConfigError(f"{path}: has no trials.csv, so it is not a case folder; give one written by lab import or lab export")
 
 
 def without_torn(paths: Sequence[Path]) -> list[Path]:
@@ -124,7 +129,7 @@ def without_torn(paths: Sequence[Path]) -> list[Path]:
         if saved in paths:
             over, counts = (saved, path) if verify(path).ok else (path, saved)
             left_out[over] = counts
-    note(f"{over}: not read; {counts}, which holds the same run, is given too" for over, counts in left_out.items())
+    note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]
 
 
@@ -141,7 +146,7 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
 
 
 def _body(robot: Robot) -> Robot:
-    """What the model knows of a robot: how much pressure it bears, and the arm's error, may have been written down later."""
+    """The robot as the model uses it; max_pressure and the arm's error may have been added later."""
     known = robot.uncertainty.model_copy(update={"push_place": None})
     return robot.model_copy(update={"max_pressure": None, "uncertainty": known})
 
@@ -182,10 +187,10 @@ MOST_GUESSES, MOST_OF_GUESS = 6, 60
 """Named one by one; characters of each."""
 DOUBTS = {
     "soft": "the jammed spine was soft",
-    "bodies": "a body was where the robot cannot have brought it",
-    "drift": "the force sensor's zero moved, and not at a constant pace, so its drift is not removed",
+    "bodies": "a body was out of the robot's reach",
+    "drift": "the force sensor's zero drifted unevenly, so the drift was not removed",
 }
-"""What each of `recordings.trials.DOUBTS` means, for people."""
+"""Meaning of each of `recordings.trials.DOUBTS`, for people."""
 CLIPPED = (
     "; the pressures read are right, but the ramp there was uneven: this computer sent a set-point late and max_rate held the "
     "next one back, or a limit of rig.yaml is below what was asked (`/log` has the values)"
@@ -193,7 +198,7 @@ CLIPPED = (
 
 
 def marked_notes(table: Table) -> list[str]:
-    """One line that names the states on whose way the rig's limits clipped set-points, and one for each doubt about states."""
+    """One line that names the states with clipped set-points, and one for each doubt about states."""
     notes = [("set-points were clipped to the rig's limits before", table.clipped, CLIPPED)]
     notes += [(f"{text} in", table.get("doubt") == doubt, "") for doubt, text in DOUBTS.items()]
     return [f"{text} {own.sum()} of {len(table)} states: {_named(table, own)}{more}" for text, own, more in notes if own.any()]

@@ -1,4 +1,4 @@
-"""Folders that a verb writes: each holds what one command wrote, whole or not at all, and nothing else."""
+"""Output folders: each holds the complete result of one command, and nothing else."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .config import ConfigError
 CRATE = "ro-crate-metadata.json"
 """File that shows the recordings of a folder to be copies."""
 MOST_NAMED = 4
-"""Of the files that are in the way."""
+"""Number of obstructing files that are named."""
 
 
 def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
-    """Raise ConfigError where a folder holds what would be mixed with, or lost by, what is to be written.
+    """Raise ConfigError if a folder holds files that would be mixed with the output or lost.
 
     `rewritten`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless
     it holds `inputs`, other recordings, or the folder in which the command runs."""
@@ -31,14 +31,14 @@ def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = F
     if strange and not replace:
         more = f" and {len(strange) - MOST_NAMED} more" if len(strange) > MOST_NAMED else ""
         raise ConfigError(
-            f"{folder}: holds {', '.join(strange[:MOST_NAMED])}{more}, which would stay there with what is written; give another "
-            "folder, or --replace to replace it as a whole"
+            f"{folder}: holds {', '.join(strange[:MOST_NAMED])}{more}, which would remain next to the new files; give another "
+            "folder, or --replace to delete and replace it"
         )
     must_stay = [place for place in (*inputs, Path.cwd(), Path.home()) if path in (place.resolve(), *place.resolve().parents)]
     if held and CRATE not in held:
         must_stay += list(path.rglob("*.mcap"))[:1]
     if held and must_stay:
-        raise ConfigError(f"{folder}: is not replaced, as that would delete {must_stay[0]}; give another folder")
+        raise ConfigError(f"{folder}: cannot be replaced, because that would delete {must_stay[0]}; give another folder")
 
 
 @contextlib.contextmanager

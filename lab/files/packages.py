@@ -1,8 +1,8 @@
-"""What installed packages announce, and Python files of one's own: read here, for drivers, fakes, protocols and effects alike.
+"""Read entry points of installed packages and a lab's own Python files, for drivers, fakes, protocols and effects alike.
 
-A package announces things by name as entry points of a group. One that cannot be used hinders nobody: only what it would
-have brought is missing, and why is said where somebody asks for it. A name of the project's own stays the project's; of
-two packages that announce one name neither is used.
+A package announces objects by name as entry points of a group. A broken package affects only its own names, and the reason is
+reported where such a name is used. A name of the project's own stays the project's; of two packages that announce one name
+neither is used.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Unpack = Callable[[str, object], Mapping[str, T]]
 
 
 class Unusable(ValueError):
-    """What a package announces is not what its group is for; the message says all that is wrong with it."""
+    """The announced object does not fit its group; the message lists all faults."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Registered(Generic[T]):
     broken: Mapping[str, str]
     """Names that packages announce and that cannot be used: which package, what is wrong, what to do."""
     doubts: Mapping[str, str]
-    """Names that can be used and that some package announces in vain: the same."""
+    """Usable names that another package also announces, in vain: the same."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Entry:
 def installed(
     group: str, ours: Mapping[str, T], unpack: Unpack[T], missing: Mapping[str, str] = MappingProxyType({})
 ) -> Registered[T]:
-    """The project's own things and those of installed packages; `missing`: the own ones that cannot be used here, and why."""
+    """The project's own objects and those of installed packages; `missing`: own ones that cannot be used here, and why."""
     offers: dict[str, list[tuple[Entry, T]]] = {}
     faults: dict[str, list[str]] = {}
     for entry in _entries(group):
@@ -81,7 +81,7 @@ def installed(
 
 
 def without(faults: Callable[[object], str]) -> Unpack[Any]:
-    """What an entry point gives that is one thing of its group: the thing, unless there are `faults` of it."""
+    """The object of an entry point, unless it has `faults`."""
 
     def unpack(name: str, thing: object) -> dict[str, object]:
         if wrong := faults(thing):
@@ -108,7 +108,7 @@ def _settled(
     for name in {**offers, **faults}:
         offered, wrong = offers.get(name, []), faults.get(name, [])
         if name in ours or name in missing:
-            refused = [f"{e}: the name {name} belongs to this software and is not replaced; {e.remedy}" for e, _ in offered]
+            refused = [f"{e}: the name {name} belongs to this software and cannot be replaced; {e.remedy}" for e, _ in offered]
             doubts[name] = "\n".join([*refused, *wrong])
         elif len(offered) == 1:
             usable[name] = offered[0][1]
@@ -122,7 +122,7 @@ def _settled(
 
 
 def _contested(name: str, entries: Collection[Entry]) -> str:
-    """Whichever came first would be used by chance."""
+    """Otherwise chance would decide which is used."""
     entries = sorted(entries, key=str)
     packages = " and ".join(f"{e.package} {e.version}" for e in entries)
     each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
@@ -146,7 +146,7 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if not path.exists():
         near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)
-        raise ConfigError(f"{path}: no such file" + (f"; do you mean {path.with_name(near[0])}?" if near else ""))
+        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
     text = read_bounded(path, 2_000_000, ConfigError)  # bytes

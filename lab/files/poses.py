@@ -58,11 +58,11 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
     table = pd.DataFrame({bare: columns[name] * _factor(path, bare, name) for bare, name in headings.items()})
     lacking = ~np.isfinite(table[list(needed)].to_numpy())
     rows = np.flatnonzero(lacking.any(axis=1)).tolist()
-    notes = [f"{place(i)}, {needed[int(lacking[i].argmax())]}: holds no finite number; the row is left out" for i in rows]
+    notes = [f"{place(i)}, {needed[int(lacking[i].argmax())]}: is not a finite number; the row is skipped" for i in rows]
     if len(notes) > MOST_NAMED:
-        notes[MOST_NAMED:] = [f"{path}: {len(notes) - MOST_NAMED} more rows lack a number and are left out"]
+        notes[MOST_NAMED:] = [f"{path}: {len(notes) - MOST_NAMED} more rows lack a number and were skipped"]
     if measured and {*ORIENTATION} & {*header}:
-        notes.append(f"{path}: {', '.join(ORIENTATION)} are not used: positions alone are weighed")
+        notes.append(f"{path}: {', '.join(ORIENTATION)} are not used: only positions are fitted")
     whole = np.flatnonzero(~lacking.any(axis=1))
     if not len(whole):
         raise BadTable(f"{path}: no row has all of {', '.join(needed)}; fill in the cells")

@@ -1,7 +1,6 @@
-"""`lab run --resume RUN`: what of a broken-off run is finished, and the same experiment again for the rest.
+"""`lab run --resume RUN`: find the finished trials of an interrupted run, and run the same experiment for the remainder.
 
-Trials are the unit: a sweep that was broken off is done again from its beginning, because what the robot does depends
-on the pressures before.
+Trials are the unit: an interrupted sweep is repeated from its beginning, because the robot depends on its earlier pressures.
 """
 
 from __future__ import annotations
@@ -21,23 +20,22 @@ from .inputs import attached
 
 @dataclass(frozen=True)
 class Broken:
-    """A campaign that can go on."""
+    """A campaign that can be continued."""
 
     journal: Path
     progress: Progress
     finished: int
-    """Trials 1 to this one are done, and all their states are in the recordings; or they were left out."""
+    """Trials 1 to this one are done with all their states recorded, or were skipped."""
     table: Table
-    """The rows of the finished trials."""
     labels: dict[str, str]
-    """What was said of its first run."""
     protocol: str
-    """protocol.yaml of the campaign, in full."""
+    own_file: bool
+    """Whether its protocol is a Python file of the lab's own, which is attached but never run from there."""
     robot: bytes
 
 
 def find(run: Path) -> Broken:
-    """The campaign of a recording or journal; raises ConfigError or RecordingError when it cannot go on."""
+    """Return the campaign of a recording or journal. Raises ConfigError or RecordingError if it cannot be continued."""
     journal = run if run.suffix == ".journal" else _journal_of(run)
     progress = read(journal)
     names = list(progress.recordings)
@@ -58,19 +56,19 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, table.take(table.trial <= finished),
-        labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
+        labels_of(first), attached(first, "protocol.yaml"), "protocol.py" in first.attachments, first.attachments["robot.yaml"],
     )  # fmt: skip
 
 
 def _journal_of(run: Path) -> Path:
     name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
     if name is None:
-        raise ConfigError(f"{run}: does not name a journal; runs recorded without one cannot be resumed")
+        raise ConfigError(f"{run}: names no journal; a run without a journal cannot be resumed")
     return _beside(run, name)
 
 
 def _beside(file: Path, name: str) -> Path:
-    """A file that another one names; ConfigError when it lies elsewhere."""
+    """A file named in another one. Raises ConfigError if it is in another folder."""
     # file systems take 255 bytes, and what is recovered gets a longer name
     if not name or Path(name).name != name or "\0" in name or len(name.encode()) > 200:
         raise ConfigError(f"{file}: names {name[:80]!r}, which is not a file in the same folder")
@@ -78,7 +76,7 @@ def _beside(file: Path, name: str) -> Path:
 
 
 def _open(path: Path, campaign: str) -> Recording:
-    """One recording of the campaign, or what was recovered of it; an unfinished file is read as far as it goes."""
+    """One recording of the campaign, or its recovered file; an unfinished file is read to its end."""
     saved = path.with_name(f"{path.stem}-recovered.mcap")
     if not path.exists() and not saved.exists():
         raise ConfigError(f"{path}: is named in the journal but missing; put it in the journal's folder")

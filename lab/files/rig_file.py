@@ -1,4 +1,4 @@
-"""rig.yaml: which instruments there are, how to reach them, their limits, and where the specimens stand."""
+"""rig.yaml: the instruments, how to reach them, their limits, and the place of the specimens."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @functools.cache
 def found_drivers() -> Registered[Driver]:
-    """All drivers by name, the project's own and those of packages; looked up once, since a rig asks for them again and again."""
+    """All drivers by name, the project's own and those of packages; looked up once."""
     good, missing = own()
     return installed(GROUP, good, without(faults), missing)
 
@@ -56,7 +56,7 @@ SensorName = Annotated[str, StringConstraints(pattern=f"^{QUANTITY.pattern}$")]
 
 
 class NotInstalled(InstrumentConfig):
-    """What stands for an instrument's table where no driver of its kind is installed."""
+    """Placeholder for an instrument's table if no driver of its kind is installed."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -118,7 +118,7 @@ def present(instruments: Instruments) -> tuple[str, ...]:
 
 
 def table_of(instruments: Instruments, name: str) -> InstrumentConfig:
-    """What rig.yaml says of an instrument that is there; the arm's state stands with the arm."""
+    """The table of an installed instrument in rig.yaml; the arm's state is in the arm's table."""
     if name.startswith(SENSORS):
         return instruments.sensors[name.removeprefix(SENSORS)]
     found: InstrumentConfig = getattr(instruments, "arm" if name == "arm_state" else name)
@@ -175,21 +175,20 @@ Actuator = Literal["arm", "pressure", "spine", "valve"]
 
 
 class Safe(FileTable):
-    """What the safe state is, how it is reached, and when the guard goes there by itself."""
+    """Definition of the safe state, how it is reached, and when the guard lands the rig by itself."""
 
     order: tuple[Actuator, ...] = ("arm", "pressure", "spine", "valve")
     """Order of the stops."""
     vented_below: float = Field(5e3, gt=0, le=50e3, json_schema_extra={"unit": "Pa"})
     """Pressure below which all chambers count as vented."""
     within: float = Field(10.0, gt=0, le=120, json_schema_extra={"unit": "s"})
-    """Longest time to get there, rig time."""
+    """Longest time to reach it, rig time."""
     keep_vacuum: bool = False
     """True keeps the spine jammed."""
     heartbeat: float = Field(1.0, ge=0.2, le=10, json_schema_extra={"unit": "s"})
-    """Silence of the program after which the guard lands the rig, host time; the program gives the guard up after twice
-    that."""
+    """Silence of the program after which the guard lands the rig, host time; the program gives the guard up after twice that."""
     hang: float = Field(10.0, ge=1, le=600, json_schema_extra={"unit": "s"})
-    """The same for an experiment without progress, host time."""
+    """The same for an experiment that makes no progress, host time."""
 
     @model_validator(mode="after")
     def _everybody_once(self) -> Safe:
@@ -226,7 +225,7 @@ class Limits(FileTable):
 LONGEST_SOCKET_PATH = 108
 """Bytes that Linux has for the path of a socket, the closing zero included."""
 UNIX = "unix:"
-"""`operator` begins so where a program answers."""
+"""Prefix of `operator` if a program answers."""
 OPERATORS = (
     "write console, or unix:/FOLDER/operator.sock: the socket of a program of yours, in a folder of mode 0700, with a "
     f"path shorter than {LONGEST_SOCKET_PATH} bytes"
@@ -259,7 +258,7 @@ class RigFile(FileTable):
         if operator == "console" or (operator.startswith(UNIX + "/") and len(path.encode()) < LONGEST_SOCKET_PATH):
             return operator
         if operator.startswith("tcp:"):
-            raise ValueError("anybody on this computer could connect there; " + OPERATORS)
+            raise ValueError("anybody on this computer could connect to it; " + OPERATORS)
         raise ValueError(OPERATORS)
 
     @property
@@ -316,14 +315,13 @@ def same_rig(path: Path, sha256: str) -> RigFile:
     """Read rig.yaml, without its robot, as another process of this run has read it; raises ConfigError when it was changed."""
     source = read_yaml(path)
     if hashlib.sha256(source.text).hexdigest() != sha256:
-        raise ConfigError(f"{path}: was changed after the command had read it; enter the command again")
+        raise ConfigError(f"{path}: was changed after the command had read it; repeat the command")
     return check(source, RigFile).read_from(path, {"rig.yaml": source.text})
 
 
 def within_robot(rig: RigFile, most: float | None) -> RigFile:
-    """The rig whose regulators may not be told more than its robot bears: `most` Pa, `max_pressure` of robot.yaml.
-
-    The guard goes by this one: it clips set-points and judges readings by the lower of the two limits."""
+    """The rig with regulators limited to `most` Pa, `max_pressure` of robot.yaml. The guard uses it to clip set-points and to "
+    "judge readings by the lower limit."""
     pressure = rig.instruments.pressure
     if pressure is None or most is None or most >= pressure.max_pressure:
         return rig
@@ -333,18 +331,18 @@ def within_robot(rig: RigFile, most: float | None) -> RigFile:
 
 @dataclass(frozen=True)
 class Readable:
-    """What can be read of a rig.yaml, for a landing."""
+    """The readable part of a rig.yaml, for a landing."""
 
     rig: RigFile
     missing: Mapping[str, str]
     """The instruments that cannot be used, and why."""
     notes: tuple[str, ...]
-    """What else is wrong, and what is used instead."""
+    """Other faults, and the replacements used."""
 
 
 def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
     """Read rig.yaml as far as a landing needs it: without its robot, each table by itself, and where one cannot be used,
-    as it was in the `last` rig. Raises ConfigError when there is nothing to land by."""
+    as in the `last` rig. Raises ConfigError if nothing is usable."""
     try:
         source = read_yaml(path)
         if not isinstance(source.data, dict) or not isinstance(source.data.get("instruments"), dict):
@@ -369,7 +367,7 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
     for key in set(ROLES) - {SENSOR} - set(source.data["instruments"]):
         if last is not None and (last_table := getattr(last.instruments, key)) is not None:
             tables[key] = last_table
-            notes.append(f"{path}: has no instruments.{key} any more; using it as the rig was last used with it")
+            notes.append(f"{path}: no longer has instruments.{key}; using its last known settings")
     robot = (path.parent / "robot.yaml").resolve()
     rig = sound.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
     return Readable(rig.read_from(path.resolve()), missing, tuple(notes))

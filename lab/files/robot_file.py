@@ -1,4 +1,4 @@
-"""Writing robot.yaml: a new file, or a given one with its changed values replaced and every other character as it was.
+"""Write robot.yaml: a new file, or a given one with only its changed values replaced.
 
 A given file is edited at the places that its parser reports, not written anew: so comments, layout and numbers as their
 author wrote them stay, and the text is read in one dialect of YAML only.

@@ -1,4 +1,4 @@
-"""Numbers of robot.yaml that robots rarely have, and pressures above its limit: asked about, never refused."""
+"""Warn about implausible numbers of robot.yaml and pressures above its limit, without refusing them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ ABOVE = 1.5
 
 
 def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
-    """What to ask about numbers of robot.yaml, read at `robot_name`, and about pressures that it does not allow."""
+    """Return warnings about numbers of robot.yaml, read at `robot_name`, and about pressures above its limit."""
     return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *_above(robot, table))
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
-    """Messages that ask about numbers of robot.yaml that robots rarely have: path radius, density, tip mass, Poisson's ratio."""
+    """Warnings about implausible numbers of robot.yaml: path radius, density, tip mass, Poisson's ratio."""
     driven, outer = robot.actuators, robot.outer_radius
     if driven.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
         yield (
@@ -56,7 +56,7 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
 
 
 def _above(robot: Robot, table: Table) -> Iterator[str]:
-    """What to ask about the highest pressure of a table, where the robot is never given it."""
+    """A warning if the highest pressure of a table exceeds the robot's limit."""
     pressures, most, words = np.nan_to_num(table.pressures), robot.max_pressure, robot.actuators.words
     highest = float(pressures.max(initial=0.0))
     if most is not None and highest > ABOVE * most:

@@ -144,7 +144,6 @@ class Door:
         self._accounts = believed_accounts(rig)
         self._sockets: list[socket.socket] = []
         self._left = contextlib.ExitStack()
-        """What closing does."""
         self._asking: dict[socket.socket, _Question] = {}
         """The oldest first."""
         self._lock = timing.Lock()
@@ -160,7 +159,7 @@ class Door:
                     late = timing.now() > deadline
                     _demand_free(_asked([address], "who", self._rig), ending_too=late)
                     if late:
-                        raise CannotBeAsked("a name of the rig is owned by a program that cannot be asked; end it first")
+                        raise CannotBeAsked("a program that does not answer owns a name of the rig; end it first")
                     timing.sleep(SLICE)
         except BaseException:
             self.close()

@@ -476,6 +476,6 @@ def _on_disk(path: Path) -> Iterator[None]:
         yield
     except OSError as e:
         raise RigLocked(
-            f"{path} cannot be written ({e.strerror or e}), and a rig whose lock cannot be kept is not used: free space on "
+            f"{path} cannot be written ({e.strerror or e}). A rig is used only if its lock file can be written: free space on "
             "its disk, or make its folder writable"
         ) from e

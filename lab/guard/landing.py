@@ -43,7 +43,6 @@ class LandingDrivers:
 
     drivers: Mapping[str, Any]
     opened: Collection[str]
-    """Those that are open now."""
     open: Callable[[str], Any]
     """Opens one; raises InstrumentError."""
     busy: Callable[[str], bool] = lambda name: False
@@ -221,14 +220,14 @@ class Landing:
         if valve.read().on:
             return False, "vacuum on"
         if not self._is_open(GAUGE) and timing.now() < self._gauge_until:
-            return False, "vacuum off according to its relay; the gauge is being opened"
+            return False, "vacuum off by its relay; the gauge is being opened"
         gauge = self._rig.drivers.get(GAUGE)
         try:
             absolute = gauge.read().absolute if gauge is not None else None
         except InstrumentError:
             absolute = None
         if absolute is None:
-            return True, "vacuum off according to its relay; no gauge to confirm it"
+            return True, "vacuum off by its relay; no gauge to confirm it"
         return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
     def _stop_arm(self, driver: Any) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 from recordings.json_text import read_json
 from recordings.own_files import opened, replaced
 
-from ..plain import one_line
+from ..plain import one_line, typed
 
 JOURNAL_LIMIT = 1_000_000
 """Bytes after which the journal starts anew."""
@@ -68,7 +68,7 @@ class Latch:
         if entry is not None:
             raise RigLocked(
                 f"{self.rig.name} is locked: {entry}. Inspect the rig, vent it and free the arm by hand if necessary, then run "
-                f"`lab safe --clear --rig {self.rig}`"
+                f"`{typed('lab', 'safe', '--clear', '--rig', self.rig)}`"
             )
 
     def write(self, why: str) -> None:

@@ -98,7 +98,7 @@ class ProgramWatch(timing.Thread):
         if guard.energised and silent > guard.rig.safe.heartbeat:
             guard.land(
                 f"no heartbeat from the program for {silent:.1f} s, {guard.rig.safe.heartbeat:g} s allowed by "
-                "safe.heartbeat of the rig; " + timing.busy_or("find out what held the program up")
+                "safe.heartbeat of the rig; " + timing.busy_or("find out what stopped the program")
             )
         if now > self._next_beat:
             self._next_beat = now + BEAT_BACK
@@ -114,7 +114,7 @@ class ProgramWatch(timing.Thread):
                 guard.under_force.sampled(value)
         elif text := overload(kind, value, guard.rig):
             if guard.energised:
-                guard.land(f"force: {text}", DeviceFault("force", f"{text}; free what the tool pushes on, then run again"))
+                guard.land(f"force: {text}", DeviceFault("force", f"{text}; free the tool, then run again"))
         elif kind == BEAT and guard.energised and value > guard.rig.safe.hang:
             guard.land(f"the experiment has made no progress for {value:.1f} s (safe.hang)")
 

@@ -1,1 +1,1 @@
-"""Measurements of other laboratories and programs, by a map that says what each column is, as a case."""
+"""Turn measurements of other laboratories and programs into a case, with a map that states what each column is."""

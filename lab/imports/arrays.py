@@ -1,4 +1,4 @@
-"""Files of arrays: NumPy's, and what files of MATLAB hold."""
+"""Read files of arrays: NumPy's, and the variables of MATLAB files."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             continue
         assert isinstance(part, np.ndarray)
         if len(part) != rows and rows in part.shape:
-            all_notes.append(f"{label} ({' x '.join(map(str, part.shape))}) is read with its rows along the second dimension")
+            all_notes.append(f"{label} ({' x '.join(map(str, part.shape))}) is read with rows along its second dimension")
             part = part.T
         if len(part) != rows:
             unread.append(f"{label} ({len(part)} instead of {rows} rows)")
@@ -141,7 +141,7 @@ def _cells(cells: NDArray[np.object_]) -> Array | Judged | str:
             content = np.asarray(content.item()).squeeze()
         value = content.item() if content.size == 1 else None
         if content.size > 1 or content.dtype.kind not in "fiubUO" or not isinstance(value, bool | int | float | str | None):
-            return "cells that hold more than one number or text"
+            return "cells with more than one number or text"
         words.append("" if value is None else value if isinstance(value, str) else repr(float(value)))
     return judge(pd.Series(words, dtype=str))
 
@@ -218,7 +218,7 @@ def read_numpy(path: Path, source: Source) -> Series:
 
 
 NPY = b"\x93NUMPY"
-OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+OBJECTS = "holds Python objects, which could run code; save columns, a .npz of plain arrays, or Parquet instead"
 CELL = 256
 """Bytes of memory of a text or a nested cell, about, besides what it holds."""
 
@@ -230,7 +230,7 @@ def _members(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:
         demand_bounded(path, sum(member.file_size for member in members))
         for member in members:
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise ValueError(f"{member.filename[:80]} is packed otherwise than np.savez does")
+                raise ValueError(f"{member.filename[:80]} is not packed as np.savez does")
             yield member.filename.removesuffix(".npy"), archive.read(member)
 
 
@@ -242,7 +242,7 @@ def _claimed(data: bytes) -> tuple[np.dtype[Any], int]:
     shape, _, dtype = reader(stream)
     count, held = math.prod(shape), len(data) - stream.tell()
     if min(shape, default=0) < 0 or (not dtype.hasobject and count * max(dtype.itemsize, 1) > held):
-        raise ValueError(f"claims {' x '.join(map(str, shape)) or 1} cells of {dtype.itemsize} bytes and holds {held} bytes")
+        raise ValueError(f"claims {' x '.join(map(str, shape)) or 1} cells of {dtype.itemsize} bytes but holds {held} bytes")
     return dtype, count
 
 

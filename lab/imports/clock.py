@@ -1,7 +1,7 @@
-"""The one place that judges times: their period and gaps, clocks that were set, counters that overflow, rows without a time.
+"""Judge times: period and gaps, clocks that were set, counters that overflow, rows without a time.
 
-No time is made up: a row without one has none. Where a clock was set while rows went on at their period, later times are moved by
-the step, which is asked about; a step whose length nothing tells ends what is averaged, and is asked about.
+No time is made up. If a clock was set while rows continued at their period, later times are shifted by the step, with a question;
+at a step of unknown length averages end, also with a question.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Timeline:
     """(n,) of runs whose times begin again, from 0."""
     notes: list[str] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
-    """What a person has to check."""
+    """Questions for a person."""
 
 
 def period(t: Array) -> float:
@@ -117,15 +117,15 @@ def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) 
     line = Timeline(t[rows], rows, np.zeros(len(rows), np.int64))
     if absent := len(t) - len(rows):
         first = place(int(np.argmax(~np.isfinite(t))))
-        line.notes.append(f"{absent} of {len(t)} rows have no time (first {first}): no state is made of them")
+        line.notes.append(f"{absent} of {len(t)} rows have no time (first: {first}); they were skipped")
     if len(rows) > 1 and (np.diff(line.t) < 0).mean() > MOST_FALLING:
-        line.notes.append("times fall from row to row: the file is read from its end to its begin")
+        line.notes.append("times decrease from row to row: the file is read backwards")
         line.t, line.rows = line.t[::-1], line.rows[::-1]
     _continue(line, tick, place)
     late = line.t < np.maximum.accumulate(line.t)
     if late.any():
         first = place(int(line.rows[np.argmax(late)]))
-        line.notes.append(f"{int(late.sum())} rows are earlier than the row before (first in {first}): put in order of time")
+        line.notes.append(f"{int(late.sum())} rows are earlier than the row before (first: {first}); they were sorted by time")
         order = np.argsort(line.t, kind="stable")
         line.t, line.rows, line.run = line.t[order], line.rows[order], line.run[order]
     if several:
@@ -148,7 +148,7 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
         on_the_hour = abs((before + usual + tolerance) % (2 * HALF_HOUR)) <= 2 * tolerance
         if modulus := _overflow(line.t, excess, usual, tick):
             shift[i + 1 :] += modulus
-            line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is read as going on")
+            line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is continued")
         elif of_clock and (on_the_hour if excess > 0 else abs(after - run_start) > tolerance):
             shift[i + 1 :] -= set_by
             line.questions.append(
@@ -161,15 +161,15 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
             shift[i + 1 :] += BETWEEN_RUNS - steps[i]
             if abs(after - run_start) > tolerance:
                 line.questions.append(
-                    f"{where}: times fall by {-steps[i]:.4g} s, but not to where they began: was the clock set? Another trial "
-                    "begins there; write the rows from there on to a file of their own if they are of another run"
+                    f"{where}: times jump back by {-steps[i]:.4g} s, but not to their beginning: was the clock set? A new trial "
+                    "begins there. If a new run begins there, put its rows into a separate file"
                 )
             run_start = after
         elif steps[i] < 0 and regular and _set_back(line.t, i, usual):
             shift[i + 1 :] += usual - steps[i]
             line.questions.append(
                 f"{where}: the clock goes back by {usual - steps[i]:.3g} s while rows go on every {usual:.3g} s: taken for a "
-                "clock that was set, and later rows are read as going on"
+                "clock that was set; later rows are continued"
             )
     if run_rows:
         i = run_rows[0]
@@ -204,11 +204,11 @@ def _far(line: Timeline, place: Callable[[int], str]) -> Iterator[str]:
         whole = abs(half_hours - round(half_hours)) * HALF_HOUR <= 2 * max(usual, AT_ONCE)
         yield (
             f"{place(int(line.rows[first]))}: a gap of {steps[first - 1]:.5g} s"
-            f"{' (whole hours or half hours)' if whole else ''} in rows that follow each other every {usual:.3g} s{more}: no "
-            "state goes on over it; was the logger stopped, or its clock set?"
+            f"{' (whole hours or half hours)' if whole else ''} in rows that follow each other every {usual:.3g} s{more}: states "
+            "end there. Was the logger stopped, or its clock set?"
         )
     if len(steps) and (steps == 0).mean() > 0.5 and usual >= LEAST_GAP:
         yield (
             f"{int((steps == 0).sum())} of {len(line.t)} rows have the time of the row before, and times step by {usual:.3g} s: "
-            "durations are not known better; is there a finer column of time?"
+            "durations are only that accurate. Is there a finer time column?"
         )

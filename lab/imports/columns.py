@@ -1,4 +1,4 @@
-"""One column of cells by itself: numbers with their decimal mark, times, words, and which cells are missing."""
+"""Judge one column of cells by itself: decimal mark, numbers, times, words, and missing cells."""
 
 from __future__ import annotations
 
@@ -57,19 +57,18 @@ class Strange:
     words: tuple[str, ...]
     cells: int
     column: NDArray[np.str_]
-    """All cells of the column."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What a column holds."""
+    """Content of a column."""
 
     values: Array | NDArray[np.str_]
     unit: str = ""
     """Written behind each number, or s for times of day and dates."""
     strange: Strange | None = None
     note: str = ""
-    """What was taken for granted."""
+    """Assumptions that were made."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
@@ -201,7 +200,7 @@ def _in_thousands(marked: Sequence[str], plain: Sequence[str]) -> bool:
 
 def _of_thousands(word: str, mark: str) -> str:
     value, other = number(word, mark, True), {",": ".", ".": ","}[mark]
-    return f"{word!r} is read as {value:.10g}; if it is another number write source: {{decimal: '{other}'}}"
+    return f"{word!r} is read as {value:.10g}; if that is wrong, write source: {{decimal: '{other}'}}"
 
 
 def _marks(words: Sequence[str], points: bool, decimal: str | None, comma_splits: bool) -> tuple[str, bool]:

@@ -1,4 +1,4 @@
-"""Files of other programs as columns of numbers, by their ending."""
+"""Read files of other programs as columns of numbers, by their ending."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
         reader = READERS.get(path.suffix.lower())
         if reader is None:
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
-            raise ConfigError(f"{path}: files of this kind are not read; known are {', '.join(KNOWN)}; {remedy}")
+            raise ConfigError(f"{path}: files of this kind cannot be read; known kinds are {', '.join(KNOWN)}; {remedy}")
         series = reader(path, source)
     series = of_rows_in_turn(cleaned(series, source.missing))
     if not len(series):
@@ -97,7 +97,7 @@ def _of_arrow(column: Any) -> pd.Series[Any]:
     if pa.types.is_nested(column.type):
         return pd.Series(column.to_pylist(maps_as_pydicts="lossy"), dtype=object)
     if column.type.id in (pa.binary().id, pa.large_binary().id, pa.binary(1).id, pa.binary_view().id):
-        raise ValueError("bytes are no measurements; write them as numbers or texts")
+        raise ValueError("it holds bytes, not measurements; write numbers or text")
     return cast("pd.Series[Any]", column.to_pandas())
 
 
@@ -148,7 +148,7 @@ def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any
     if not labels:
         raise ValueError("it holds no number, time or word")
     if len(labels) >= MOST_ELEMENTS:
-        raise ValueError(f"it holds {MOST_ELEMENTS} values in a row or more; write those needed as columns of their own")
+        raise ValueError(f"it holds {MOST_ELEMENTS} or more values in a row; write those you need as separate columns")
     for label in labels:
         yield label, pd.Series([row.get(label) for row in rows])
 
@@ -185,7 +185,7 @@ def _c3d(path: Path, source: Source) -> Series:
     if not frames:
         raise ConfigError(f"{path}: has no frames; export the take again")
     if not RATES[0] <= rate <= RATES[1]:
-        raise ConfigError(f"{path}: states {rate:g} frames a second, which no camera has; export the take again")
+        raise ConfigError(f"{path}: states {rate:g} frames per second, more than any camera; export the take again")
     points = np.array([p for p, _ in frames], np.float64)
     places = np.where(points[:, :, 3:4] < 0, np.nan, points[:, :, :3])  # a residual below 0: the marker was not seen
     columns = {"time": np.arange(len(places)) / rate}
@@ -221,7 +221,6 @@ def _labels(reader: Any, group: str) -> list[str]:
 READERS: Mapping[str, Callable[[Path, Source], Series]] = dict.fromkeys(TABLES, read_text) | {
     ".mat": read_matlab, ".npz": read_numpy, ".npy": read_numpy, ".c3d": _c3d, ".parquet": _parquet,
 }  # fmt: skip
-"""By ending."""
 RECORDING = ".mcap"
 REMEDIES: Mapping[str, str] = dict.fromkeys((".zstd", ".zst", ".lz4", ".gz", ".zip"), "unpack it first") | dict.fromkeys(
     (".bag", ".db3"), "convert it with `mcap convert`"

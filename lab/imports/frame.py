@@ -1,4 +1,4 @@
-"""A pandas DataFrame as trials: what `lab import` does with a file, by a map that the call states."""
+"""Turn a pandas DataFrame into trials, like `lab import` a file; the call states the map."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CALL = "lab.case"
 
 
 def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None = None, /, **keys: Any) -> Table:
-    """The states of a DataFrame, with what was left out or taken for granted in `Table.warnings`; raises ConfigError.
+    """Return the states of a DataFrame, with skipped rows and assumptions in `Table.warnings`. Raises ConfigError.
 
     `columns`: column of trials.csv -> heading, "heading [unit]", or an entry of map.yaml; other columns go by their names.
     `keys`: further keys of map.yaml. A frame with all columns that trials.csv requires is taken as it is; else, and by further
@@ -41,7 +41,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     if not isinstance(columns, Mapping):
         raise ConfigError(f"{CALL}: columns: write columns of trials.csv and their headings, such as {{'p1': 'P_left [bar]'}}")
     if "files" in keys:
-        raise ConfigError(f"{CALL}: files: a DataFrame has none; give its columns, constants and points themselves")
+        raise ConfigError(f"{CALL}: files: does not apply to a DataFrame; give columns, constants and points directly")
     missing_words = _table(keys, "source").get("missing", ())
     missing = tuple(missing_words) if isinstance(missing_words, list | tuple) else ()
     series = of_data_frame(frame, missing)
@@ -67,7 +67,7 @@ class _Columns(FileTable):
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:
     """The table of these columns of trials.csv (by name), without rows that lack a required value; raises ConfigError."""
     if wrong := [name for name in columns if column_order(name) is None]:
-        raise ConfigError(f"{CALL}: columns.{wrong[0]}: is no column of trials.csv")
+        raise ConfigError(f"{CALL}: columns.{wrong[0]}: is not a column of trials.csv")
     file, values = File(series, robot.actuators.words), dict[str, NDArray[Any]]()
     for name, column in columns.items():
         values[name] = translated(series, name, column, ()) if name in TEXTS else in_si(file, name, column)

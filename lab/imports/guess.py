@@ -1,4 +1,4 @@
-"""A map proposed for a file nobody described: what its headings and numbers say, each line with its reason."""
+"""Propose a map for a file from its headings and numbers, each line with its reason."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ Array = NDArray[np.float64]
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
 """Highest pressures of soft robots by unit, in the order in which they are considered."""
 STEADY = 0.02
-"""Of the highest pressure, within which a plateau stands."""
+"""Band of a plateau, as a share of the highest pressure."""
 MOTION_CAPTURE = ("Motive", "C3D")
 FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
 """Words of a heading for a count of rows."""
 
 
 def guess_map(series: Series, robot: Robot) -> Guess:
-    """The most plausible map of a file's columns for a robot; raises ConfigError where no tip or pressure can be made out."""
+    """Return the most plausible map of a file's columns for a robot. Raises ConfigError if no tip or pressure is found."""
     g = Guess()
     headings = [heading(n, series.units.get(n, "")) for n in series.names if n in series.numbers or n in series.words]
     turns, angles = quadruples(headings), turning(headings)
@@ -91,15 +91,20 @@ def _missing(g: Guess, series: Series) -> None:
     words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
     if words:
         said = list(dict.fromkeys(words))
-        g.say("source.missing", said, "cells of these columns that are no numbers")
+        g.say("source.missing", said, "cells of these columns that are not numbers")
         g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
 
 
 # ------------------------------------------------------------------ pressures
 def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
-    """Column of numbers -> chamber or tendon that its heading names."""
+    """Column of numbers -> chamber or tendon that its heading names; else one column in N for each tendon, in their order."""
     number = chamber if robot.tendons is None else tendon
-    return {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+    named = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
+    if named or robot.tendons is None:
+        return named
+    forces = {name for t in triples(headings) for name in t.columns}
+    tensions = [h.name for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
+    return {name: k for k, name in enumerate(tensions, 1)} if len(tensions) == len(robot.tendons.azimuths_deg) > 1 else {}
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
@@ -117,7 +122,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
-            g.doubt("constants.p1", "no column of pressures: 0 is right for a body that nothing inflates")
+            g.doubt("constants.p1", "no pressure column found: 0 is right for a body that is never inflated")
             return []
         if series.form.startswith(MOTION_CAPTURE):
             g.say("constants", {f"p{k + 1}": "?" for k in range(wanted)}, f"{series.form} holds no pressures: fill them in")
@@ -129,12 +134,14 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
         raise ConfigError(
             f"{series.path}: no heading names {wants}; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give "
-            f"both, or {JOIN}; else write map.yaml by hand (docs: data from elsewhere)"
+            f"{', '.join(map(repr, series.names[:12]))}. If they are in another file, give both, or {JOIN}; else write map.yaml "
+            "by hand (docs: data from elsewhere)"
         )
+    if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
+        g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, the only columns in N; check the order")
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
-        g.doubt("columns.p1", f"the file says no unit of {', '.join(guessed)}: {units[guessed[0]].why}")
+        g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by_name[n].stated for n in names if by_name[n].stated.casefold() in ELECTRIC})
     for k in range(wanted):
         # fewer regulators than chambers: groups of neighbours
@@ -150,27 +157,28 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     if not measured:
         g.doubts.append(
-            f"{', '.join(names)} are set-points: no column of measured pressures is found, and regulators lag and leak; "
-            "name measured ones where there are any"
+            f"{', '.join(names)} are set-points; no measured pressures were found. Regulators lag and leak, so name measured "
+            "pressures if you have them"
         )
     if again:
-        g.doubts.append(f"{', '.join(again)} name chambers that other columns name too: check which are the measured pressures")
+        g.doubts.append(f"{', '.join(again)} name chambers that other columns also name: check which are the measured pressures")
     if len(names) != wanted:
-        g.doubts.append(f"{len(names)} columns of pressure for {wanted} chambers of robot.yaml: check which feeds which")
+        g.doubts.append(
+            f"{len(names)} pressure columns for {wanted} chambers of robot.yaml: check which column belongs to which chamber"
+        )
     if set(actuator_of) - set(chosen):
-        g.doubts.append(f"set-points are left out: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
+        g.doubts.append(f"set-points are ignored: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
     return names
 
 
 @dataclass(frozen=True)
 class _Unit:
-    """What the numbers of a column are in."""
+    """Unit of a column's numbers."""
 
     name: str
     why: str
     absolute: bool = False
     guessed: bool = False
-    """By what is usual."""
 
 
 def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
@@ -212,21 +220,21 @@ def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
 
 # ------------------------------------------------------------------ the rest
 def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> None:
-    """Propose what other headings name (time, mass, spine, branch ..), with unit and doubts, and list those not used."""
+    """Propose the other columns (time, mass, spine, branch ..), with unit and doubts, and list unused ones."""
     ignored = []
     frames = _frames(series, headings)
     for h in headings:
         column = own_column(h) or quantity(h) or ("t" if h.kind == "s" and _rises(series, h.name) else None)
         if h.name == frames:
-            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no column of time, and some frames are missing")
-            g.doubt("columns.t.scale", "how many seconds from frame to frame? 0.01 is a guess")
+            g.say("columns.t", {"column": h.name, "scale": 0.01}, "GUESSED: no time column, and some frames are missing")
+            g.doubt("columns.t.scale", "0.01 s per frame is a guess; state the true frame time")
             continue
         is_text = h.name in series.words and column not in ("branch", "protocol", "specimen")
         if column in (None, "trial", "repeat") or f"columns.{column}" in g.reasons or is_text:
             ignored.append(h.name)
             continue
         if column == "roll_deg" and changes_throughout(series.numbers[h.name]):
-            g.doubts.append(f"{h.name!r} changes from row to row: it is not how the body is mounted (roll_deg) and is not used")
+            g.doubts.append(f"{h.name!r} changes from row to row, so it is not the mounting angle (roll_deg); it is not used")
             continue
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
@@ -237,12 +245,12 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             if unit := unit_of_steps(series.numbers[h.name]):
                 entry["unit"], step = unit, float(np.nanmedian(np.diff(series.numbers[h.name])))
                 why = f"{why}, and steps of {step:g}"
-                g.doubt("columns.t", f"the file says no unit; steps of {step:g} are taken as {unit}")
+                g.doubt("columns.t", f"the file states no unit; steps of {step:g} are taken as {unit}")
         elif column in ("tip_mass", "spine_length") and float(np.nanmax(series.numbers[h.name])) > 3:
             entry["unit"] = {"tip_mass": "g", "spine_length": "mm"}[column]
             highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"
             why = f"{why}, and {highest}"
-            g.doubt(f"columns.{column}", f"the file says no unit; {highest} are taken as {entry['unit']}")
+            g.doubt(f"columns.{column}", f"the file states no unit; {highest} are taken as {entry['unit']}")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:
@@ -254,7 +262,9 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         g.say("constants.spine_length", "0 mm", "no column names the spine")
         g.doubt("constants.spine_length", "no column names the spine of robot.yaml: was it 0 mm in all rows?")
     if ignored:
-        g.doubts.append(f"not used: {', '.join(ignored[:20])}")
+        force = any(heading(name).kind == "N" for name in ignored)
+        hint = "; name a force under force_x, force_y, force_z, or as a sensor of your own (sensor_NAME)" if force else ""
+        g.doubts.append(f"not used: {', '.join(ignored[:20])}{hint}")
 
 
 def _frames(series: Series, headings: Sequence[Heading]) -> str | None:
@@ -284,7 +294,7 @@ def _branches(series: Series, name: str) -> dict[str, str] | None:
 
 
 def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) -> None:
-    """Propose plateaus as states where pressures (columns) mostly stand still from row to row; else each row is one."""
+    """Propose plateaus as states if the pressures (columns) are mostly constant from row to row; else each row is a state."""
     if not pressures:
         return
     values = proposed_pressures(g, series, robot)
@@ -296,11 +306,11 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     # with five rows of the same pressure on average, a file is a time series
     if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
         steady = float(f"{STEADY * span / 1e3:.2g}")
-        why = f"{len(series)} rows in which pressures mostly stand still: a recording over time"
+        why = f"{len(series)} rows with mostly constant pressures: treated as a time series"
         g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
         if not has_times:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
-            g.doubt("source.rate", "how many rows a second? 100 is a guess")
+            g.doubt("source.rate", "100 rows per second is a guess; state the true rate")
 
 
 # ------------------------------------------------------------------ trials
@@ -359,7 +369,7 @@ def _useful(g: Guess, series: Series, h: Heading, changes_here: Sequence[Change]
         g.doubts.append(f"not used: {h.name}, which is the same in all rows")
         return False
     if not returns and not stages.resting.all():
-        g.doubts.append(f"each change of {h.name!r} begins a trial, though the robot does not come to rest between two")
+        g.doubts.append(f"each change of {h.name!r} begins a trial, although the robot does not come to rest in between")
     elif away and returns:
         ignorable = len(away) <= len(changes_here) / 2 and len(changes_here) < len(stages.start) / 2
         driven = robot.actuators.words.fill("{actuators} are {inflated}")

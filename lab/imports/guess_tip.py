@@ -1,4 +1,4 @@
-"""Which columns of a file are the tip, in which frame and how it is turned, as headings, numbers and the robot say."""
+"""Find the tip's columns, frame and orientation from headings, numbers and the robot."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Complex = NDArray[np.complex128]
 
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
-    "robots of Universal Robots write a rotation vector"
+    "Universal Robots' arms write a rotation vector"
 )
 NO_ORDER_FITS = 10.0
 """Deg (rms) that the tip may turn about other axes than that of its bending under the best order of three angles."""
 FITS = 1.5
-"""Factor between the distance of the resting tip and the robot's length below which a unit of length is told by it."""
+"""Largest factor between the resting tip's distance and the robot's length that identifies a unit of length."""
 
 
 AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
@@ -59,9 +59,9 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     candidates = [t for t in candidates if t.unit in ("", *KINDS["m"])]
     if not candidates:
         raise ConfigError(
-            f"{series.path}: no three columns x, y, z of a tip are found; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. If another file holds them, give both, or {JOIN}; else write "
-            "map.yaml by hand (docs: data from elsewhere)"
+            f"{series.path}: found no columns x, y, z of a tip; there are "
+            f"{', '.join(map(repr, series.names[:12]))}. If they are in another file, give both, or {JOIN}; else write map.yaml "
+            "by hand (docs: data from elsewhere)"
         )
     tips, bases = (_whole([t for t in candidates if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     if not tips:
@@ -79,16 +79,16 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     has_place = np.isfinite(from_base).all(axis=1)
     if not has_place.any():
         raise ConfigError(
-            f"{series.path}: {' / '.join(tips[0].columns)}: no position is known in any row; write map.yaml by hand (docs: data "
-            "from elsewhere)"
+            f"{series.path}: {' / '.join(tips[0].columns)}: no row has a position; write map.yaml by hand (docs: data from "
+            "elsewhere)"
         )
     rests = bool((rest & has_place).any())
     rest = rest & has_place if rests else _lowest(g, series, has_place, robot)
     if not rests:
         g.doubt(
             "frame",
-            "in no row with a tip is the robot at rest; its axes and unit follow from the rows with the lowest "
-            f"{robot.actuators.words.pressures}, and where the straight robot is stays open (straight)",
+            "the robot is at rest in no row with a tip. Axes and unit were taken from the rows with the lowest "
+            f"{robot.actuators.words.pressures}; the position of the straight robot is unknown (straight)",
         )
     unit, why = _length_unit(g, tip_unit, tips[0], from_base[rest], robot.length)
     names = [c for t in tips for c in t.columns]
@@ -113,13 +113,13 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     pushed = _Pushed(_push(g, series, headings, robot), _mass_at_rest(series, rest))
     _frame(g, from_base * KINDS["m"][unit], resting, robot, rests, pushed)
     for k, t in enumerate(markers, 1):
-        g.say(f"points.m{k}.of", [list(t.columns)], "in the order in which they move, least next to the base")
+        g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their motion; the one nearest to the base moves least")
         if bases:
             g.say(f"points.m{k}.against", [list(b.columns) for b in bases], "as the tip")
         if not unit_in(series, t.columns[0], KINDS["m"]):
             g.say(f"points.m{k}.unit", unit, "as the tip")
     if len(markers) > 1:
-        g.doubt("points.m1", f"{len(markers)} places for the markers of robot.yaml: check which is which")
+        g.doubt("points.m1", f"{len(markers)} markers found, m1, m2 .. assigned by how far they move; check the order")
     elif other_places and not markers:
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in other_places)}; markers along the body go under points.m1 .."
@@ -128,14 +128,14 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
 
 
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
-    """The one place that stands still while the tip moves."""
+    """The one point that is fixed while the tip moves."""
     moves = _spread(_xyz(series, tip))
     still = [t for t in others if t.unit == tip.unit and _spread(_xyz(series, t)) < 0.02 * moves]
     # near zero they are standard deviations, or a base that changes nothing
     still = [t for t in still if np.nanmax(np.abs(_xyz(series, t))) > 0.02 * moves]
     if len(still) != 1:
         return []
-    g.doubt("points.tip.against", f"{' / '.join(still[0].columns)} stands still: taken for a marker at the base")
+    g.doubt("points.tip.against", f"{' / '.join(still[0].columns)} does not move: taken for a marker at the base")
     return still
 
 
@@ -187,13 +187,13 @@ def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> 
     best = min(times, key=lambda unit: abs(np.log(times[unit])))
     why = f"at rest the tip is {far:.4g} from the origin, the robot is {length:g} m long"
     if not 1 / FITS < times[best] < FITS:
-        g.doubt("columns.x", f"the file says no unit; {best} is a guess: {why}")
+        g.doubt("columns.x", f"the file states no unit; {best} is a guess: {why}")
     return best, why
 
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What acts on the tip."""
+    """Loads on the tip."""
 
     aside: Complex
     """(n,) where chambers push or tendons pull it, x + iy of the base; NaN where unknown."""
@@ -227,17 +227,16 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
     bends = f"the tip bends {sense} (agreement of directions {agreement[best]:.2f} of 1)"
     if agreement[best] < 0.9 and np.isfinite(pushed.aside).any():
         g.doubts.append(
-            f"frame.x, frame.y: with the base's x along the file's {axes.x} and its y along the file's {axes.y} {bends}: "
-            "the best turn about the base's z, but not forced by these data; if base and cameras stand as for an earlier table, "
-            "take the frame of its map"
+            f"frame.x, frame.y: with the base's x along the file's {axes.x} and its y along the file's {axes.y} {bends}. This is "
+            "the best turn about the base's z, but the data do not force it. If base and cameras have not moved since an earlier "
+            "table, copy the frame from its map"
         )
     if not shows_z:
         other_axes = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != axes.z]
         g.doubt(
             "frame.z",
-            f"where the tip rests does not tell which axis of the file is the base's z, from base to tip; taken as the "
-            f"file's {axes.z}, as the actuators bend it (agreement of directions {agreement[best]:.2f} of 1, with another axis "
-            f"up to {max(other_axes):.2f})",
+            "the resting tip does not determine which axis points from base to tip. The file's "
+            f"{axes.z} fits best: bending directions agree to {agreement[best]:.2f} (next best axis {max(other_axes):.2f})",
         )
     if (axes.x, axes.y, axes.z) != ("x", "y", "z"):
         shown_by = "the resting body begins along" if shows_z else "the tip bends across"
@@ -245,14 +244,14 @@ def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: 
         g.say("frame", {"x": axes.x, "y": axes.y, "z": axes.z}, why)
     if elsewhere:
         text = (
-            f"at rest the tip is {away * 1e3:.1f} mm from the origin and {aside * 1e3:.1f} mm off the axis, where the model of "
-            f"robot.yaml stands {chord * 1e3:.1f} mm from it and {sag * 1e3:.1f} mm off the axis"
+            f"at rest the recorded tip is {away * 1e3:.0f} mm from the origin and {aside * 1e3:.0f} mm off the axis; the model "
+            f"expects {chord * 1e3:.0f} mm and {sag * 1e3:.0f} mm. The origin is probably not at the base"
         )
         g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
         g.doubt(
             "straight",
-            f"{text}; `at rest` moves the readings there and hides any error at rest; to keep it, measure where the "
-            "base is among the cameras' axes and write that as `zero` of columns x, y, z",
+            f"{text}. `at rest` moves all points to the model's rest position, which hides any error at rest. To see that "
+            "error, measure the base position in camera coordinates and enter it as `zero` of columns x, y, z",
         )
 
 
@@ -361,8 +360,8 @@ def guess_angles(g: Guess, series: Series, found: Sequence[Triple], tip: Tip) ->
     entry = {"columns": list(three.columns), "order": order, "unit": unit}
     g.say("orientation", entry, f"three angles, up to {largest:.4g} {unit}")
     fits = ", ".join(f"{deg:.1f} deg with {name}" for name, deg in misfit_of.items())
-    misfits_text = f"; the tip turns about other axes than that of its bending by {fits}" if fits else ""
+    misfits_text = f"; the tip turns about axes that differ from its bending axis by {fits}" if fits else ""
     remedy = f"Check the order: {ORDERS_IN_WORDS}"
     if misfit_of and min(misfit_of.values()) > NO_ORDER_FITS:
-        remedy = "No order fits: two columns of the tip or of the actuators may be exchanged, or the frame is wrong"
+        remedy = "No order fits: two columns of the tip or of the actuators may be swapped, or the frame is wrong"
     g.doubt("orientation.order", f"{' / '.join(three.columns)} are taken as {order} in {unit}{misfits_text}. {remedy}")

@@ -1,4 +1,4 @@
-"""What the headings of a file say: quantity, axis and unit of each column."""
+"""Read the headings of a file: quantity, axis and unit of each column."""
 
 from __future__ import annotations
 
@@ -74,13 +74,12 @@ UNSTATED_WORDS = """
 1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless
 """
 UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
-"""What stands in a row of units and says none."""
+"""Cells in a row of units that state no unit."""
 OTHER_UNIT_WORDS = """
 v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min
 sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
 """
 OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | UNSTATED
-"""What else stands there."""
 
 
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
@@ -100,7 +99,7 @@ class Heading:
     kind: str = ""
     """SI unit that the unit is one of."""
     stated: str = ""
-    """What stands as the unit in brackets or in the file elsewhere, also where it is none of this software."""
+    """The stated unit, in brackets or elsewhere in the file, even if it is unknown here."""
 
     @property
     def asked_for(self) -> bool:
@@ -211,7 +210,6 @@ class Triple:
 
     columns: tuple[str, str, str]
     words: frozenset[str]
-    """What else the headings say."""
     unit: str
 
 

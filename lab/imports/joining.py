@@ -1,7 +1,7 @@
-"""Streams of one experiment joined in time: of several files, of tables below each other in one, or of rows that take turns.
+"""Join streams of one experiment in time: of several files, of several tables in one file, or of alternating rows.
 
-The rows of the stream that holds the tip stay. The others add what they held at its times: on the line between two readings, and
-nothing where the nearest reading is older than the stream's own period.
+The rows of the stream with the tip remain. The others are interpolated at its times, and are missing where the nearest reading is
+older than the stream's own period.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Str
         t, tick = _seconds(series, Column(column=name))
     else:
         raise ConfigError(
-            f"{label}: no heading names a time by which it could be joined; there are {listed(series.names)}; name it under "
+            f"{label}: no time column to join it by; there are {listed(series.names)}; name it under "
             f"files: {{{label!r}: {{columns: {{t: ..}}}}, '*': {{}}}}, or {JOIN}"
         )
     if not np.isfinite(t).any():
@@ -164,7 +164,7 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
                 units[heading_here] = unit
             if strange := other.series.strange.get(name):
                 words = ", ".join(repr(w[:40]) for w in strange.words)
-                notes.append(f"{other.label}: {strange.cells} cells of {name!r} are no numbers ({words}): taken as missing")
+                notes.append(f"{other.label}: {strange.cells} cells of {name!r} are not numbers ({words}): taken as missing")
         notes += [n for n in other.series.notes if n not in notes]
         common = {**other.series.common_units, **common}
     return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
@@ -181,7 +181,7 @@ def _overlap(a: Stream, b: Stream) -> float:
 
 
 def _apart(lead: Stream, other: Stream) -> str:
-    """That two tables have no time in common, and what to do."""
+    """State that two tables do not overlap in time, and what to do."""
     spans = " and ".join(f"{s.label} ({s.span[0]:.10g} .. {s.span[1]:.10g} s)" for s in (lead, other))
     zones = [k * HALF_HOUR for k in range(-LARGEST_CHANGE, LARGEST_CHANGE + 1)]
     moved = [z for z in zones if min(lead.span[1], other.span[1] + z) > max(lead.span[0], other.span[0] + z)]
@@ -189,8 +189,8 @@ def _apart(lead: Stream, other: Stream) -> str:
     start, why = lead.span[0] - other.span[0], "if both started together"
     proposed, why = (start, why) if zone is None else (zone, "if one clock is set to another time zone")
     return (
-        f"{spans} have no time in common: state by how many s the times of one are to be moved, {why} files: {{{other.label!r}: "
-        f"{{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
+        f"{spans} do not overlap in time. State by how many seconds to shift one of them; {why}, write files: "
+        f"{{{other.label!r}: {{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"
     )
 
 
@@ -219,16 +219,16 @@ def experiments(
         else:
             raise ConfigError(
                 f"{len(runs)} tables such as {runs[0][0].label} and {len(tables)} such as {tables[0].label} have no dates that "
-                f"say which belong together: give those of one run at a time, or {JOIN}"
+                f"show which belong together: give the files of one run at a time, or {JOIN}"
             )
     return runs, unused
 
 
 def asked(lead: Stream, others: Sequence[Stream]) -> str:
-    """What a person has to check of tables that were joined."""
+    """Questions about joined tables."""
     spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
     return (
-        f"joined in time, as their clocks say: {spans}, from the start of {lead.label}. Do these clocks agree? If not: files: "
+        f"joined by their clocks: {spans}, from the start of {lead.label}. Do these clocks agree? If not: files: "
         f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
     )
 
@@ -244,7 +244,7 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
         streams.append(stream)
         maps[id(stream)], questions[id(stream)] = own_map, doubts
     runs, unused = experiments(streams, lacked_keys, lambda keys: not keys & {"x", "y", "z", "tip"})
-    notes = [f"{s.label} is not read: it has no time in common with {listed(lead.label for lead, _ in runs)}" for s in unused]
+    notes = [f"{s.label} is not read: it does not overlap in time with {listed(lead.label for lead, _ in runs)}" for s in unused]
     made = []
     for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
@@ -303,7 +303,7 @@ def of_rows_in_turn(series: Series) -> Series:
         streams.append(Stream(_part(series, rows, names_kept), ", ".join(names[:3]), row_times[rows]))
     table = joined(streams[lead], [s for k, s in enumerate(streams) if k != lead])
     note = (
-        f"{len(streams)} groups of columns hold values in rows of their own ({'; '.join(s.label for s in streams)}): joined in "
+        f"{len(streams)} groups of columns have values in separate rows ({'; '.join(s.label for s in streams)}): joined in "
         f"{'time' if times else 'the order of rows'} to the {len(table)} rows of {streams[lead].label}"
     )
     return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *series.notes))

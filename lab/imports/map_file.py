@@ -1,4 +1,4 @@
-"""map.yaml: what the columns of somebody's file are, in which unit and frame, and which of its rows make a state.
+"""map.yaml: what each column of a file is, its unit and frame, and which rows form a state.
 
 Keys of `columns`, `constants` and `files` are columns of trials.csv. A quantity of `constants` and `files` carries its unit
 ("20 mm"); a bare number is in SI.
@@ -112,7 +112,7 @@ class Frame(FileTable):
         if abs(handed) < 0.5:
             raise ValueError("names an axis twice: x, y and z must be three different recorded axes")
         if handed < 0:
-            raise ValueError("is a mirror image: turn the sign of one axis (or of two)")
+            raise ValueError("is a mirror image: change the sign of one axis, or swap two")
         return self
 
     @property
@@ -245,7 +245,7 @@ class Map(FileTable):
     forces: Literal["base", "tip"] = "base"
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
     straight: Literal["as recorded", "at rest", "first state", "first row"] = "as recorded"
-    """Readings that show the offset of cameras and markers: those at rest, where the model stands under its weight; or the first
+    """Readings from which all points, the tip and markers, are moved to the model: those at rest, under its weight; or the first
     state, or the first row of each file, of a straight robot."""
     states: States = States()
     """Which rows make a state."""
@@ -279,16 +279,16 @@ class Map(FileTable):
         """What is wrong with tip, orientation and trials."""
         wrong = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
         if "tip" in self.points and any(a in self.columns for a in "xyz"):
-            wrong.append("points.tip: the tip is also given by columns x, y, z; keep one")
+            wrong.append("points.tip: columns x, y, z also give the tip; keep one")
         if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
             wrong.append("columns: give the tip by x, y and z, or by points.tip")
         turned = self.orientation is not None or any(p.turn for p in self.points.values())
         if "trial" in self.columns and self.trials.change:
-            wrong.append("trials.change: columns.trial says where trials begin; keep one")
+            wrong.append("trials.change: columns.trial also states where trials begin; keep one")
         if self.forces == "tip" and not turned:
             wrong.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
-            wrong.append("sensor: a point beside the end of the body needs an orientation to be moved back")
+            wrong.append("sensor: a point that is not at the end of the body needs an orientation")
         return wrong
 
     def of_file(self, owns: Iterable[Own]) -> Map:

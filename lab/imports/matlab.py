@@ -1,4 +1,4 @@
-"""MATLAB files of any version: SciPy and HDF5 for numbers, mat-io for what MATLAB calls objects (table, string, datetime ..)."""
+"""Read MATLAB files of any version: SciPy and HDF5 for numbers, mat-io for MATLAB's objects (table, string, datetime ..)."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
             warnings.simplefilter("ignore")
             import matio
     except ImportError:
-        return {}, (f"not read: {description}; they are read with mat-io: pip install 'softlab[import]'",)
+        return {}, (f"not read: {description}; to read them, pip install 'softlab[import]'",)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

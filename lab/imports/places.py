@@ -1,4 +1,4 @@
-"""Whether the tip turns as it moves, whether files have their markers in one order, and whether a marker was taken for another.
+"""Check whether the tip turns as it moves, whether files have their markers in one order, and whether markers were confused.
 
 Jumps: between neighbouring states a place moves as the pressures do. One that moves much farther than such changes of pressure
 have moved it elsewhere in the same data was measured on another marker, or after cameras or body were moved.
@@ -105,8 +105,8 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
         else:
             continue
         yield (
-            f"{name}: at rest {text} in {names[usual]}: do the columns of its markers stand in another order? If so, name its "
-            f"columns or points under files: {{{name!r}: {{points: ..}}, '*': {{}}}}"
+            f"{name}: at rest {text} in {names[usual]}: are its marker columns in another order? If so, name its columns or "
+            f"points under files: {{{name!r}: {{points: ..}}, '*': {{}}}}"
         )
 
 
@@ -121,8 +121,8 @@ def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, Rotation, Arra
         raise ConfigError(f"straight: at rest: {e}") from e
     if not np.isfinite(read.tip).all():
         raise ConfigError(
-            "straight: at rest: the model of robot.yaml finds no equilibrium for the states at rest; correct its modulus "
-            "and weight, or write `straight: first state` for a robot that is straight at rest"
+            "straight: at rest: robot.yaml's model has no equilibrium in the states at rest; correct modulus and weight, or "
+            "write `straight: first state` for a robot that is straight at rest"
         )
     return read.tip[0], Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0]
 

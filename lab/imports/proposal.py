@@ -16,7 +16,6 @@ class Guess:
 
     values: dict[str, Any] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    """By dotted key."""
     doubts: list[str] = field(default_factory=list)
     """What a person has to look at or to fill in."""
     doubtful: set[str] = field(default_factory=set)
@@ -39,9 +38,9 @@ class Guess:
 
 def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
     """The text of map.yaml: the doubts as `unconfirmed`, then each value below a comment with its reason."""
-    lines = [f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; reasons stand above it.", ""]
+    lines = [f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; the reason is above it.", ""]
     if g.doubts:
-        lines += ["# What the data do not force: correct it where it is wrong, and delete its line here.", "unconfirmed:"]
+        lines += ["# Guesses that the data do not force: correct them in the map, then delete them here.", "unconfirmed:"]
         lines += [*(f"- {in_one_line(doubt)}" for doubt in g.doubts), ""]
     lines.append(f"robot: {in_one_line(str(robot))}")
     for key, value in g.values.items():

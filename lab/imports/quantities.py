@@ -47,7 +47,6 @@ class FileRows:
     """What the map names. Orientations are from the straight robot's frame, or from the recorded one's where nothing says which
     reading is straight."""
     constants: Mapping[str, Any]
-    """By column, for all rows."""
     run: NDArray[np.int64]
     """(n,) of runs that follow each other in one file, from 0."""
     row: NDArray[np.int64]
@@ -57,7 +56,6 @@ class FileRows:
     notes: tuple[str, ...] = ()
     """What is missing."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
     @property
     def t(self) -> Array:
@@ -85,7 +83,6 @@ class File:
 
     series: Series
     drive: Words
-    """Of what drives the robot."""
     notes: list[str] = field(default_factory=list)
     contradicted: dict[str, dict[str, str]] = field(default_factory=dict)
     """Note on a unit -> column whose unit it is -> key of the map."""
@@ -143,14 +140,14 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         missing = ~np.isfinite(values_of).all(axis=1)
         if missing.any():
             first = series.place(int(np.argmax(missing)))
-            notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first {first}): no state is made of them")
+            notes.append(f"{int(missing.sum())} of {n} rows have no {what} (first: {first}); they were skipped")
     averaged = wanted.states.plateaus is not None or bool(wanted.states.windows)
     tick = wanted.columns["t"].scale * file.factors["columns.t"] if "t" in wanted.columns else 1.0
     line = timeline(t, tick, series.place, averaged)
     made = replace(made.of(line.rows).with_columns({"t": line.t}), run=line.run)
     notes += line.notes
     if wanted.states.plateaus is not None and len(line.t) > 1 and not np.ptp(line.t):
-        raise ConfigError(f"{series.path}: columns.t: all rows have one time; name another column, or give source.rate")
+        raise ConfigError(f"{series.path}: columns.t: all rows have the same time; name another column, or give source.rate")
     for text, keys in file.contradicted.items():
         notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
     return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions))
@@ -163,8 +160,8 @@ def _time(series: Series, wanted: Map) -> Array:
         return np.asarray(series.numbers["time"])
     if wanted.states.plateaus is not None:
         raise ConfigError(
-            f"{series.path}: states are cut by their duration, but nothing tells the time: name its column (columns.t), or give "
-            "the rows a second (source.rate)"
+            f"{series.path}: states need a duration, but there is no time: name its column (columns.t), or give the rows per "
+            "second (source.rate)"
         )
     return np.arange(len(series), dtype=np.float64)
 
@@ -195,7 +192,7 @@ def _contradict(file: File, own: str, name: str, unit: str, place: str, scale: f
     elif not stated and name != "t" and scale == 1.0:
         of_file = heading(own, file.series.units.get(own, ""))
         stated = of_file.unit or of_file.stated[:40]
-        text = f"the file says {stated}, the map {unit or 'nothing'}, which is taken: is it this quantity, and its unit right?"
+        text = f"the file says {stated}, the map {unit or 'nothing'}, which is used: is it this quantity, and is the unit right?"
     else:
         return
     if stated:
@@ -267,7 +264,7 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
         return place if wanted.points[name].against else place - _base(file, wanted)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
-        raise ConfigError(f"columns: {missing[0]} is missing beside the others of marker {name}")
+        raise ConfigError(f"columns: {missing[0]} is missing; marker needs x, y and z: {name}")
     return file.places(np.column_stack([values[f"{name}{a}"] for a in "xyz"]), f"marker {name}")
 
 
@@ -318,8 +315,8 @@ def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: 
     best = min(off_by, key=lambda order: off_by[order])
     if clearly_worse(off_by[angles.order], off_by[best]):
         yield (
-            f"orientation.order {angles.order}: the tip turns by {off_by[angles.order]:.1f} deg about other axes than that of "
-            f"its bending, with {best} by {off_by[best]:.1f} deg: check the order"
+            f"orientation.order {angles.order}: the tip turns by {off_by[angles.order]:.1f} deg about axes other than its "
+            f"bending axis; with {best}, by {off_by[best]:.1f} deg: check the order"
         )
 
 

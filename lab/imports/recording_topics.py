@@ -96,7 +96,7 @@ class Topic:
     @property
     def reason(self) -> str:
         """Why messages or fields were left out."""
-        count = f"{self.left_out} of {self.left_out + len(self.rows)} messages are left out: " if self.left_out else ""
+        count = f"{self.left_out} of {self.left_out + len(self.rows)} messages are skipped: " if self.left_out else ""
         more = f"; and {len(self.why) - MOST_REASONS} other reasons" if len(self.why) > MOST_REASONS else ""
         return count + "; ".join(islice(self.why, MOST_REASONS)) + more
 
@@ -135,7 +135,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
         notes.append(f"read as one recording, by its times: {', '.join(p.name for p in paths)}")
     if unwanted := [t for t in all_topics if t not in wanted]:
         more = f" and {len(unwanted) - SHOWN} more" if len(unwanted) > SHOWN else ""
-        notes.append(f"topics that the map does not name are not read: {', '.join(unwanted[:SHOWN])}{more}")
+        notes.append(f"topics that are not in the map are not read: {', '.join(unwanted[:SHOWN])}{more}")
     topic_of = {name: Topic(name) for name in wanted}
     for p, recording in zip(paths, recordings, strict=True):
         channels = Counter(c.topic for c in recording.contents.channels.values() if c.topic in topic_of)
@@ -163,8 +163,8 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     columns: dict[str, Array | Texts] = {"time": times if start >= EPOCH[0] else times - start}
     if len(times) > 1 and not np.ptp(times):
         raise ConfigError(
-            f"{path}: all {len(times)} messages of {leading.name} have the log time {times[0]:g} s, so that nothing says which "
-            "belong together; record again with times, or write them by the stamps in their messages"
+            f"{path}: all {len(times)} messages of {leading.name} have the log time {times[0]:g} s, so they cannot be matched; "
+            "record again with times, or write them with the stamps in their messages"
         )
     for name, frame in frames.items():
         for label, values in _continuous({label: frame[label].to_numpy() for label in frame}).items():
@@ -250,7 +250,7 @@ def _decoder(channel: Channel, schema: Schema | None, tried: Sequence[bytes], to
                 why = why or _short(e)
             else:
                 if left_out:
-                    topic.why.setdefault(f"the fields from `{left_out}` on cannot be decoded ({why})")
+                    topic.why.setdefault(f"the fields starting at `{left_out}` cannot be decoded ({why})")
                 return decode
     topic.why.setdefault(why or "it holds no message")
     return None

@@ -53,9 +53,7 @@ class Series:
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
     notes: tuple[str, ...] = ()
-    """What was left out."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -106,7 +104,7 @@ def cleaned(series: Series, missing: Sequence[str | float]) -> Series:
             notes += [f"{n} of {len(values)} cells of {name!r} are {v:g}: taken as missing" for v, n in found.items()]
     series = replace(series, columns=columns, notes=tuple(notes))
     if not series.numbers:
-        raise ConfigError(f"{series.path}: no column holds a number; check the export and source.missing")
+        raise ConfigError(f"{series.path}: no column holds numbers; check the export and source.missing")
     return series
 
 
@@ -165,7 +163,7 @@ def name_of(series: Series, name: Name, place: str) -> str:
     if str(name) not in names:
         noted = f" ({'; '.join(series.notes)})" if series.notes else ""
         raise ConfigError(
-            f"{series.path}: {place} = {str(name)[:80]!r}: this column is not there; there are "
+            f"{series.path}: {place} = {str(name)[:80]!r}: no such column; there are "
             f"{_nearest_first(str(name), names, 3)}{noted}; name another"
             + f", for this file alone under files: {{{series.path.name!r}: {{columns: ..}}, '*': {{}}}}"
             * (series.form != FRAME)
@@ -186,7 +184,7 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
         columns = [name for pattern in patterns for name in series.names if pattern.fullmatch(name)]
     if len(columns) != 3:
         raise ConfigError(
-            f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z of its own; there are "
+            f"{series.path}: {place} = {marker[:80]!r}: has no columns x, y and z; there are "
             f"{_nearest_first(f'{marker}.x', series.names, 6)}; name its three columns, as in [[{marker[:40]}_x, "
             f"{marker[:40]}_y, {marker[:40]}_z]]"
         )
@@ -200,9 +198,8 @@ def numbers(series: Series, name: Name, place: str) -> Array:
     if strange is not None:
         words = ", ".join(repr(w[:40]) for w in strange.words)
         raise ConfigError(
-            f"{series.path}, {series.place(strange.row)}, column {head!r} ({place}): {strange.words[0][:40]!r} is no "
-            f"number ({strange.cells} such cells); correct it, or where it stands for a missing value write "
-            f"source: {{missing: [{words}]}}"
+            f"{series.path}, {series.place(strange.row)}, column {head!r} ({place}): {strange.words[0][:40]!r} is not a number "
+            f"({strange.cells} such cells); correct it, or if it means a missing value write source: {{missing: [{words}]}}"
         )
     if head in series.words:
         texts = series.words[head]
@@ -238,8 +235,8 @@ def unit_in(series: Series, name: str, units: Collection[str], place: str = "") 
     unit = said.unit if said.unit in units else series.unit_of(name, units)
     if place and not unit and said.stated and len(units) > 1:
         raise ConfigError(
-            f"{series.path}: column {name!r} ({place}): the file says {said.stated[:40]!r} of it, which is none of "
-            f"{', '.join(units)}; write {place}.unit, and {place}.scale where the numbers need a factor"
+            f"{series.path}: column {name!r} ({place}): the file says {said.stated[:40]!r} of it, which is not one of "
+            f"{', '.join(units)}; write {place}.unit, and {place}.scale if the numbers need a factor"
         )
     return unit
 

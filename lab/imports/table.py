@@ -60,7 +60,6 @@ class Imported:
     unread: tuple[str, ...]
     """Files that cannot be read, and why; `notes` has them, too."""
     questions: tuple[str, ...] = ()
-    """What a person has to check."""
 
 
 def _with(table: Table, names: Sequence[str], values: Array) -> Table:
@@ -107,7 +106,7 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
                 raise ConfigError(f"{file}: the map of this file (files): {'; '.join(wrong)}")
             files.append((file, made))
     if not files:
-        raise ConfigError(f"{', '.join(map(str, given))}: holds no file that the map names")
+        raise ConfigError(f"{', '.join(map(str, given))}: contains no file named in the map")
     return files
 
 
@@ -166,7 +165,9 @@ def _read(
             made = ordered
             notes.append(f"files are read in the order of their times: {names}")
         elif apart:
-            notes.append(f"files are read in the order of their names; by their times, unless over midnight, it is: {names}")
+            notes.append(
+                f"files are read in the order of their names; by their times the order would be (midnight aside): {names}"
+            )
     return made, notes, unread
 
 
@@ -241,7 +242,7 @@ def conclude(
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
     except RecordingError as e:
-        raise ConfigError(f"the table made by the map is none: {e}") from e
+        raise ConfigError(f"the map makes no valid table: {e}") from e
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
@@ -254,19 +255,19 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
         yield (
             f"the turn of the tip does not fit its place (agreement of directions {round(off[0], 2) + 0.0:.2f} of 1, and the tip "
             f"moves {off[1]:.2g} times as far as the end of an arc that turns as much): check orientation (columns, order, "
-            "unit), the frame and the columns x, y, z"
+            "unit), the frame, and columns x, y, z"
         )
     for name, same in (("roll_deg", SAME_ROLL), ("tip_mass", SAME_MASS)):
         share = follows_pressure(states, name, same)
         if share > FOLLOWS:
             yield (
-                f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but what is mounted does not "
-                "follow them: is this column another quantity?"
+                f"columns.{name}: the pressures account for {100 * share:.0f} % of its changes, but a mounting does not change "
+                "with pressure: is this column another quantity?"
             )
     within = np.diff(states.trial) == 0
     changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
     if changed > within.sum() / 2:
-        yield f"tip_mass changes {changed} times between states of one trial: is this column a mass that was hung there?"
+        yield f"tip_mass changes {changed} times between states of one trial: is this column really a mass at the tip?"
 
 
 def follows_pressure(states: Table, name: str, same: float) -> float:
@@ -286,8 +287,8 @@ def _demand_mounted(states: Table) -> None:
     for trial, low, high in zip(trials.tolist(), lows, highs, strict=True):
         if high - low > SAME_ROLL:
             raise ConfigError(
-                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body stays in its "
-                "mount; if this column is an angle of the tip, write it under orientation (columns, order, unit) instead"
+                f"columns.roll_deg: from {low:.4g} to {high:.4g} deg within trial {trial}, but the body does not turn in its "
+                "mount. If this column is an angle of the tip, write it under orientation (columns, order, unit)"
             )
 
 
@@ -322,8 +323,8 @@ def _without_strays(
         stray_count += len(rows)
     if first is not None:
         notes.append(
-            f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it taken for another? "
-            f"{stray_count} rows and {len(torn)} states are left out"
+            f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it confused with "
+            f"another? {stray_count} rows and {len(torn)} states are left out"
         )
     return replace(q, table=_placed(q.table, tip, markers)), torn
 
@@ -344,15 +345,15 @@ def _jump_notes(
             f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can: was it another marker, or was "
             "something moved?"
             if jump.exchanged is None
-            else f"{body[jump.body]} and {body[jump.exchanged]} change places: were they exchanged?"
+            else f"{body[jump.body]} and {body[jump.exchanged]} swap places: were they confused?"
         )
         place = series.place(int(q.row[row]))
         yield (
-            f"{series.path.name}, {place}: {what} If so, write these rows to a file of their own and name its columns under "
+            f"{series.path.name}, {place}: {what} If so, put these rows into a separate file and name its columns under "
             "files: {PATTERN: {columns: ..}}, or leave them out"
         )
     if len(notable) > MOST_JUMPS:
-        yield f"{len(notable) - MOST_JUMPS} further places move farther than the body can"
+        yield f"{len(notable) - MOST_JUMPS} further points move farther than the body can"
 
 
 def _rest(q: FileRows) -> Array:
@@ -416,7 +417,7 @@ def _force_turned(states: Table, frame: Array) -> Table:
     turn, turned = _turns(states)
     if not turned.all():
         t = float(states.get("t")[~turned][0])
-        raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation to turn its force with")
+        raise ConfigError(f"forces: the state at t = {t:.3f} s has no orientation, which its force needs")
     return _with(states, FORCES, turn.apply(states.tip_force @ frame.T))
 
 
@@ -516,8 +517,8 @@ def _numbered(states: Table, counted: Mapping[str, Name], notes: list[str]) -> T
     if again and "repeat" in counted:
         notes.append(
             f"trials {again[0][0]} and {again[0][1]} inflate the same chambers as far, and column "
-            f"{counted['repeat']!r} says that both are repeat {again[0][2]}: correct it, or leave columns.repeat "
-            "out of the map, and trials alike are counted"
+            f"{counted['repeat']!r} says that both are repeat {again[0][2]}: correct it, or leave out columns.repeat to have "
+            "equal trials counted"
         )
     return states.replaced({"trial": trial + 1, "step": step, "repeat": repeat, "branch": branch.astype(np.str_)})
 
@@ -552,7 +553,7 @@ def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float 
     order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
     unloaded = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
     if lacking := [r for r in repeat[order].tolist() if r not in unloaded]:
-        raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N to hold deflections against")
+        raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N as the reference for deflections")
     pushed, position = first.take(order), sign * first.tip[:, axis]
     n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
     columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}

@@ -363,12 +363,14 @@ def _left_out(
             f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
-    odd = [(r, "is no row of numbers") for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment]
+    odd = [
+        (r, "is not a row of numbers") for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment
+    ]
     odd += [(r, f"has more than {width} cells") for r in too_long]
     for record, why in odd[:MOST_NOTED]:
-        yield f"line {record.line} {why} and is left out: {record.text.strip()[:40]!r}"
+        yield f"line {record.line} {why} and is skipped: {record.text.strip()[:40]!r}"
     if len(odd) > MOST_NOTED:
-        yield f"{len(odd) - MOST_NOTED} further lines are left out, the last one line {odd[-1][0].line}"
+        yield f"{len(odd) - MOST_NOTED} further lines are skipped, the last one line {odd[-1][0].line}"
 
 
 def _unit(cell: str) -> str:
@@ -394,8 +396,8 @@ def _demand_one_table(
             unlike = (c for c, n in zip(cells, head.names, strict=True) if c and c != n and _unit(c) != unit_of[n])
             other = next(unlike, records[i].text.strip())
             raise ConfigError(
-                f"{path}, line {records[i].line}: says {other[:40]!r} and so begins another table than line "
-                f"{records[first].line}; write each table to a file of its own, give all of them, or {JOIN}"
+                f"{path}, line {records[i].line}: says {other[:40]!r} and begins another table than line {records[first].line}; "
+                f"put each table into a separate file and give all of them, or {JOIN}"
             )
 
 
@@ -425,9 +427,7 @@ class Head:
 
     names: list[str]
     stated: frozenset[str] = frozenset()
-    """Names that stand in the file."""
     units: Mapping[str, str] = field(default_factory=dict)
-    """By column."""
     common_units: Mapping[str, str] = field(default_factory=dict)
     """SI unit -> unit of all such columns."""
 
@@ -441,7 +441,7 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     named = {line.number: line.cells for line in above}
     for key, line in (("heading", source.heading), ("units", source.units)):
         if line and line not in named:
-            raise ConfigError(f"{path}: source.{key} = {line}: this line holds no words above the numbers; correct the line")
+            raise ConfigError(f"{path}: source.{key} = {line}: this line has no words above the numbers; correct the line")
     wide = [line for line in above if sum(map(bool, line.cells)) >= max(1, 0.5 * width) and not MOTIVE.match(line.text)]
     labels = {line.number for line in above if _is_label(line.cells)}
     units = named[source.units] if source.units else None
@@ -461,8 +461,8 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     stated = [c for c in cells if c]
     if len(stated) * 2 == width and len(cells[: width // 2]) == len(stated) and width > 3:
         raise ConfigError(
-            f"{path}, line {heads[-1].number}: {len(stated)} headings stand above {width} columns: "
-            "commas seem to be both decimal marks and separators; export with semicolons or tabs between columns"
+            f"{path}, line {heads[-1].number}: {len(stated)} headings for {width} columns: commas seem to be both decimal marks "
+            "and separators; export with semicolons or tabs"
         )
     names = unique(cells, width)
     used = {id(line.cells) for line in heads} | {id(units)}

@@ -259,8 +259,7 @@ def _notes(series: Series, q: FileRows, strange: Sequence[Change], by_rest: bool
         yield (
             f"{place}: column {c.column!r} ({c.key}) changes from {c.before[:40]!r} to {c.after[:40]!r} "
             f"while p{chamber + 1} is {held[chamber] / drive.pascal:.3g} {drive.unit}, not at rest: {'no' if by_rest else 'a'} "
-            "trial begins there; correct the cell, or "
-            "name another column"
+            "trial begins there; correct the cell, or name another column"
         )
     if len(strange) > MOST_NOTES:
         yield f"{series.path.name}: {len(strange) - MOST_NOTES} further changes of columns contradict the rests"

@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +22,7 @@ from diagnosis.answer.result import Proposal
 from diagnosis.diagnose import Options
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.posterior import UNKNOWN
-from diagnosis.investigate import Foretold, Investigation, NotDone, Round, Tested, investigate
+from diagnosis.investigate import Investigation, NotDone, Predicted, Round, Tested, investigate
 from drivers.errors import InstrumentError
 from protocols.errors import ProtocolError, Stopped
 from recordings.errors import RecordingError
@@ -55,6 +54,7 @@ from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis
 from ..pages.figures import GREY, STYLE, colours, save
 from ..pages.report import PageSection, Report
+from ..plain import typed
 from ..processes import for_case
 from ..rig.assembly import Rig
 from ..rig.operator import RememberingOperator
@@ -75,33 +75,33 @@ def write_page(story: Investigation, path: Path, source: str, answer: str) -> Pa
             )
         section.table(("after", "minutes", "most probable", "p", "bits gained"), _rounds(story))
         for number, r in enumerate(story.rounds, 1):
-            if r.foretold is not None:
-                _experiment(report.section(f"Experiment {number}: {r.foretold.proposal.do}"), r)
+            if r.predicted is not None:
+                _experiment(report.section(f"Experiment {number}: {r.predicted.proposal.do}"), r)
         if story.rounds[-1].refused:
-            section = report.section("What was not done")
+            section = report.section("Experiments not done")
             section.table(("experiment", "why"), [[id, why] for id, why in story.rounds[-1].refused.items()])
         report.section("The answer in full").text(
-            f"{story.answer.statement} All of it, with figures: {answer}, in the same folder."
+            f"{story.answer.statement} The full answer with figures is {answer} in the same folder."
         )
         return report.write(path)
 
 
 def _lead(story: Investigation) -> str:
     """The page's first sentences: how many experiments, the most probable cause before and after, and why it ended."""
-    experiments = sum(r.foretold is not None for r in story.rounds)
+    experiments = sum(r.predicted is not None for r in story.rounds)
     number = {0: "no experiment", 1: "one experiment"}.get(experiments, f"{experiments} experiments")
     before, after = story.rounds[0].diagnosis.attribute, story.answer.attribute
     leading_before = _plain(before.ranking[0].effects, story) if before.ranking else "nothing"
     begin = f"After {number} and {story.rounds[-1].minutes:g} min"
     if after.verdict == "unknown":
-        head = f"{begin} the cause lies outside the catalogue with probability {after.probability:.2f}."
+        head = f"{begin} the cause is outside the catalogue with probability {after.probability:.2f}."
     else:
         head = f"{begin}: {_plain(after.effects, story)} with probability {after.probability:.2f}"
         outside = next((r.probability for r in after.ranking if r.effects == UNKNOWN), 0.0)
         head += f"; outside the catalogue with {outside:.2f}." if outside > after.probability else "."
     first = f" Before: {leading_before}, {before.ranking[0].probability:.2f}." if experiments and before.ranking else ""
     reason = "the answer is settled" if story.ended == "settled" else story.ended
-    return f"{head}{first} It ended because {reason}."
+    return f"{head}{first} The investigation ended because {reason}."
 
 
 def _plain(effects: Sequence[str], story: Investigation) -> str:
@@ -114,27 +114,26 @@ def _rounds(story: Investigation) -> list[list[str]]:
         a = r.diagnosis.attribute
         first = a.ranking[0]
         out.append([after, f"{r.minutes:g}", hypothesis(first.effects, story.answer), f"{first.probability:.2f}", gained])
-        if r.foretold is not None:
-            after, gained = r.foretold.proposal.do, f"{r.bits:.2f}"
+        if r.predicted is not None:
+            after, gained = r.predicted.proposal.do, f"{r.bits:.2f}"
     return out
 
 
 def _experiment(section: PageSection, r: Round) -> None:
-    """Write what an experiment was expected to tell and told, and how each hypothesis had predicted its readings."""
-    assert r.foretold is not None
-    p = r.foretold.proposal
+    """Write the expected and the gained information of an experiment, and how well each hypothesis predicted its readings."""
+    assert r.predicted is not None
+    p = r.predicted.proposal
     section.text(
-        f"{p.expected_bits:.2f} bits were expected from it and {r.bits:.2f} gained, for about {p.cost_min:g} min. "
-        "The predictions were written down before it ran."
+        f"It was expected to gain {p.expected_bits:.2f} bits and gained {r.bits:.2f}, in about {p.cost_min:g} min. "
+        "The predictions were saved before it ran."
     )
     if not r.judged:
         return
     if r.unforeseen:
         section.text(
-            "None of the hypotheses foretold what was read: something is at work here that none of them has, "
-            "or the robot is not what it was."
+            "No candidate predicted these readings: a cause that none of them includes is at work, or the robot has changed."
         )
-    section.table(("hypothesis", "probability before", "missed by, mm rms", "p of so far off", "bits against the best"),
+    section.table(("hypothesis", "probability before", "error, mm rms", "p-value of the error", "bits against the best"),
                   [_judged(j, r) for j in r.judged])  # fmt: skip
 
 
@@ -156,9 +155,9 @@ def _drawn(story: Investigation, path: Path) -> Path:
             y = [p.get(h, 0.0) for p in probability]
             axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, story))
         for r, minutes_after in zip(story.rounds, minutes[1:], strict=False):
-            if r.foretold is not None:
+            if r.predicted is not None:
                 middle = (r.minutes + minutes_after) / 2
-                axis.annotate(r.foretold.proposal.id, (middle, 1.03), ha="center", fontsize=8, annotation_clip=False)
+                axis.annotate(r.predicted.proposal.id, (middle, 1.03), ha="center", fontsize=8, annotation_clip=False)
                 axis.axvspan(r.minutes, minutes_after, color=GREY, alpha=0.12, lw=0)
         axis.axhline(0.95, color="0.4", lw=0.8, ls="--")
         axis.set_ylim(0, 1)
@@ -169,7 +168,7 @@ def _drawn(story: Investigation, path: Path) -> Path:
         return save(figure, path)
 
 
-FORETOLD, PROTOCOL = "foretold.json", "protocol.yaml"
+PREDICTED, PROTOCOL = "predicted.json", "protocol.yaml"
 NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.mocap.markers"}
 """What an experiment takes beyond instruments, by its id."""
 
@@ -182,7 +181,6 @@ class Wanted:
     rig: Path
     folder: Path
     minutes: float
-    """Of all experiments."""
     experiments: int
     robot: Path | None = None
     effects: Path | None = None
@@ -190,18 +188,16 @@ class Wanted:
     without: tuple[str, ...] = ()
     """Experiments that are not to be done, by id."""
     settings: tuple[str, ...] = ()
-    """KEY=VALUE, for every experiment."""
     labels: Mapping[str, str] = field(default_factory=dict)
     workers: int | None = None
     watched: bool = False
-    """On a page in the browser."""
 
 
 class RigLaboratory:
     """Does experiments on a rig and keeps everything in a folder, one below it for each."""
 
-    def __init__(self, wanted: Wanted, rig: RigFile, told: Callable[[Foretold], None]) -> None:
-        self._wanted, self._rig, self._told = wanted, rig, told
+    def __init__(self, wanted: Wanted, rig: RigFile, report: Callable[[Predicted], None]) -> None:
+        self._wanted, self._rig, self._report = wanted, rig, report
         self._inputs = list(wanted.inputs)
         self._prepared = RememberingOperator()
         self._jobs: dict[str, Job | str] = {}
@@ -211,26 +207,25 @@ class RigLaboratory:
         """Samples."""
         self.safe = True
         self.page: Page | None = None
-        """Where the experiments are seen."""
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """The campaign as it is by now: what was given, and the recordings made since."""
+        """The campaign so far: the given files and the recordings made since."""
         return tuple(self._inputs)
 
     def refusal(self, proposal: Proposal) -> str:
         """See Laboratory."""
         if proposal.id in self._wanted.without:
-            return "not wanted"
+            return "left out by --without"
         if proposal.hands_min and not self._wanted.hands:
-            return f"takes {proposal.hands_min:g} min of somebody's hands"
+            return f"needs {proposal.hands_min:g} min of work by hand"
         if proposal.id not in self._jobs:
             self._jobs[proposal.id] = self._job(proposal)
         found = self._jobs[proposal.id]
         return found if isinstance(found, str) else ""
 
     def _job(self, proposal: Proposal) -> Job | str:
-        """What is to be run, or why it cannot be."""
+        """The job to run, or why it cannot run."""
         try:
             given = Source(proposal.id, dict(proposal.protocol), {})
             found = job(proposal.id, self._wanted.rig, list(self._wanted.settings), given, rig=self._rig)
@@ -240,17 +235,17 @@ class RigLaboratory:
             return f"needs {NEEDED[proposal.id]}"
         return replace(found, labels={"investigation": self._wanted.folder.name, **self._wanted.labels})
 
-    def perform(self, foretold: Foretold) -> Case:
+    def perform(self, predicted: Predicted) -> Case:
         """See Laboratory. Raises what ended the run, `Stopped` when a person did."""
-        proposal = foretold.proposal
+        proposal = predicted.proposal
         j = self._jobs[proposal.id]
         if isinstance(j, str):
             raise NotDone(j)
         place = self._place(proposal.id)
         place.mkdir(parents=True)
         replaced(place / PROTOCOL, yaml.safe_dump(dict(proposal.protocol), sort_keys=False))
-        replaced(place / FORETOLD, json.dumps(asdict(foretold), indent=1) + "\n")
-        self._told(foretold)
+        replaced(place / PREDICTED, json.dumps(asdict(predicted), indent=1) + "\n")
+        self._report(predicted)
         self.begun = proposal.id
         result = self._run(j, place)
         self.lost += sum(result.lost.values())
@@ -307,13 +302,13 @@ def run(w: Wanted) -> Result:
     case = read_case(w.inputs, w.robot)
     rig = load_rig(w.rig)
     if not same_robot(rig.body, case.robot):
-        raise ConfigError(f"{w.rig}: its robot.yaml is of another body than the campaign's; give the rig of this robot")
+        raise ConfigError(f"{w.rig}: its robot.yaml describes another body than the campaign's; give the rig of this robot")
     if (w.folder / STORY).exists():
-        raise ConfigError(f"{w.folder}: holds an investigation already; give another folder with --out")
+        raise ConfigError(f"{w.folder}: already holds an investigation; give another folder with --out")
     w.folder.mkdir(parents=True, exist_ok=True)
     weighed, left_out = catalogue(case.robot, w.effects)
     note(f"not considered: {why}" for why in left_out)
-    site = RigLaboratory(w, rig, _foretold)
+    site = RigLaboratory(w, rig, _predicted)
     rounds: list[Round] = []
     weighing = _Weighing()
     say = Screen("").say
@@ -342,7 +337,7 @@ def run(w: Wanted) -> Result:
     if investigation is None:
         if not rounds:
             raise ended or Stopped("stopped by the operator")
-        investigation = Investigation(tuple(rounds), f"broken off: {ended or 'by the operator'}")
+        investigation = Investigation(tuple(rounds), f"stopped early: {ended or 'by the operator'}")
     _keep(w, investigation, site.inputs)
     stopped = isinstance(ended, (Stopped, KeyboardInterrupt))
     unreadable = site.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
@@ -350,7 +345,7 @@ def run(w: Wanted) -> Result:
 
     def show() -> None:
         out.print(story.answer.statement)
-        out.print(f"{story.ended}; all of it: {w.folder / PAGE}", soft_wrap=True)
+        out.print(f"{story.ended}; full report: {w.folder / PAGE}", soft_wrap=True)
 
     data = {**investigation.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in site.inputs], "lost": site.lost}
     code = 1 if ended is not None or not site.safe else 3 if site.lost else 0
@@ -359,14 +354,16 @@ def run(w: Wanted) -> Result:
 
 
 def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
-    """What to type to go on with what is measured by now; `unreadable`: an experiment that is left out from now on."""
-    words = ["lab", "investigate", *map(str, inputs), "--rig", str(w.rig), "--out", f"{w.folder}-2"]
-    for name, place in (("--robot", w.robot), ("--effects", w.effects)):
-        words += [name, str(place)] if place is not None else []
-    words += [] if w.hands else ["--no-hands"]
-    for name, several in (("--without", (*w.without, *filter(None, (unreadable,)))), ("--set", w.settings)):
-        words += [word for one in several for word in (name, one)]
-    return shlex.join(words)
+    """The command that continues with the data measured so far; `unreadable`: an experiment to leave out from now on."""
+    several = (
+        ("--without", (*w.without, unreadable)),
+        ("--set", w.settings),
+        ("--robot", (w.robot,)),
+        ("--effects", (w.effects,)),
+    )
+    words = [word for name, values in several for value in values if value for word in (name, value)]
+    hands = () if w.hands else ("--no-hands",)
+    return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.folder}-2", *hands, *words)
 
 
 def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:
@@ -386,7 +383,7 @@ def _show(r: Round) -> None:
     out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
-def _foretold(f: Foretold) -> None:
+def _predicted(f: Predicted) -> None:
     p = f.proposal
     hands = f", {p.hands_min:g} of them by hand" if p.hands_min else ""
     out.print(f"Next: {p.do}; {p.expected_bits:.2f} bits expected, about {p.cost_min:g} min{hands}", soft_wrap=True)
@@ -426,7 +423,7 @@ VERBS = (
             option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
             option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
             settings("change a parameter of every experiment (repeatable)"),
-            option("--no-hands", action="store_true", help="nothing to mount, turn or hang on"),
+            option("--no-hands", action="store_true", help="only experiments that need no work by hand"),
             option(
                 "--out", type=Path, default=Path("investigation"), metavar="FOLDER", help="folder for recordings, answer and page"
             ),

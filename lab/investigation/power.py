@@ -1,4 +1,4 @@
-"""`lab power`: before measuring, which causes a plan can tell apart, which pairs it cannot, and what to add."""
+"""`lab power`: which causes a planned experiment can distinguish, which pairs it cannot, and what to add."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ CLUTTERS = {"clean": (0.0,), "cluttered": (0.05, 0.1, 0.2)}
 
 
 def run(a: argparse.Namespace) -> Result:
-    """How often each cause would be named, of robots drawn with it, and what each further experiment adds. Raises ConfigError."""
+    """Return how often each cause would be named in robots drawn with it, and what experiments would add. Raises ConfigError."""
     if not 2 <= a.worlds <= 10_000:
         raise ConfigError(f"--worlds {a.worlds}: must be 2 to 10000 of each cause")
     more = not a.no_additions
@@ -58,7 +58,7 @@ def run(a: argparse.Namespace) -> Result:
 
 
 def _plan(case: Case) -> str:
-    """What is planned, or was measured, in one line."""
+    """Describe the plan or the measured case in one line."""
     robot, table = case.robot, case.table
     words = robot.actuators.words
     highest = float(np.nanmax(table.pressures, initial=0.0))
@@ -68,7 +68,7 @@ def _plan(case: Case) -> str:
 
 
 def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
-    """The robot, and a function that gives, by a seed, the case that was measured or that the plan will give."""
+    """Return the robot, and a function seed -> case: the measured one, or one that the plan could give."""
     chosen = [n for n, v in (("protocol", a.protocol), ("campaign", a.campaign), ("case", a.case or None)) if v is not None]
     if len(chosen) != 1:
         raise ConfigError("give one of --protocol, --campaign and --case")
@@ -108,7 +108,7 @@ def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planne
 
 
 def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> None:
-    """Print for each cause how often it is named by its size, what it is taken for, and experiments worth adding."""
+    """Print for each cause how often it is named by its size, what it is mistaken for, and experiments worth adding."""
     out.print(plan, soft_wrap=True)
     clean, cluttered = powers["clean"], powers["cluttered"]
     sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
@@ -128,24 +128,24 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
         sheet.add_row(e.effect, f"{e.carries:.1f}", *sizes, f"{np.mean(shares):.2f}")
     out.print(sheet)
     if mistaken:
-        out.print("taken for, among other effects (share of its worlds):")
+        out.print("mistaken for, with other effects present (share of its worlds):")
     for line in mistaken:
         out.print(line, soft_wrap=True)
     for name, p in powers.items():
         low, high = p.right95
         out.print(
-            f"{name}: {p.right:.2f} of {p.worlds} worlds named right (95 %: {low:.2f} to {high:.2f}); of robots with "
-            f"other laws than the catalogue's about {p.right * OTHER_LAWS[name]:.2f}",
+            f"{name}: {p.right:.2f} of {p.worlds} worlds named right (95 %: {low:.2f} to {high:.2f}); for robots "
+            f"whose laws differ from the catalogue's, about {p.right * OTHER_LAWS[name]:.2f}",
             soft_wrap=True,
         )
     if pairs := cluttered.pairs[:8]:
         out.print("not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True)
     if clean.unseen:
-        out.print(f"never seen in these states: {', '.join(clean.unseen)}", soft_wrap=True)
+        out.print(f"invisible in these states: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
         gain = f"{a.gained:+.2f} of worlds named right, for {a.experiment.cost_min:g} min"
         out.print(f"to add: {a.experiment.do}: {gain}", soft_wrap=True)
-    out.print("linear about the robot as described; pairs of causes and causes outside the catalogue are not drawn")
+    out.print("linearised about robot.yaml; no pairs of causes and none outside the catalogue are drawn")
 
 
 VERBS = (
@@ -158,12 +158,12 @@ VERBS = (
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
             option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),
-            option("--case", type=Path, nargs="+", default=[], metavar="CASE", help="states that were measured instead"),
+            option("--case", type=Path, nargs="+", default=[], metavar="CASE", help="a measured case instead"),
             rig(required=False),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the rig's, or the case's)"),
             option("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)"),
-            option("--seed", type=int, default=1, help="of what is drawn"),
-            option("--no-additions", action="store_true", help="do not try what further experiments would bring"),
+            option("--seed", type=int, default=1, help="seed of the drawn robots"),
+            option("--no-additions", action="store_true", help="do not look for experiments to add"),
             OWN_EFFECTS,
         ),
         examples=(

@@ -58,7 +58,6 @@ class About:
     steps: tuple[tuple[str, float], ...] = ()
     """Of the plan: what is done, s."""
     missing: tuple[str, ...] = ()
-    """Why something is not told."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -167,7 +167,6 @@ class Show:
     ) -> None:
         self._at, self._speed = served, speed
         self._parts = deque([] if part is None else [part])
-        """What is to be shown."""
         self._part: ShownRecording | None = None
         self.count = 0
         """How many were shown, with the present one."""

@@ -1,1 +1,1 @@
-"""Reports and figures: what people look at. Numbers come in; nothing is computed here but where a line is drawn."""
+"""Reports and figures for people. They receive numbers and compute only the layout."""

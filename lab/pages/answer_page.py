@@ -1,4 +1,4 @@
-"""What is kept of an answer of `lab.diagnose_model`: diagnosis.json, and the page, in the words of the model's own causes."""
+"""Files of an answer of `lab.diagnose_model`: diagnosis.json and the page, in the words of the model's own causes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ NAMES = {"as given": GIVEN, "calibrated": CALIBRATED, "with the cause": WITH_CAU
 SMALL = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "kg": (1e3, "g")}
 """Unit -> factor and unit in which a person reads a residual."""
 LEAST_SHARE = 0.02
-"""Of the noise floor, below which a tolerated cause does nothing."""
+"""Share of the noise floor below which a tolerated cause does nothing."""
 NONE_NEXT = "No candidates were given: with inputs that could be measured next, the most telling are listed here."
 
 
@@ -106,7 +106,7 @@ def numbers(answer: Answer) -> list[tuple[str, str, str]]:
 
 
 def steps(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Head and rows of a table of what each model leaves."""
+    """Head and rows of the table of each model's error."""
 
     def cell(left: Left | None) -> str:
         return "" if left is None else rms(left.by_output, answer.outputs)
@@ -130,12 +130,12 @@ def shares(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
 
 
 def inputs_of(proposal: Experiment) -> str:
-    """What to set, for a person."""
+    """Settings, for a person."""
     return ", ".join(f"{k} = {v:.4g}" if isinstance(v, float) else f"{k} = {v}" for k, v in proposal.inputs.items())
 
 
 def proposals(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Head and rows of a table of what to measure next, most telling first."""
+    """Head and rows of the table of what to measure next, most informative first."""
     rows = [
         [str(p.at), inputs_of(p), f"{p.squared_difference:.3g}", " from ".join(p.separates[:2])] for p in answer.next_experiment
     ]
@@ -143,7 +143,7 @@ def proposals(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
 
 
 def _steps(s: PageSection, answer: Answer, folder: Path) -> None:
-    """Write what each model leaves, as table and residual of every row."""
+    """Write each model's error, as a table and as residuals of every row."""
     s.table(*steps(answer))
     closed = "" if answer.share_closed is None else f"; {percent(answer.share_closed)} % of the reducible gap is closed"
     s.text(f"Unseen: {answer.how}{closed}.")

@@ -75,7 +75,6 @@ class StateGroup:
 
     name: str
     selected: NDArray[np.bool_]
-    """(n,) which states."""
     side: Array
     """(3,) unit vector, horizontal: the direction in which these states bend."""
     lengths: Array

@@ -62,7 +62,6 @@ def save(figure: Figure, path: Path) -> Path:
 
 
 Panel = Callable[[Axes], None]
-"""Draws one panel of a figure."""
 
 
 def in_a_row(panels: Sequence[Panel], path: Path) -> Path:

@@ -123,8 +123,11 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     pushed = dict(zip(np.round(roll).tolist(), pushes.tolist(), strict=False))
     # a push across the axis below a tenth of the pressures' sum has no direction: they balance each other
     weak = 0.1 * float(of_group.pressures.sum(axis=1).max())
+    at_rest = 1e3 * states.tip[states.pressures.max(axis=1) <= pressure_gap(states), :2]
+    start = complex(*at_rest.mean(axis=0)) if len(at_rest) else 0j
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
-        ax.annotate("", (0.9 * size * push.real, 0.9 * size * push.imag), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6"})
+        end = start + 0.9 * (size - max(abs(start.real), abs(start.imag))) * push
+        ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops={"arrowstyle": "->", "color": "0.6"})
     ax.scatter(x, y, c=of_group.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))

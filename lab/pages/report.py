@@ -47,7 +47,6 @@ def _terms() -> tuple[Term, ...]:
 
 
 TERMS = _terms()
-"""In the order of the alphabet."""
 
 
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -176,7 +175,6 @@ class Report:
     warnings: Sequence[str] = ()
     """Above the lead: what has to be known before it is believed."""
     small: str = ""
-    """Below the lead, in small print."""
     numbers: Sequence[tuple[str, str, str]] = ()
     """Name, value and how it was found, of what stands below the lead."""
     step: tuple[str, str] = ("", "")

@@ -1,4 +1,4 @@
-"""A rig as a program sees it: its instruments opened, watched, recorded, and handed to a protocol.
+"""A rig for a program: open its instruments, watch and record them, and pass them to a protocol.
 
-Verbs come in by `assembly.Rig`; what may move is asked of `limits` before and of the guard while it moves.
+Verbs use `assembly.Rig`; `limits` is checked before a motion, the guard watches it.
 """

@@ -181,7 +181,7 @@ class Actuators:
     def _pace(self) -> str:
         """How far the guard may have come on this computer, and what to do."""
         had = f"the guard has had {processor_time(self._process):.1f} s of processor time"
-        return f"{had}; " + timing.busy_or("run again, and report this if it comes back")
+        return f"{had}; " + timing.busy_or("run again, and report this if it recurs")
 
     def _give_up(self, why: str) -> None:
         """The guard is lost for good: a frozen one must not wake up and command behind a successor's back."""

@@ -67,7 +67,6 @@ class Rig:
         ConfigError when its clock is for fakes and an instrument is none."""
         robot = file.body
         self.read = file
-        """rig.yaml as it was read."""
         self.file = file = within_robot(file, robot.max_pressure)
         self.clock = clock_of(file)
         demand_free(owned_names(file), file.path)
@@ -82,7 +81,6 @@ class Rig:
         used = {name: table_of(file.instruments, name).driver for name in present(file.instruments)}
         self.notices += [f"{name}: {doubts[driver]}" for name, driver in used.items() if driver in doubts]
         self.operator: Operator = op.operator(file.operator)
-        """Who prepares and confirms."""
         self._after_loss: SafeReport | None = None
         """The landing by this program after its guard was lost."""
         self._recorder: Recorder | None = None
@@ -308,8 +306,8 @@ class Rig:
             return
         if going:
             self.notices.append(
-                f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and notes in "
-                f"{self.file.path and self.file.path.with_suffix('.guard.log')} what it reaches"
+                f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and logs the result in "
+                f"{self.file.path and self.file.path.with_suffix('.guard.log')}"
             )
 
     def __enter__(self) -> Self:

@@ -21,7 +21,7 @@ import timing
 from protocols.errors import BadRequest
 from protocols.steering import LONGEST, Steering
 
-HELP = "keys: p pause after this state, n note, r read this state once more, s skip this trial, q end after this step"
+HELP = "keys: p pause after this state, n note, r read this state again, s skip this trial, q end after this step"
 BY = "terminal"
 KINDS = {"r": "repeat", "s": "skip", "q": "finish"}
 LOOK = 0.2

@@ -33,11 +33,11 @@ PUSHED = "a deflection of {mm:.2g} mm, for which the specimen should need "
 SUBJECTS = {"total pressure": "a total over the chambers of ", "vacuum": "a vacuum of ", "expected force": PUSHED,
             "expected moment": PUSHED}  # fmt: skip
 """What a value is, where its unit does not say it."""
-RAISE = "reduce it, or raise the limit if the rig allows"
-PUSH_LESS = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow"
+RAISE = "reduce it, or raise the limit if the rig allows it"
+PUSH_LESS = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow it"
 REMEDIES = {
-    "max_pressure": "reduce it: the robot withstands no more",
-    "limits.max_total_pressure": "inflate fewer chambers or to less, or raise the limit if the robot allows",
+    "max_pressure": "reduce it: the robot bears no more",
+    "limits.max_total_pressure": "inflate fewer chambers, or less, or raise the limit if the robot allows it",
     "limits.max_force": PUSH_LESS, "limits.max_moment": PUSH_LESS, "max_force": PUSH_LESS,
 }  # fmt: skip
 """What else to do about a value beyond a limit than to `RAISE` it, by the limit's key."""
@@ -85,7 +85,9 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
     driven = robot.chambers
     if driven is None:
-        raise ConfigError(f"{rig.robot}: has tendons, and rigs drive chambers: measure elsewhere and `lab import` the table")
+        raise ConfigError(
+            f"{rig.robot}: has tendons, but a rig can only drive chambers: measure elsewhere and `lab import` the table"
+        )
     count = len(driven.azimuths_deg)
     pressure = rig.instruments.pressure
     try:

@@ -58,8 +58,8 @@ class Console:
         """See Operator.confirm; where nobody can type, nobody can confirm."""
         questions().print(f"Paused, vented and stopped: {trouble}")
         if not sys.stdin.isatty():
-            raise Stopped(f"paused: {trouble}; nobody can confirm that it is fixed (not a terminal)")
-        if _typed("Enter when it is fixed and nobody is in the cell, q to stop: ") == "q":
+            raise Stopped(f"paused: {trouble}; nobody can confirm the repair (not a terminal)")
+        if _typed("Press Enter when it is fixed and nobody is in the cell, q to stop: ") == "q":
             raise Stopped(f"stopped during a pause: {trouble}")
 
 
@@ -68,7 +68,7 @@ def _typed(question: str) -> str:
     try:
         return input(question).strip().lower()
     except (EOFError, OSError) as e:
-        raise Stopped("stopped: the terminal was closed before anybody answered") from e
+        raise Stopped("stopped: the terminal was closed before an answer") from e
 
 
 class Program:

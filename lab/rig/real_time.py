@@ -18,6 +18,7 @@ from timing import RigClock
 from ..files.config import ConfigError
 from ..files.rig_file import UNIX, ClockConfig, Instruments, RigFile, addresses
 from ..guard.door import listener
+from ..plain import typed
 
 FOLDER = "/softlab-"
 """In the paths that `lab fakes` writes: the operator's socket, the serial lines."""
@@ -50,8 +51,8 @@ def demand_running(rig: RigFile) -> None:
     theirs = (FOLDER in address if key in PORTS else _fake_host(address) for _, key, address in addresses(rig.instruments))
     if rig.operator.startswith(UNIX) and FOLDER in rig.operator and process_of(rig.operator) is None and all(theirs):
         raise FakesEnded(
-            f"{rig.path}: the fakes that wrote this file have ended: no process answers at operator = {rig.operator}; "
-            f"start them again: lab fakes --rig {rig.path}, with the options that you gave before"
+            f"{rig.path}: the fakes that wrote this file have ended (no process at operator = {rig.operator}); "
+            f"start them again: {typed('lab', 'fakes', '--rig', rig.path)}, with the options that you gave before"
         )
 
 

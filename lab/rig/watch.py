@@ -1,8 +1,7 @@
 """Vital signs: what must hold at every moment of an experiment, looked at whenever it waits; and the pause when it does not.
 
-A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a
-person can put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are
-raised as Suspended.
+A reading that is too old, damaged or out of range ends the experiment with the error of its instrument. Some things a person can
+put right while the experiment waits: the tip hidden from the cameras, a low supply, an open cell. Those are raised as Suspended.
 """
 
 from __future__ import annotations
@@ -104,7 +103,6 @@ class Vital:
     errors: dict[str, InstrumentError] = field(default_factory=dict)
     """The error that took the place of the newest reading."""
     repeats: Repeats = field(default_factory=Repeats)
-    """Of the gauge's readings."""
     landed: Event | None = None
     pause: Event | None = None
 
@@ -139,7 +137,6 @@ class Watch:
         """Of each polled instrument, host time at which the first command since its newest reading ended: it cannot be read while
         it works. Later commands excuse nothing, or an instrument that takes commands would never have to be read."""
         self._values: dict[str, Shown] = {}
-        """What each stream showed last."""
         self._began = timing.now()
         """Host time from which silences count."""
         self._looked = self._began, actuators.pulse.awake.now
@@ -232,7 +229,7 @@ class Watch:
             raise error
         if name == "gauge" and (stuck := self._vital.repeats.stuck) > STUCK:
             raise StaleReading(
-                name, f"its reading has been the same to the last digit for {stuck:.1f} s, though it scattered before; "
+                name, f"its reading has been frozen to the last digit for {stuck:.1f} s; "
                 "restart the gauge"
             )  # fmt: skip
         heard = self._vital.heard.get(name, 0.0)
@@ -290,7 +287,7 @@ class Watch:
         last.took += now - last.at if sample.t != last.t else 0.0  # without a new sample nothing is repeated
         last.t, last.at = sample.t, now
         if last.took > STUCK:
-            stuck = StaleReading(name, f"every value has been the same for {last.took:.1f} s; restart the sensor")
+            stuck = StaleReading(name, f"every value has been frozen for {last.took:.1f} s; restart the sensor")
             raise Suspended(stuck) if name == "mocap" else stuck
 
 
@@ -371,7 +368,7 @@ class RigRecovery:
         for step in self._actuators.pause().steps:
             if not step.confirmed:
                 raise DeviceFault(step.instrument, f"the pause is not confirmed safe: {step.text}")
-        self._say("Paused: vented and stopped, the spine stays as it is")
+        self._say("Paused: vented and stopped; the spine is left as it is")
         while not over():
             if stopping():
                 raise Stopped("stopped by the operator during a pause; the steps finished so far are in the recording")

@@ -1,5 +1,5 @@
-"""One module a verb of the `lab` command: what it reads, does, prints and returns as exit code. At its end it declares
-the verb with its options as `VERBS`; its group and summary are in the table of `lab.cli`.
+"""One module per verb of the `lab` command. Each ends with the declaration of the verb and its options, `VERBS`; group and
+summary are in the table of `lab.cli`.
 
-Nothing but `lab.cli` and other verbs comes in here; what two verbs compute alike lives further down.
+Only `lab.cli` and other verbs import from here; code that two verbs share lives further down.
 """

@@ -1,8 +1,8 @@
-"""`lab check`: is everything there? With `--move`: does it follow its commands?
+"""`lab check`: connect to every instrument. With `--move`: verify that each actuator follows its commands.
 
-Each actuator is moved a little, and other instruments show whether it did what was commanded. A regulator's own reading cannot
-show that its range or its hoses differ from rig.yaml. The tip can: its direction shows the chambers, its distance the pressure,
-both compared with the rod model of robot.yaml.
+Each actuator is moved a little, and other instruments verify the movement. A regulator's own reading cannot reveal a wrong range
+or swapped hoses. The tip can: its direction shows the chambers, its distance the pressure, both compared with the rod model of
+robot.yaml.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from ..files.units import shown
 from ..guard.latch import Latch
 from ..guard.messages import RigLanded
 from ..options import JSON, Result, Verb, option, rig
+from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
@@ -45,13 +46,13 @@ from ..rig.limits import bodies
 Array = NDArray[np.float64]
 
 STEP = 5e3
-"""Pa to which each channel is inflated; no more is ever asked for."""
+"""Pa to which each channel is inflated, and never above."""
 AGREE = 1e3
 """Pa by which a reading may differ from its set-point, and the other channels may move."""
 REST = 2.0
 """Rig seconds in which the robot comes to rest."""
 FRAMES = 200
-"""Of the tip that are averaged: 0.3 mm of camera noise becomes 0.03 mm in a difference."""
+"""Averaged frames of the tip: 0.3 mm of camera noise becomes 0.03 mm in a difference."""
 LEAST_VISIBLE = 0.3e-3
 """m; smaller expected displacements are not evaluated."""
 LEAST_RATIO, MOST_RATIO, NOISE = 0.7, 1.45, 0.1e-3
@@ -70,7 +71,8 @@ WITHIN = 30.0
 
 
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
-    """Try what the rig (see `within_robot`) has, air last, until one fails; the caller lands it. The robot hangs free."""
+    """Move each actuator of the rig (see `within_robot`), regulators last, until one fails; the caller lands it. The robot "
+    "hangs free."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -98,13 +100,13 @@ class NotAsCommanded(ProtocolError):
 
 
 def _valve(bench: Bench) -> str:
-    """Open and close the valve; the gauge, where there is one, must show it. Returns what was seen."""
+    """Open and close the valve; the gauge, if there is one, must show it. Returns the observation."""
     valve = bench.need(bench.valve, "valve")
     gauge = bench.gauge
     if gauge is None:
         valve.set(True)
         valve.set(False)
-        return "switched on and off, according to its own read-back; without a gauge the vacuum in the spine is unknown"
+        return "switched on and off by its own read-back; without a gauge the vacuum in the spine is unknown"
     ambient = release(bench, Jam())  # Pa absolute in the spine without vacuum
     valve.set(True)
 
@@ -118,7 +120,7 @@ def _valve(bench: Bench) -> str:
 
 
 def _spine(bench: Bench, rig: RigFile) -> str:
-    """Home the spine, grow it by up to `SPINE_TRAVEL` and draw it back, unless it may be jammed. Returns what was seen."""
+    """Home the spine, grow it by up to `SPINE_TRAVEL` and retract it, unless it may be jammed. Returns the observation."""
     unit, config = bench.need(bench.spine, "spine"), rig.instruments.spine
     if bench.valve is None or bench.gauge is None:
         return "not moved: without valve and gauge the spine may still be jammed"
@@ -199,7 +201,7 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
     if displacement is None or rest is None:
         observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
     elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
-        observed += "; the tip should not move sideways, so range and hoses are not checked"
+        observed += "; the tip should not move sideways here, so range and hoses are not checked"
     else:
         moved = _tip(bench) - rest
         _compare(moved, displacement * STEP, STEP, LEAST_RATIO)
@@ -209,7 +211,7 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
 
 
 def _inflate(bench: Bench, channel: int, pressure: float, at_rest: Array) -> None:
-    """Ramp one channel to a pressure (Pa); NotAsCommanded when its reading does not get there, or another moves."""
+    """Ramp one channel to a pressure (Pa). Raises NotAsCommanded if its reading does not reach it, or another channel moves."""
     channels = len(bench.chambers.channels)
     ramp(bench, [pressure if c == channel else 0.0 for c in range(channels)], 5e3)  # Pa/s
     bench.wait(
@@ -260,7 +262,7 @@ def _compare(moved: Array, expected: Array, pressure: float, least: float | None
 
 
 def _tip(bench: Bench) -> Array:
-    """Mean place of the tip from now on, m, base frame."""
+    """Mean position of the tip over the next frames, m, base frame."""
     since = bench.clock.now()
 
     def mean() -> Array | None:
@@ -272,11 +274,12 @@ def _tip(bench: Bench) -> Array:
 
 
 LOOK = 0.05
-"""Host seconds between two looks at what has come."""
+"""Host seconds between two polls for samples."""
 
 
 def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
-    """Connect to all, count samples for `seconds` of host time, say what is missing; `move`: try actuators (`yes`: unasked)."""
+    """Connect to all instruments, count samples for `seconds` of host time, report what is missing; `move`: also move the "
+    "actuators (`yes`: without asking)."""
     file = load_rig(rig_path)
     robot = _may_move(file, yes) if move else None
     if move:
@@ -308,7 +311,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
         for r in (r for r in rows if not r["ok"] and "samples" in r):
             err.print(f"silent: {r['instrument']}: {r['problem']}")
         if locked := Latch(rig_path).read():
-            err.print(f"locked: {locked}. Nothing can be run until `lab safe --clear --rig {rig_path}`")
+            err.print(f"locked: {locked}. To unlock the rig: {typed('lab', 'safe', '--clear', '--rig', rig_path)}")
 
     data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
@@ -317,7 +320,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
 
 
 def _may_move(file: RigFile, yes: bool) -> Robot:
-    """The robot that may be moved; raises ConfigError, or Stopped when the person says no."""
+    """Return the robot that may be moved. Raises ConfigError, or Stopped if the person refuses."""
     import model.rods  # noqa: F401 (with its kernels; no other check waits for it, and no rig that is open)
 
     robot = file.body
@@ -339,7 +342,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
 
 
 def _moved(rig: Rig, robot: Robot) -> list[Moved]:
-    """Try what the rig has (see `moves`), land it, and print each outcome; the landing is the last of them."""
+    """Move the actuators (see `moves`), land the rig, and print each outcome, the landing last."""
     outcomes: list[Moved] = []
     screen = Screen("check", rig.clock.speed)
 
@@ -368,7 +371,7 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
 
 
 def _misplaced(rig: Rig) -> list[str]:
-    """What speaks against the places of tip and markers as the cameras report them."""
+    """Report implausible positions of tip and markers."""
     try:
         seen = rig.streams["mocap"].latest() if "mocap" in rig.identities else None
     except InstrumentError:  # a body that is not tracked: reported when it is needed
@@ -380,7 +383,7 @@ def _misplaced(rig: Rig) -> list[str]:
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
-    """Let samples come for `seconds` of host time, and until each instrument has brought one; return how long that took."""
+    """Collect samples for `seconds` of host time and until each instrument has sent one; return how long that took."""
     began = timing.now()
     timing.sleep(max(0.0, seconds))
     awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
@@ -394,7 +397,7 @@ def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
 def _row(
     rig: Rig, name: str, result: Identity | InstrumentError, before: dict[str, int], lost_before: dict[str, int], span: float
 ) -> dict[str, Any]:
-    """An instrument as JSON has it: identity, limits, and samples and losses since the counts before, in `span` host s."""
+    """One instrument for JSON: identity, limits, and samples and losses since the previous counts, in `span` host s."""
     if isinstance(result, InstrumentError):
         return {"instrument": name, "ok": False, "problem": result.message}
     row: dict[str, Any] = {"instrument": name, "ok": True, **asdict(result)}
@@ -440,7 +443,7 @@ VERBS = (
             JSON,
             rig(),
             option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-            option("--yes", action="store_true", help="with --move: do not ask for confirmation; nobody is within reach"),
+            option("--yes", action="store_true", help="with --move: skip the confirmation; only if nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
         ),
         examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),

@@ -1,4 +1,4 @@
-"""`lab compare`: measured against model, as the paper's Table III and Fig. 5 do it."""
+"""`lab compare`: compare measurements with the model, as in the paper's Table III and Fig. 5."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, opti
 from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
 OWN = ("compare.png", "sensors.png")
-"""What is written, and replaced when the command is repeated."""
+"""Files that the command writes, and replaces when it is repeated."""
 
 
 def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:

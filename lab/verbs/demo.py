@@ -1,4 +1,4 @@
-"""`lab demo`: the whole lab without hardware. An effect is drawn and sealed first, and named last."""
+"""`lab demo`: the whole lab without hardware. An effect is drawn and sealed first and revealed last."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from .recorded import replay
 from .run import run
 
 WITHHELD = ("area_moment", "spine_shear", "chamber_azimuth", "chamber_twist", "chamber_ballooning")
-"""Effects that a demo may hide: at half their scale a calibration, its tolerances included, leaves four noise floors of them
-and more (of a tilted base or a curved body at rest it leaves none), and whoever knows the cause mends it at its place."""
+"""Effects that a demo may hide: at half their scale at least four noise floors remain after a calibration with its tolerances "
+"(of a tilted base or a precurved body none would), and the cause can be repaired."""
 STIFFNESS = ["steps=6", "min_samples=20"]
 SEALED = "sealed.sha256"
-"""File that shows a folder to be a demo's: the digest of what is withheld."""
+"""File that marks a folder as a demo's: the digest of the hidden effect."""
 BENDING = [
     "repeats=2", "unload=true", "settle.min_samples=3", "spine_lengths=[0, 0.1, 0.2, 0.3]", *PATIENT_PAUSES
 ]  # fmt: skip
@@ -47,7 +47,7 @@ BENDING = [
 
 
 def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None) -> Result:
-    """Do what a person would do on the first day, verb by verb; code 0 unless one of them failed.
+    """Do what a person would do on the first day, verb by verb; code 0 unless one verb fails.
 
     `effect` as `ID[=SIZE]` is withheld instead of a drawn one. Raises ConfigError where the instruments' libraries are not
     installed: the fakes are reached by them."""
@@ -64,7 +64,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     out.print(f"One effect is switched on and withheld; sealed as sha256 {digest}")
 
     def step(title: str, do: Callable[[], Result]) -> Result:
-        """Print a title and the time since the begin, do the step, print its result; raises its error."""
+        """Print a title and the elapsed time, do the step, print its result. Raises its error."""
         out.print(styled(f"\n{title}", "bold"), styled(f" {time.monotonic() - began:.0f} s", "dim"))
         result = do()
         result.tell()
@@ -97,7 +97,9 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     withheld = next(e for e in list_effects() if e.id == name)
     amount, unit = for_people(size, withheld.unit)
     out.print(styled(f"Withheld: {name}", "bold"), f"= {amount:.4g} {unit}".rstrip(), f"({withheld.physics})")
-    out.print(styled("Found:", "bold"), f"{answer.headline} The fakes' law is not the catalogue's, so the sizes need not agree.")
+    out.print(
+        styled("Found:", "bold"), f"{answer.headline} The fakes use a different law than the catalogue, so the sizes may differ."
+    )
     out.print("The fakes have ended; to run a proposal, start others: lab fakes --speed 20 --rig rig/rig.yaml", soft_wrap=True)
     out.print(f"Open {folder / 'report.html'}", soft_wrap=True)
     out.print(f"Done in {time.monotonic() - began:.0f} s.")
@@ -105,10 +107,10 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
 
 
 def _clear(folder: Path) -> None:
-    """Make an empty folder in the place of an earlier demo's; raises ConfigError for one that holds anything else."""
+    """Make an empty folder, replacing an earlier demo's. Raises ConfigError for one that holds anything else."""
     if folder.is_dir() and any(folder.iterdir()):
         if not (folder / SEALED).is_file():
-            raise ConfigError(f"{folder}: is not empty, and no demo made it; delete it, or give another folder with --out")
+            raise ConfigError(f"{folder}: is not empty and holds no demo; delete it, or give another folder with --out")
         shutil.rmtree(folder)
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -123,11 +125,11 @@ VERBS = (
                 type=Path,
                 default=Path("demo"),
                 metavar="FOLDER",
-                help="for recordings and report; an earlier demo's is replaced",
+                help="for recordings and report; an earlier demo in it is replaced",
             ),  # fmt: skip
             option("--seed", type=int, help="choose withheld effect and noise"),
-            option("--speed", type=float, default=20.0, help="how much faster than real the rig runs (default 20)"),
-            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a drawn one"),
+            option("--speed", type=float, default=20.0, help="clock speed of the rig, times real time (default 20)"),
+            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a random one"),
         ),
         examples=("lab demo", "lab demo --out demo --seed 3"),
         page="docs/tutorials/first-day.md",

@@ -1,4 +1,4 @@
-"""`lab schema` and `lab completion`: what editors and shells need to complete files, verbs and options."""
+"""`lab schema` and `lab completion`: let editors and shells complete files, verbs and options."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ _lab_protocol() { _alternative "protocols:protocol:(%s)" 'files:file:_files -g "
 _lab_set() { compadd -S = -- %s }
 """,
 }
-"""What is offered for a protocol (a name or a file) and for a key of `--set`, by the destination of the argument."""
+"""Completions for a protocol (a name or a file) and for a key of `--set`, by the argument's destination."""
 
 
 def completion(shell: str, top: argparse.ArgumentParser) -> Result:

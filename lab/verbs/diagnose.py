@@ -1,4 +1,4 @@
-"""`lab diagnose`: where the gap lies, which effect causes it, how far it shrinks, what to do next."""
+"""`lab diagnose`: locate the gap, name its cause, state how far it shrinks, propose the next experiment."""
 
 from __future__ import annotations
 
@@ -45,28 +45,26 @@ from ..processes import cluster, for_case
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the answer goes besides the screen."""
+    """Destinations of the answer in addition to the screen."""
 
     json: Path | None = None
     report: Path | None = None
     protocols: Path | None = None
     """Folder for the proposed experiments as protocol files."""
     replace: bool = False
-    """That folder as a whole, whatever it holds."""
+    """Delete and replace that folder with everything in it."""
 
 
 @dataclass(frozen=True)
 class Comparisons:
-    """What is read besides the campaign that is diagnosed."""
+    """Inputs in addition to the diagnosed campaign."""
 
     reference: Path | None = None
-    """An earlier campaign: what changed since?"""
     holdout: Path | None = None
-    """A campaign that is not fitted."""
     effects: Path | None = None
     """Python file with effects of one's own."""
     baseline: Path | None = None
-    """Predictions of another simulator, in the rod's place."""
+    """Predictions of another simulator, replacing the rod's."""
     simulator: str | None = None
     """The same from the simulator itself."""
 
@@ -117,7 +115,7 @@ def diagnose(
 
 
 def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
-    """Diagnose a case, with what has changed since an earlier campaign where one is given; raises ConfigError."""
+    """Diagnose a case and, if an earlier campaign is given, what has changed since. Raises ConfigError."""
     weighed, left_out = catalogue(case.robot, comparisons.effects)
     held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
     baseline = _baseline(case, comparisons, weighed)
@@ -141,22 +139,22 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
 
 
 def _of_robot(case: Case) -> Case:
-    """A case without stiffness trials, of which a simulator in the rod's place tells nothing."""
+    """Return a case without stiffness trials, which a simulator cannot predict."""
     table = case.table.take(~case.table.pushed)
     if not len(table):
-        raise ConfigError("all rows are of stiffness trials, whose baseline is the rod: leave --baseline and --simulator out")
+        raise ConfigError("all rows are stiffness trials, which only the rod can predict: leave --baseline and --simulator out")
     if len(table) < len(case.table):
-        note([f"{len(case.table) - len(table)} rows of stiffness trials are left out: their baseline is the rod"])
+        note([f"{len(case.table) - len(table)} rows of stiffness trials are left out: only the rod can predict them"])
     return replace(case, table=table)
 
 
 def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
-    """Predictions in the rod model's place, of a table or a simulator; None: the rod's own. Raises ConfigError."""
+    """Predictions of a table or a simulator that replace the rod model's; None: the rod's own. Raises ConfigError."""
     given = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
     if not given:
         return None
     if len(given) > 1:
-        raise ConfigError("--baseline and --simulator: give one of them; both are predictions in the rod's place")
+        raise ConfigError("--baseline and --simulator: give only one; each replaces the rod's predictions")
     for name in ("reference", "holdout"):
         if getattr(comparisons, name) is not None:
             raise ConfigError(f"--{given[0]}: predicts the states of one campaign; leave --{name} out")
@@ -184,7 +182,7 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
-    """A protocol file for `lab run` for each proposed experiment; a table of states where no rig drives the robot."""
+    """Write a protocol file for each proposed experiment; a table of states if no rig drives the robot."""
     from ..files.all_protocols import found_protocols  # brings all drivers' interfaces, which an answer does not need
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -217,7 +215,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
 
 
 def show(d: Diagnosis, protocols: Path | None = None) -> None:
-    """Print an answer; `protocols`: the folder with the proposed experiments, where they were written."""
+    """Print an answer; `protocols`: the folder of the proposed experiments, if they were written."""
     for text in d.texts("critical"):
         out.print(f"settle first: {text}")
     out.print(d.headline)
@@ -241,7 +239,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
         out.print(
-            f"The states of the first are in {where}; lab import reads what you measure, and lab diagnose both cases as one",
+            f"The states of the first are in {where}. Measure them, import the table, and diagnose both cases together",
             soft_wrap=True,
         )
         return
@@ -271,7 +269,7 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
 def _proposals(d: Diagnosis) -> Sheet:
     by_rig = d.words.by_rig
     columns = ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes")
-    t = Sheet(*columns, title="What to do next, most information for its time first", title_justify="left")
+    t = Sheet(*columns, title="Suggested experiments, most informative per minute first", title_justify="left")
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
@@ -287,18 +285,18 @@ def _diagnose_verb(a: argparse.Namespace) -> Result:
     robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
     if robot is not None and "links" in (described := read_yaml(robot)).table:
         if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
-            raise ConfigError(f"--{foreign[0]}: is of soft robots, and {robot} describes an arm: leave it out")
+            raise ConfigError(f"--{foreign[0]}: is for soft robots, but {robot} describes an arm: leave it out")
         from .diagnose_arm import diagnose_arm  # with pandas
 
         return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
     if a.candidates is not None:
-        raise ConfigError(f"--candidates {a.candidates}: are poses of an arm; give its description with --robot")
+        raise ConfigError(f"--candidates {a.candidates}: is for arms; give the arm's description with --robot")
     others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
     return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
 
 
 OF_SOFT_ROBOTS = ("protocols", "replace", "reference", "effects", "baseline", "simulator", "workers", "scheduler")
-"""Options without a meaning for an arm."""
+"""Options that do not apply to an arm."""
 VERBS = (
     Verb(
         "diagnose",
@@ -313,15 +311,14 @@ VERBS = (
                 "--protocols",
                 type=Path,
                 metavar="FOLDER",
-                help="write the proposed experiments as protocol files; no earlier answer is kept, so later the whole "
-                "diagnosis is repeated for them",
+                help="write the proposed experiments as protocol files; to get them later you must run the whole diagnosis again",
             ),
             REPLACE,
             option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),
             option("--holdout", type=Path, metavar="CASE", help="a campaign (case folder or .mcap) to test the answer on"),
-            option("--candidates", type=Path, metavar="POSES.csv", help="of an arm: poses among which the next are proposed"),
+            option("--candidates", type=Path, metavar="POSES.csv", help="for an arm: poses from which the next ones are chosen"),
             option("--baseline", type=Path, metavar="PREDICTED.csv", help="predictions of another simulator: diagnose its gap"),
-            option("--simulator", metavar="NAME|FILE.py", help="the same, asking the simulator itself"),
+            option("--simulator", metavar="NAME|FILE.py", help="the same, but call the simulator itself"),
             WORKERS,
             SCHEDULER,
             OWN_EFFECTS,

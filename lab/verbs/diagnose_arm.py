@@ -1,4 +1,4 @@
-"""`lab diagnose` of an arm: which cause moves its point by how much, what cannot be told apart, which poses to measure next."""
+"""`lab diagnose` of an arm: how far each cause moves its point, which causes look alike, which poses to measure next."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def diagnose_arm(
 
 
 def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
-    """How far the description and the answer miss poses that no fit saw."""
+    """Error of the description and of the answer on poses that no fit saw."""
     poses, notes, _ = read_poses(path, arm)
     note(notes)
     theta = {key: value for key, (value, _) in answer.calibration.items()} | {s.key: s.value for s in answer.sizes}

@@ -1,8 +1,8 @@
-"""`lab effects`: the catalogue of effects with the signature of each, so that a person knows what to look for.
+"""`lab effects`: the catalogue of effects with the signature of each.
 
 A signature is how far an effect of plausible size moves the tip over pressure and spine length, up and down, against the model
-without it; effects of stiffness trials are shown as force over deflection. What calibration would hide is told beside it: the
-share of the signature that one common factor on the chamber area could take over.
+without it; effects of stiffness trials are shown as force over deflection. The part that calibration would hide is also stated:
+the share of the signature that one common factor on the chamber area could take over.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ DEFLECTIONS = np.linspace(0.0, 0.02, 9)
 
 
 LEAST_CHANGE = 1e-5
-"""m or N; less is no signature."""
+"""m or N; smaller changes are no signature."""
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What one effect at its plausible size does to what is read."""
+    """How one effect of plausible size changes the readings."""
 
     effect: EffectSpec
     how: str
-    """How the states were read: settled, while ramping, stiffness, or none: this robot shows it in no kind of experiment."""
+    """How the states were read: settled, while ramping, stiffness, or none if no experiment with this robot shows the effect."""
     spine_length: Array
     """(l,) m."""
     x: Array
@@ -62,7 +62,6 @@ class Signature:
     change: Array
     """(l, k, 3) m, base frame; for stiffness rows (l, k, 1) N."""
     axis: int
-    """The component that moves most."""
     hidden: float
     """Share (0..1) of the squared change that one factor on the chamber area could take over."""
 
@@ -175,7 +174,7 @@ PANELS = 5
 
 
 def draw(effect_signatures: list[Signature], path: Path) -> Path:
-    """Draw all signatures into one picture, but those of effects that move nothing."""
+    """Draw all signatures into one picture, without effects that move nothing."""
     effect_signatures = [s for s in effect_signatures if s.how != "none"]
     rows = -(-len(effect_signatures) // PANELS)
     with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):

@@ -1,8 +1,7 @@
-"""`lab export`: recordings and cases in the forms that other programs read.
+"""`lab export`: write recordings and cases in formats that other programs read.
 
-An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand without this software: beside copies of its files
-stands `ro-crate-metadata.json`: what each file is, its columns with their units, the robot, the instruments, who recorded it
-when, with which version of which software, and what the diagnosis says.
+An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand without this software. Its
+`ro-crate-metadata.json` describes each file, columns with units, robot, instruments, operator, date, versions and diagnosis.
 """
 
 from __future__ import annotations
@@ -45,15 +44,15 @@ FORMATS = {
 }  # fmt: skip
 WHAT = {
     "robot.yaml": "the robot: geometry, material, chambers, spine; SI units",
-    "trials.csv": "table of trials: one row for each state that was read; SI units",
+    "trials.csv": "table of trials: one row per state; SI units",
     "diagnosis.json": "diagnosis of the gap between measurement and model",
     "diagnosis.html": "the same as a page",
     "rig.yaml": "instruments and limits of the rig",
-    "map.yaml": "what the columns of the imported files were",
+    "map.yaml": "columns of the imported files",
 }
 UNIT_CODES = {"1": "C62", "m": "MTR", "Pa": "PAL", "s": "SEC", "kg": "KGM", "N": "NEW", "deg": "DD"}
 """UN/CEFACT, as schema.org asks for."""
-NO_LICENSE = "not stated: write one into this file before you publish"
+NO_LICENSE = "not stated: write a licence into this file before you publish"
 
 
 def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> Path:
@@ -87,7 +86,7 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
 
 
 def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """References to things that are described elsewhere in the crate."""
+    """References to entities described elsewhere in the crate."""
     return [{"@id": thing["@id"]} for thing in things]
 
 
@@ -164,12 +163,12 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
 
 
 def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """Write inputs in a form; returns the files written, and the table of trials where the form has one. Raises ConfigError."""
+    """Write the inputs in a format; return the files and, if the format has one, the table of trials. Raises ConfigError."""
     cases = [p for p in inputs if p.is_dir()]
     if form == "crate":
         return _crate(inputs, folder, name)
     if cases:
-        why = "is a case already; --case is for recordings" if form == "case" else "has no streams; use --crate"
+        why = "is already a case; --case is for recordings" if form == "case" else "has no streams; use --crate"
         raise ConfigError(f"{cases[0]}: {why}")
     names, recordings = names_apart(inputs), [Recording.open(path) for path in inputs]
     if form == "case":
@@ -190,13 +189,13 @@ def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
 
 
 def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """Copy one case, or recordings as one, and further files into a crate; returns files and table. Raises ConfigError."""
+    """Copy a case or recordings, and further files, into a crate; return files and table. Raises ConfigError."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
     recordings = {p.name: p for p in files if p.suffix == ".mcap"}
     if not cases and not recordings:
-        raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; further files go beside them")
+        raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; other files may follow")
     if cases:
         table = read_csv(cases[0] / "trials.csv")
         for file in ("robot.yaml", "trials.csv"):
@@ -208,7 +207,7 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     contents = [folder / "robot.yaml", folder / "trials.csv", *further, *files]
     twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
-        raise ConfigError(f"{twice}: another file of this name is in the crate; rename one")
+        raise ConfigError(f"{twice}: another file in the crate has this name; rename one")
     infos = {file: summary(path) for file, path in recordings.items()}
     metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
     return [metadata, *(folder / p.name for p in contents)], table
@@ -242,8 +241,8 @@ VERBS = (
             REPLACE,
             OneOf(
                 (
-                    option("--case", action="store_true", help="robot.yaml + trials.csv, as other tools take it"),
-                    option("--crate", action="store_true", help="one described folder, as a paper's supplement"),
+                    option("--case", action="store_true", help="write a case for other tools: robot.yaml and trials.csv"),
+                    option("--crate", action="store_true", help="write one described folder, as a paper's supplement"),
                 )
             ),
         ),

@@ -47,19 +47,17 @@ PATIENT: dict[str, Any] = {
     "limits": {"max_age": 8.0, "max_hidden": 8.0, "pressure_error_time": 60.0},
     "safe": {"heartbeat": 10.0},
 }
-"""Ages and time-outs (host s) for a demonstration or a test, whose fakes share the processors with everything else and may
-be late. An instrument is not: a rig.yaml for hardware keeps the defaults. `pressure_error_time` is rig time: on a rig of 20
-times real speed, the default of 5 s passes while the virtual robot waits 0.25 s for a processor."""
+"""Ages and time-outs (host s) for fakes, which share the processors and may be late; a rig.yaml for hardware keeps the "
+"defaults. `pressure_error_time` is rig time: at clock speed 20 the default of 5 s passes in 0.25 s of real time."""
 
 PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
-"""The same for the protocols' rule of rest, whose times are the rig's: on a rig of 20 times real speed 0.5 s of it are 25 ms
-of a busy computer."""
+"""The same for the protocols' settling rule, in rig time: at clock speed 20, 0.5 s are 25 ms of a busy computer."""
 PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 """The same, and how still the tip must be."""
 
 
 def serve(a: argparse.Namespace) -> Result:
-    """Run fakes until Ctrl-C, and write or print the rig.yaml that reaches them; --list-effects only lists effects."""
+    """Run fakes until Ctrl-C, and write or print the rig.yaml that reaches them; with --list-effects only list effects."""
     if a.list_effects:
         sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
         sheet.add_column("effect", no_wrap=True)
@@ -111,7 +109,7 @@ def found_fakes() -> Registered[Fake]:
 
 
 def _asked(option: str, role: str, driver: str) -> str:
-    """The driver that an option names, when it can be played under this key of rig.yaml; raises ConfigError."""
+    """Return the driver named by an option if it has a fake for this key of rig.yaml. Raises ConfigError."""
     for what, offers in (("fake", found_fakes()), ("driver", found_drivers())):
         if driver in offers.broken and driver not in OWN:  # ours are played where their libraries are not installed too
             raise ConfigError(f"{option}: its {what} cannot be used: {offers.broken[driver]}")
@@ -126,8 +124,7 @@ def _asked(option: str, role: str, driver: str) -> str:
         return driver
     if driver not in drivers():
         raise ConfigError(
-            f"{option}: there is a fake {driver}, but no driver of this name; register it in the entry-point group "
-            "softlab.drivers"
+            f"{option}: a fake {driver} exists, but no driver of this name; register it in the entry-point group softlab.drivers"
         )
     if drivers()[driver].role != role:
         raise ConfigError(f"{option}: its fake is for {role}, its driver for {drivers()[driver].role}; make them agree")
@@ -135,7 +132,7 @@ def _asked(option: str, role: str, driver: str) -> str:
 
 
 def _demand_agreement(instruments: Mapping[str, Any]) -> None:
-    """Raises ConfigError when a package's fake says of itself what its own driver does not take."""
+    """Raise ConfigError if a package's driver rejects the settings of its own fake."""
     named = {**instruments, **{f"sensors.{k}": v for k, v in instruments.get("sensors", {}).items()}}
     for key, table in named.items():
         driver = table.get("driver")
@@ -149,7 +146,7 @@ def _demand_agreement(instruments: Mapping[str, Any]) -> None:
 
 
 def _rig(a: argparse.Namespace) -> FakeRig:
-    """The fakes that the options ask for; raises ConfigError."""
+    """Return the fakes for the options. Raises ConfigError."""
     other_drivers = {role: getattr(a, role) for role in ("arm", "force", "valve", "gauge", "mocap")}
     for name, role, driver in (("regulators", "pressure", a.regulators), ("spine", "spine", a.spine),
                                *((role, role, driver) for role, driver in other_drivers.items())):  # fmt: skip
@@ -184,12 +181,12 @@ def _rig(a: argparse.Namespace) -> FakeRig:
 
 
 def played(robot: Robot) -> RobotTruth:
-    """The virtual robot with geometry and material of a robot.yaml; raises ConfigError for one that the fakes cannot simulate."""
+    """Return the virtual robot with geometry and material of a robot.yaml. Raises ConfigError if the fakes cannot simulate it."""
     factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
     unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:
         what = ", ".join(unlike) or "chambers.ends"
-        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes know no {what}")
+        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {what}")
     values: dict[str, Any] = {
         "length": robot.length,
         "outer_radius": robot.outer_radius,
@@ -211,11 +208,12 @@ def played(robot: Robot) -> RobotTruth:
     try:
         return RobotTruth(**values)
     except ValidationError as e:
-        raise ConfigError(f"{robot.name}: cannot be simulated: {e.errors()[0]['msg']}") from e
+        error = e.errors()[0]
+        raise ConfigError(f"{robot.name}: cannot be simulated: {': '.join([*map(str, error['loc']), error['msg']])}") from e
 
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
-    """The fake regulators that the options ask for; raises ConfigError."""
+    """Return the fake regulators for the options. Raises ConfigError."""
     try:
         full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
         swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
@@ -238,7 +236,8 @@ def write_rig(rig: FakeRig, path: Path, changes: Mapping[str, Any] | None = None
 
 def rig_yaml(rig: FakeRig, robot: str, changes: Mapping[str, Any] | None = None) -> str:
     """The rig.yaml that reaches the fakes, with `changes` to its tables; its numbers have units."""
-    return yaml.safe_dump(in_units(_merged(rig.rig_file(robot), changes or {}), RigFile), sort_keys=False)
+    tables = in_units(_merged(rig.rig_file(robot), changes or {}), RigFile)
+    return yaml.safe_dump(tables, sort_keys=False, default_flow_style=None, width=120)
 
 
 def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -277,7 +276,7 @@ VERBS = (
         "fakes",
         serve,
         options=(
-            option("--speed", type=float, default=1.0, help="how much faster than real time they run (default 1)"),
+            option("--speed", type=float, default=1.0, help="clock speed, times real time (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
             option(
                 "--arm-errors", type=float, default=1.0, help="errors of the arm's build, as multiples of a UR5's (default 1)"
@@ -302,7 +301,7 @@ VERBS = (
                 help="robot.yaml of the robot to simulate (default: the paper's robot)",
             ),
             option("--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"),
-            option("--list-effects", action="store_true", help="list what can be switched on"),
+            option("--list-effects", action="store_true", help="list the effects of --effect"),
         ),
         examples=("lab fakes --rig rig/rig.yaml --speed 20", "lab fakes --list-effects"),
         page="docs/howto/fakes.md",

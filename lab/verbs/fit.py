@@ -1,5 +1,5 @@
-"""`lab fit`: moduli from stiffness trials, the effective chamber area from bending states, or effects with their posterior, and
-a robot.yaml that holds them."""
+"""`lab fit`: fit moduli to stiffness trials, the effective chamber area to bending states, or effects with their posterior, and "
+"write them into a robot.yaml."""
 
 from __future__ import annotations
 
@@ -42,16 +42,15 @@ OWN = ("robot.yaml", "samples")
 
 @dataclass(frozen=True)
 class WithEffects:
-    """What `lab fit --with` is asked for."""
+    """The request of `lab fit --with`."""
 
     effects: tuple[str, ...]
     file: Path | None = None
     """Python file with effects of one's own."""
     samples: int = 0
-    """Robots to draw from the posterior."""
     seed: int = 0
     residual: bool = False
-    """Learn what the model still misses."""
+    """Learn the remaining error of the model."""
 
 
 def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
@@ -62,7 +61,7 @@ def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace
     note(case.table.warnings)
     if case.robot != case.robot.plain:
         note(
-            ["the effects in robot.yaml are left out, as this calibrates the model without any; to keep them: "
+            ["the effects in robot.yaml are ignored: this command calibrates without effects. To keep them: "
              f"--with {','.join(case.robot.effects)}"]
         )  # fmt: skip
     with Screen("calibrating") as screen:
@@ -132,7 +131,7 @@ def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:
 
 
 def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
-    """What a fit does otherwise than the diagnosis.json of its case says."""
+    """How a fit disagrees with the diagnosis.json of its case."""
     if {*f.effects} != {*d.effects}:
         yield (
             f"diagnosis.json names {', '.join(d.effects)}, which leaves {d.left_mm:.2f} mm; with "
@@ -140,8 +139,8 @@ def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
         )
     elif abs(f.left_mm - d.left_mm) > SAME_FIT * d.left_mm:
         yield (
-            f"{f.left_mm:.2f} mm remain, and {d.left_mm:.2f} mm in diagnosis.json: table or robot.yaml have changed since; "
-            "diagnose the case again"
+            f"{f.left_mm:.2f} mm remain, but {d.left_mm:.2f} mm in diagnosis.json: the table or robot.yaml has changed since. "
+            "Diagnose the case again"
         )
 
 
@@ -161,7 +160,7 @@ def effects_sheet(f: Fitted) -> Sheet:
 
 
 def residual_lines(f: Fitted) -> list[str]:
-    """How far the tip is off before and after, and what a prediction takes its interval from."""
+    """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
     lines = [
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
@@ -174,8 +173,8 @@ def residual_lines(f: Fitted) -> list[str]:
         )
     if f.left_out_mm is not None:
         lines.append(
-            f"{f.left_out_mm:.2f} mm with the learnt residual on each trial that it did not learn from (effects and tolerances "
-            "are those of all trials); predictions have it, a diagnosis does not"
+            f"{f.left_out_mm:.2f} mm with the learned residual, on trials that it did not learn from (effects and tolerances are "
+            "fitted to all trials); predictions use it, a diagnosis does not"
         )
     return lines
 
@@ -203,13 +202,13 @@ def sheet(c: Calibration) -> Sheet:
 
 
 def baseline_line(c: Calibration, area: AreaFit) -> str:
-    """The baseline of a diagnosis, in its words."""
+    """State the baseline of a diagnosis."""
     spine = c.robot.spine is not None
     return (
         f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "
         f"the set-up, the model misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the "
         "calibrated model of lab diagnose"
-        + (". Factors per length take the set-up as exact, so they need not agree with that one" if spine else "")
+        + (". The factors per length assume an exact set-up, so they may differ from this one" if spine else "")
     )
 
 
@@ -271,7 +270,7 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     """Names (k), values (n, k) and robots (n) of the posterior, cut at bounds. Raises ConfigError where nothing is uncertain."""
     names, covariance = robot.joint_uncertainty()
     if not names:
-        raise ConfigError(f"robot {robot.name!r}: nothing of it is uncertain, so there is nothing to draw; see `lab fit --with`")
+        raise ConfigError(f"robot {robot.name!r} states no uncertainty, so no robots can be drawn; see `lab fit --with`")
     stated, effects, own = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}, scales(robot)
     bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.of(own).parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)

@@ -1,9 +1,8 @@
-"""`lab import`: measurements of other laboratories and programs as a case, by a map of what their columns are."""
+"""`lab import`: turn measurements of other laboratories and programs into a case, with a map of their columns."""
 
 from __future__ import annotations
 
 import argparse
-import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import Imported, imported
 from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
+from ..plain import typed
 
 MAP, PICTURE = "map.yaml", "states.png"
 OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
@@ -35,7 +35,7 @@ OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
 def import_files(
     inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
 ) -> Result:
-    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of what was cut; raises ConfigError."""
+    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of the states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
@@ -71,7 +71,7 @@ def told(made: Imported, folder: Path) -> Result:
         note((*made.notes, *(f"check: {text}" for text in made.questions)))
         out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
         out.print(f"written: {', '.join(written)}", soft_wrap=True)
-        out.print(f"look at {folder / PICTURE}, then: {shlex.join(('lab', 'diagnose', str(folder)))}", soft_wrap=True)
+        out.print(f"look at {folder / PICTURE}, then: {typed('lab', 'diagnose', folder)}", soft_wrap=True)
 
     about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,
              "check": made.questions}  # fmt: skip
@@ -112,7 +112,7 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
 
 
 def grouped(proposed: Guess) -> dict[str, list[str]]:
-    """Keys of a proposed map by the reason that they share, without those that a doubt speaks of."""
+    """Keys of a proposed map by their common reason, without the doubtful ones."""
     found: dict[str, list[str]] = {}
     for key, reason in proposed.reasons.items():
         found.setdefault(reason, []).append(key)
@@ -120,11 +120,11 @@ def grouped(proposed: Guess) -> dict[str, list[str]]:
 
 
 def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace_all: bool = False) -> Result:
-    """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of what it makes of the file."""
+    """Write FOLDER/map.yaml, proposed from headings and numbers, and a picture of the resulting states."""
     if robot_path is None:
         raise ConfigError(
-            "--robot: give the robot.yaml of this robot, whose length and actuators tell what the columns are; "
-            "docs/tutorials/your-rig.md starts with one to copy"
+            "--robot: give the robot.yaml of this robot; its length and actuators help to identify the columns. "
+            "docs/tutorials/your-rig.md has an example to copy"
         )
     files = (MAP, PICTURE, "robot.yaml")
     demand_free(folder, files, replace_all, inputs)
@@ -154,8 +154,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         if result is not None:
             look = f"look at {folder / PICTURE} and {folder / MAP}, delete each guess of `unconfirmed` once settled, then:"
             out.print(f"{states} states; {look}", soft_wrap=True)
-        words = ("lab", "import", *map(str, inputs), "--map", str(folder / MAP), "--out", "CASE")
-        out.print(shlex.join(words), soft_wrap=True)
+        out.print(typed("lab", "import", *inputs, "--map", folder / MAP, "--out", "CASE"), soft_wrap=True)
 
     return Result({"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks, "states": states}, show)
 

@@ -1,4 +1,4 @@
-"""`lab predict`: where the tip will be, with 95 % intervals; or what to ask of the robot for a wanted tip."""
+"""`lab predict`: predict the tip with 95 % intervals, or find pressures for wanted tips."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .run import Columns, planned_columns, protocol_plan, robot_facts
 Array = NDArray[np.float64]
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
-"""What a table may tell of states that are each reached from rest by one ramp."""
+"""Columns of states that are each reached from rest by one ramp."""
 MM, SHOWN = 1e3, 40
 """Rows that are printed; all are written."""
 INTERVAL = (
@@ -53,7 +53,7 @@ LOWEST_PRESSURE = 1e3
 
 @dataclass(frozen=True)
 class PredictionFiles:
-    """Where a prediction goes besides the screen."""
+    """Destinations of a prediction in addition to the screen."""
 
     csv: Path | None = None
     figure: Path | None = None
@@ -76,7 +76,7 @@ def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Pa
     bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
     _beyond(robot, bending)
     unsolved = int((~prediction.converged).sum())
-    missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium: no tip is given" if unsolved else ""
+    missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium and therefore no tip" if unsolved else ""
 
     def draw(path: Path) -> None:
         from ..pages.figures import tips
@@ -117,7 +117,7 @@ def _result(
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
-    """Each state from rest where no trials are told."""
+    """Each state from rest if the table has no trials."""
     number = np.arange(len(states["spine_length"]))
     if set(states) & set(ASKED) <= AT_REST:
         roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
@@ -155,8 +155,8 @@ def invert(
     if missed.size:
         nearest = ", ".join(f"{i + 1} ({MM * reached.miss[i]:.1f} mm)" for i in missed[:10].tolist())
         missing = (
-            f"{missed.size} of {len(place)} targets cannot be reached within the limits; distance of the nearest point that "
-            f"can: {nearest}{' ..' if missed.size > 10 else ''}"
+            f"{missed.size} of {len(place)} targets are out of reach within the limits; distance of the nearest reachable point: "
+            f"{nearest}{' ..' if missed.size > 10 else ''}"
         )
 
     def draw(path: Path) -> None:
@@ -177,7 +177,7 @@ def table_states(path: Path, words: Words) -> Columns:
     for name in [name for name in columns if "[" in name]:
         bare = name.partition("[")[0].strip()
         if bare in columns:
-            raise ConfigError(f"{path}: the columns {bare} and {name} name one {words.actuator}: leave one out")
+            raise ConfigError(f"{path}: the columns {bare} and {name} name the same {words.actuator}: leave one out")
         columns[bare] = np.asarray(columns.pop(name), float) * words.pascal
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
@@ -226,7 +226,7 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
 
 
 def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, Any]]:
-    """One flat row a state: what was asked, then the reading and the ends of its interval, SI."""
+    """One flat row per state: set-points, then the reading and the ends of its interval, SI."""
     assert prediction.orientation_sd is not None and prediction.shape_sd is not None
     columns = {**states, **_with_ends("xyz", prediction.tip, *prediction.interval())}
     columns |= dict(zip(("qw", "qx", "qy", "qz"), prediction.orientation.T, strict=True))
@@ -238,7 +238,7 @@ def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, A
 
 
 def inverse_rows(wanted: Array, reached: Reached) -> list[dict[str, Any]]:
-    """One flat row a target: where it is, whether it can be reached, what to ask, where the tip will be, SI."""
+    """One flat row per target: position, whether it is reachable, set-points, predicted tip, SI."""
     columns: Columns = {f"target_{k}": wanted[:, i] for i, k in enumerate("xyz")}
     columns |= {"reached": reached.reached, "miss": reached.miss}
     columns |= {f"p{c}": pressure for c, pressure in enumerate(reached.pressures.T, 1)}
@@ -253,7 +253,7 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 
 
 def _rows(columns: Columns) -> list[dict[str, Any]]:
-    """As JSON has them; None for a number that there is not."""
+    """Values for JSON; None for a missing number."""
     cells = zip(*(column.tolist() for column in columns.values()), strict=True)
     rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
     return rows
@@ -272,12 +272,12 @@ def _pressures(robot: Robot, states: Columns) -> Array:
 
 
 def _beyond(robot: Robot, states: Columns) -> None:
-    """Says so where more pressure is asked for than the robot bears: the model was never compared with a robot there."""
+    """Note pressures above what the robot bears, where the model was never compared with a robot."""
     highest = float(_pressures(robot, states).max())
     if robot.max_pressure is not None and highest > robot.max_pressure:
         words = robot.actuators.words
         unit, most = words.unit, robot.max_pressure / words.pascal
-        note([f"up to {highest / words.pascal:g} {unit} are asked for, robot.yaml allows {most:g} {unit}"])
+        note([f"up to {highest / words.pascal:g} {unit} requested, but robot.yaml allows {most:g} {unit}"])
 
 
 def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
@@ -287,7 +287,7 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     weight = np.stack([np.asarray(table.get(f"w{k}", np.ones(m)), float) for k in "xyz"], axis=1)
     none = ~np.isfinite(place).any(axis=1)
     if none.any():
-        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} wants no coordinate; give x, y or z in m")
+        raise ConfigError(f"{path}: row {int(np.argmax(none)) + 1} has no coordinate; give x, y or z in m")
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
@@ -353,7 +353,7 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
     try:
         return tuple(tuple(whole_number(c) for c in group.split(",")) for group in text.split())
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: write chambers between commas and groups between blanks") from None
+        raise argparse.ArgumentTypeError(f"{text!r}: separate chambers by commas and groups by spaces") from None
 
 
 def _predict_verb(a: argparse.Namespace) -> Result:
@@ -367,15 +367,18 @@ def _predict_verb(a: argparse.Namespace) -> Result:
 
 GIVEN = OneOf(
     (
-        option("--protocol", help="the states of a protocol: its name, or a protocol file (.yaml, .py)"),
+        option("--protocol", help="predict the states of a protocol: its name or its file (.yaml, .py)"),
         option(
             "--table",
             type=Path,
             metavar="STATES.csv",
-            help="the states of a table: p1 .. in Pa ('p1 [kPa]', of tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+            help="predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
         ),
         option(
-            "--inverse", type=Path, metavar="TARGETS.csv", help="pressures for wanted tips: x, y, z in m; an empty cell is free"
+            "--inverse",
+            type=Path,
+            metavar="TARGETS.csv",
+            help="find pressures for these tips: x, y, z in m; an empty cell is free",
         ),
     ),
     required=True,
@@ -399,8 +402,8 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--out", type=Path, metavar="FILE.csv", help="write all rows here"),
-            option("--figure", type=Path, metavar="FILE.svg", help="draw them here (.svg, .png or .pdf)"),
+            option("--out", type=Path, metavar="FILE.csv", help="write all rows to this file"),
+            option("--figure", type=Path, metavar="FILE.svg", help="draw them in this file (.svg, .png or .pdf)"),
             OWN_EFFECTS,
         ),
         examples=(

@@ -32,6 +32,7 @@ from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
 from ..options import ANY_SIZE, JSON, Result, Verb, option
+from ..plain import typed
 
 SHOWN = 20
 """Problems printed; all are in the JSON."""
@@ -79,9 +80,9 @@ def _show(file: Path, s: Info) -> None:
             soft_wrap=True,
         )
     if s.finished:
-        ended = s.outcome or "finished, without a word on how it ended"
+        ended = s.outcome or "finished; its outcome was not recorded"
     else:
-        ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `lab recover {file}` keeps them"
+        ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `{typed('lab', 'recover', file)}` keeps them"
     states = f"{s.rows} of {s.planned} planned states" if s.planned else f"{s.rows} of {s.states} states"
     out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {states} read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
@@ -92,7 +93,7 @@ def _show(file: Path, s: Info) -> None:
         out.print(f"damaged: {text}")
     if s.damage:
         more = f"and {len(s.damage) - SHOWN} more, --json prints all; " if len(s.damage) > SHOWN else ""
-        out.print(f"{more}what is damaged is not counted; `lab recover {file}` keeps all that can be read")
+        out.print(f"{more}damaged parts are not counted; `{typed('lab', 'recover', file)}` saves everything readable")
     note(s.notes)
     for request in s.requests:
         place = f", trial {request.trial} state {request.step}" if request.trial else ""
@@ -103,7 +104,7 @@ def _show(file: Path, s: Info) -> None:
     for topic, stream in s.streams.items():
         if stream.restarts:
             times = "once" if stream.restarts == 1 else f"{stream.restarts} times"
-            out.print(f"{topic} restarted {times}: its sample numbers went back; losses at that moment are not known")
+            out.print(f"{topic} restarted {times}: its sample numbers jumped back, so losses at that moment are unknown")
     for topic, line in s.clocks.items():
         out.print(
             f"clock of {topic}: offset {line.offset:.6f} s, drift {line.drift * 1e6:.1f} ppm, delay above the minimum "
@@ -183,7 +184,7 @@ def verify(file: Path) -> Result:
             out.print(f"and {len(v.problems) - SHOWN} more; --json prints all")
         compared = f"{v.chunks} chunks, {v.messages} messages, {v.checksums} checksums compared"
         if not v.ok:
-            out.print(f"{file} is DAMAGED ({compared}); `lab recover {file}` keeps all that can be read")
+            out.print(f"{file} is DAMAGED ({compared}); `{typed('lab', 'recover', file)}` saves everything readable")
             return
         out.print(f"{file} is {v.verdict}: {compared}")
         if v.uncovered:
@@ -208,13 +209,13 @@ def _show_recovered(r: Recovery) -> None:
     for topic, n in r.lost.items():
         out.print(f"  {topic}: {n} messages are missing")
     if r.nameless:
-        out.print(f"  {r.nameless} messages of topics whose description is lost")
+        out.print(f"  {r.nameless} messages of topics without a description")
     for topic in r.schemaless:
-        out.print(f"  {topic}: its schema is missing; its messages are kept without one")
+        out.print(f"  {topic}: its schema is missing; its messages are kept without it")
     if r.oversized:
         out.print(f"left out: {r.oversized}")
     if not r.finished:
-        ours = "up to 0.2 s of data" if r.library == LIBRARY else "what its recorder still held"
+        ours = "up to 0.2 s of data" if r.library == LIBRARY else "the recorder's buffer"
         out.print(f"The recording ended abruptly: {ours} in memory was never written.")
 
 
@@ -279,7 +280,7 @@ def _show_runs(listed: Sequence[RecordedRun]) -> None:
         if run.outcome == "unreadable":
             out.print(f"{run.path}: {run.detail}")
         elif run.outcome == "abrupt" and not run.detail:
-            out.print(f"{run.path}: the recording was not finished; `lab recover` writes a complete file from what can be read")
+            out.print(f"{run.path}: the recording was not finished; `lab recover` writes a complete file from its readable part")
 
 
 VERBS = (

@@ -7,12 +7,12 @@ import contextlib
 import copy
 import json
 import re
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -52,6 +52,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
+from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keys import HELP, Keys, Line
@@ -63,7 +64,6 @@ Columns = dict[str, NDArray[np.generic]]
 
 LONGEST_PLAN = 30 * 86400.0
 """s of rig time; a plan beyond it is a mistake in its parameters, such as a rate that is far too low."""
-UNCHECKED = "Units, ranges and hoses of this rig are not confirmed"
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,6 @@ class Job:
     rig: RigFile
     rig_path: Path
     labels: Mapping[str, str] = field(default_factory=dict)
-    """What the person says of it."""
 
     @property
     def protocol_yaml(self) -> str:
@@ -127,7 +126,7 @@ def protocol_plan(
     if not plan.seconds <= LONGEST_PLAN:  # nor is it when it is not a number
         raise ConfigError(
             f"{source.name}: {experiment.name} would take {plan.seconds / 86400:.3g} days of rig time, at most "
-            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten what it waits for",
+            f"{LONGEST_PLAN / 86400:g}; raise its rates and speeds, or shorten its waits",
             placed=True,
         )
     return experiment, parameters, plan
@@ -149,7 +148,7 @@ OF_SPINE = ("spine", "valve", "gauge")
 
 
 def robot_facts(robot: Robot, rig: RigFile | None = None) -> RobotFacts:
-    """What protocols know of a robot with its rig, or with each chamber by itself; ConfigError for a rig wired otherwise."""
+    """What protocols know of a robot with its rig, or with each chamber by itself. Raises ConfigError if the wiring differs."""
     each = tuple((c,) for c in range(1, len(robot.actuators.azimuths_deg) + 1))
     channels = each if rig is None else wiring(rig, robot).channels
     arm = {} if rig is None else arm_places(rig, robot.length)
@@ -199,7 +198,7 @@ def _experiment(name: object, of_file: Experiment | None, where: str) -> Experim
 
 @contextmanager
 def _by_protocol(file: str | Path | None) -> Iterator[None]:
-    """A mistake in the file of a protocol that is not the project's own is reported as its own."""
+    """Report a mistake in the file of a lab's own protocol at its line."""
     try:
         yield
     except Exception as error:
@@ -214,7 +213,7 @@ def _defaults(experiment: Experiment, facts: RobotFacts) -> dict[str, Any]:
 
 
 def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
-    """The plan. That of a file has the file's name, whatever it says: the file may be a copy."""
+    """Return the plan. A file's plan gets the file's name, because the file may be a copy."""
     file = file_of(experiment)
     with _by_protocol(file):
         plan = experiment.plan(parameters)
@@ -228,7 +227,7 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
 
 
 def _with(source: Source, settings: list[str]) -> Source:
-    """The source with `--set key=value` (dotted keys) put in."""
+    """Return the source with `--set key=value` (dotted keys) applied."""
     data: Any = copy.deepcopy(source.data)
     for setting in settings:
         key, equals, text = setting.partition("=")
@@ -250,12 +249,8 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     p, speed = j.plan, j.rig.clock.speed
     margins_asked = margins(p, j.rig, j.rig.body)
     if not any(m.name in ACTIVE for m in margins_asked):
-        note(
-            [
-                f"{p.protocol}: no step asks for a pressure, a spine length or a push; check its parameters, such as "
-                "chambers: `lab plan PROTOCOL --keys` lists them"
-            ]
-        )
+        keys_of = "check its parameters, such as chambers: `lab plan PROTOCOL --keys` lists them"
+        note([f"{p.protocol}: no step asks for a pressure, a spine length or a push; {keys_of}"])
     done = _rehearsed(j) if rehearsing else None
     largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
@@ -264,20 +259,21 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
 
 def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done: Mapping[str, Any] | None) -> None:
     """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
-    times = f"about {clock(p.seconds)} of the rig's time, {clock(p.seconds / speed)} of yours"
-    out.print(f"{p.protocol}: {len(p.steps)} steps, {times}", soft_wrap=True)
+    out.print(f"{p.protocol}: {counted(len(p.steps), 'step')}, about {clock(p.seconds)} of rig time", soft_wrap=True)
     if speed != 1:
         out.print(
-            f"Yours is the rig's time divided by {speed:g}, the speed of its clock; a computer that cannot keep up with this "
-            "clock takes longer, which counts in both.",
+            f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer.",
             soft_wrap=True,
         )
     for m in asked:
         out.print(f"  {m}", soft_wrap=True)
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
-    for i, step in enumerate(steps, 1):
-        label = REPEAT.sub("", step.label) if repeats > 1 else step.label
-        out.print(f"{i:4d}  {clock(step.seconds):>8}  {label}", soft_wrap=True)
+    rows = [(clock(step.seconds), REPEAT.sub("", step.label) if repeats > 1 else step.label) for step in steps]
+    number = 1
+    for (duration, label), alike in groupby(rows):
+        times = len(list(alike))
+        out.print(f"{number:4d}  {duration:>8}  {label}{f' ({times} times)' if times > 1 else ''}", soft_wrap=True)
+        number += times
     if repeats > 1:
         out.print(f"x {repeats} repeats (--all lists every step)")
     if done is not None:
@@ -293,7 +289,7 @@ def _rehearsed(j: Job) -> dict[str, Any]:
     if any(step.reads for step in j.plan.steps):
         differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), rows))
     elif rows:
-        differs.append("the plan's steps do not say which states they read: give each Step its reads")
+        differs.append("the plan's steps do not state what they read: give each Step its `reads`")
     planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
     if highest > planned * SLACK:
         differs.append(
@@ -355,9 +351,9 @@ class Outcome:
     safe: bool
     error: Exception | None = None
     asked: bool = False
-    """A person asked to end, be it that the run was over by then."""
+    """A person asked to end, even if the run was over by then."""
     displaced: tuple[str, ...] = ()
-    """What happened to the recording or its journal meanwhile; `file` is where the recording is now."""
+    """What happened to the recording or its journal during the run; `file` is the recording's present path."""
 
 
 def run(
@@ -379,7 +375,7 @@ def run(
     if broken is not None and protocol is not None and protocol.endswith(".py"):
         of_file = protocol_from_file(Path(protocol))
     if broken is not None and ((protocol is not None and of_file is None) or settings or folder is not None):
-        raise ConfigError("--resume continues with the protocol, settings and folder of the run: do not give them again")
+        raise ConfigError("--resume uses the protocol, settings and folder of the run: do not give them again")
     j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, of_file)
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
@@ -387,7 +383,7 @@ def run(
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
         if isinstance(why_unchecked := last(rig_path, j.rig), str):
-            out.print(f"{UNCHECKED}: {why_unchecked}; lab check --move --rig {rig_path}", soft_wrap=True)
+            out.print(unverified(rig_path, why_unchecked), soft_wrap=True)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -422,7 +418,8 @@ def _poses_of_arm(result: Outcome) -> dict[str, Any]:
 def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
     out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
     if poses:
-        out.print(f"poses: {poses['poses']}; go on with: lab diagnose {poses['poses']} --robot arm.yaml", soft_wrap=True)
+        then = typed("lab", "diagnose", poses["poses"], "--robot", "arm.yaml")
+        out.print(f"poses: {poses['poses']}; go on with: {then}", soft_wrap=True)
         place, error = ", ".join(f"{x:.4f}" for x in poses["tool"]), poses["position_sd"]
         out.print(f"body on the flange: [{place}] m from the TCP, see tool in arm.yaml", soft_wrap=True)
         out.print(f"error of the arm: {error * 1e3:.2f} mm along each axis, see stand.position_sd in rig.yaml", soft_wrap=True)
@@ -432,22 +429,30 @@ def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
 
 
 def slower(speed: float) -> float:
-    """A speed of the fakes that a busy computer may keep up with, where it does not at this one (above 1)."""
+    """A lower speed of the fakes, for a computer that cannot keep up at this one."""
     return max(1.0, speed // 4)
 
 
+def unverified(rig_path: Path, why: str) -> str:
+    """State that the movement check of a rig is missing, with the command that does it."""
+    check = typed("lab", "check", "--move", "--rig", rig_path)
+    return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+
+
 def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
-    """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
-    words = ["lab", "run", *([str(source)] if source is not None else []), "--resume", str(file), "--rig", str(rig_path)]
-    return shlex.join(words)
+    """The command that continues a run which ended early."""
+    return typed("lab", "run", *([] if source is None else [source]), "--resume", file, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
-    """The job of a run that was broken off, on the rig as it is now; ConfigError when the robot is another one.
+    """Return the job of an interrupted run on the present rig. Raises ConfigError if the robot differs.
 
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
+    if broken.own_file and of_file is None:
+        again = typed("lab", "run", f"{source.table.get('protocol')}.py", "--resume", broken.journal, "--rig", rig_path)
+        raise ConfigError(f"{broken.journal}: its protocol is a Python file of your own; give that file too: {again}")
     j = job(name, rig_path, [], source, of_file, rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
@@ -455,7 +460,7 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
 
 
 def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
-    """Open what an experiment with these needs uses; raises the first InstrumentError after all were tried."""
+    """Open the instruments of an experiment with these needs. Raises the first InstrumentError after trying all."""
     quiet = quiet or out.quiet
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
@@ -543,7 +548,7 @@ def execute(
         except Stopped as e:
             error, outcome = e, "stopped"
             if displaced and not interrupts.stopping():
-                error = Stopped(f"stopped after the present state: {'; '.join(displaced)}")
+                error = Stopped(f"stopped after this state: {'; '.join(displaced)}")
         except KeyboardInterrupt:
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         except Exception as e:  # noqa: BLE001 - the rig must be left safe and the file finished before anything is raised
@@ -582,7 +587,7 @@ def _of_file(error: Exception, experiment: Experiment) -> Exception:
 
 
 def _checked(j: Job) -> dict[str, dict[str, str]]:
-    """Metadata that tells when the rig was last seen to do what it is told, or why that is not known."""
+    """Metadata on when the rig last passed its movement check, or why that is unknown."""
     check = last(j.rig_path, j.rig)
     if isinstance(check, str):
         return {"check": {"moved": "no", "why": check}}
@@ -593,11 +598,11 @@ def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
     recorder.note_lost(topic, newly_lost(before, now))
     if now < before:
         with contextlib.suppress(RecordingError):  # `close` tells the same
-            recorder.log("warning", f"{topic}: the stream was reopened; its losses are counted from then on")
+            recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
-    """Close the recording; returns the samples lost by topic. A file that cannot be finished has told so by itself."""
+    """Close the recording and return the lost samples by topic. The writer itself reports a file that cannot be finished."""
     text = f"{'safe state confirmed' if safe else 'safe state NOT confirmed'}; {outcome} {detail}".strip()
     with contextlib.suppress(RecordingError):  # `close` tells the same, and must be reached
         recorder.log("info" if safe else "error", text)
@@ -610,7 +615,7 @@ def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[s
 
 
 def _make_safe(rig: Rig, screen: Screen, as_planned: bool) -> bool:
-    """Land the rig; says what was confirmed when something has gone wrong."""
+    """Land the rig; report what was confirmed if something went wrong."""
     try:
         report = rig.make_safe()
     except Exception as e:  # noqa: BLE001
@@ -626,7 +631,7 @@ def _plan_verb(a: argparse.Namespace) -> Result:
     if a.keys:
         return keys(a.protocol, a.rig)
     if a.rig is None:
-        raise ConfigError("--rig: give the rig.yaml of the rig, or --keys for what can be set of the protocol")
+        raise ConfigError("--rig: give the rig.yaml of the rig, or --keys to list the protocol's parameters")
     return plan(a.protocol, a.rig, a.set, a.all, a.rehearse)
 
 
@@ -641,9 +646,9 @@ VERBS = (
             JSON,
             option("protocol", help=PROTOCOL),
             rig(required=False),
-            option("--keys", action="store_true", help="list what --set can change: unit, default, limits"),
+            option("--keys", action="store_true", help="list the keys of --set: unit, default, limits"),
             option("--all", action="store_true", help="list the steps of every repeat"),
-            option("--rehearse", action="store_true", help="execute its run as well, with instruments that move nothing"),
+            option("--rehearse", action="store_true", help="also execute its `run`, with instruments that move nothing"),
             SET,
         ),
         examples=("lab plan bending --rig rig/rig.yaml", "lab plan bending --keys"),

@@ -1,7 +1,7 @@
-"""`lab safe`: vent, stop and release whatever can be reached, confirmed by reading back; `--clear` then unlocks the rig.
+"""`lab safe`: vent, stop and release every reachable actuator, confirmed by reading back; `--clear` then unlocks the rig.
 
-A run in progress is ended: its guard is asked first, before anything is read, lands the rig at once and reports here what it
-read back. What no guard owns is landed by this process, by what can be read of rig.yaml.
+A run in progress is ended: its guard is asked first, lands the rig at once and reports what it read back. This process lands
+every actuator that no guard owns, by the readable part of rig.yaml.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.messages import SafeReport, SafeStep
 from ..options import JSON, OneOf, Result, Verb, option
+from ..plain import typed
 from ..priority import coming_first
 
 if TYPE_CHECKING:
@@ -28,17 +29,16 @@ BY_HAND = "make it safe by hand"
 
 @dataclass
 class RigLanding:
-    """What was reached at one rig."""
+    """Result at one rig."""
 
     steps: list[SafeStep] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     names: frozenset[str] = frozenset()
-    """What the guards own that have answered."""
+    """Names owned by the guards that answered."""
     locked: str = ""
-    """Why the rig stays locked."""
 
     def ask(self, names: Iterable[str], rig: Path) -> None:
-        """Have the guards that own these names land their rigs; one that stands still is ended, if that is allowed."""
+        """Have the guards that own these names land their rigs; kill a guard that does not answer, if permitted."""
         landed = land(names, rig)
         self.steps += landed.report.steps
         self.names |= landed.names
@@ -129,8 +129,8 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
             result.notes.append(str(e))
     if not result.names and not result.report.confirmed and os.path.exists(latch.path):
         result.notes.append(
-            "no guard of this rig is in reach: where a run goes on in a container that does not share the rig's folder, say "
-            "`lab safe` in there"
+            "cannot reach a guard of this rig. If a run is active in a container that does not share the rig's folder, enter "
+            "`lab safe` there"
         )
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
         result.locked = str(latch.read() or "")
@@ -151,28 +151,28 @@ def _show(rig_path: Path, result: RigLanding) -> None:
     else:
         out.print(
             f"Safe now. The rig stays locked: {result.locked}. Once you have inspected it and nobody is within reach: "
-            f"lab safe --clear --rig {rig_path}"
+            f"{typed('lab', 'safe', '--clear', '--rig', rig_path)}"
         )
 
 
 def _ended(landed: Landed) -> list[str]:
-    """Kill each believed guard that did not answer, where that is allowed; texts on what was done, and on guards in doubt."""
+    """Kill each trusted guard that did not answer, if permitted; return texts on what was done, and on guards in doubt."""
     texts = []
     for owner in landed.silent:
         if owner.pid in (0, os.getpid()):
-            texts.append(f"{owner}; it does not answer and is no process of this container: end it where it runs")
+            texts.append(f"{owner}; it does not answer and does not run in this container: end it where it runs")
             continue
         with contextlib.suppress(ProcessLookupError):
             try:
                 os.kill(owner.pid, signal.SIGKILL)
-                texts.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer: it was ended")
+                texts.append(f"process {owner.pid} of user {owner.user} owned the rig and did not answer; it was killed")
             except PermissionError:
                 texts.append(
-                    f"process {owner.pid} owns the rig, does not answer, and only user {owner.user} may end it: end it, then "
-                    "say `lab safe` again"
+                    f"process {owner.pid} owns the rig and does not answer, but only user {owner.user} may kill it. Kill it, "
+                    "then enter `lab safe` again"
                 )
     for owner in landed.doubtful:
-        texts.append(f"{owner}. It was asked to land; what is safe is read from the instruments alone")
+        texts.append(f"{owner}. It was asked to land; the safe state is read from the instruments alone")
     return texts
 
 
@@ -207,7 +207,7 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
 
 
 def _without(rig: RigFile, names: frozenset[str]) -> RigFile:
-    """The rig without the instruments that guards have landed which own its lines; by its own path only when that is free."""
+    """The rig without the instruments that its guards have landed; under its own path only if that is free."""
     from ..guard.instruments import exclusive
 
     if not names:

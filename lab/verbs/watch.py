@@ -1,4 +1,4 @@
-"""`lab watch`: a run on a page in the browser while it goes on, or a recording played; on request in Foxglove too."""
+"""`lab watch`: show a run live in the browser, or play a recording; on request in Foxglove too."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, PageAddress, Show, ShownRecording, place
 from ..options import ANY_SIZE, JSON, Result, Verb, option
+from ..plain import typed
 
 LOOK = 0.2
-"""Host seconds between two looks at whether another run of the rig has begun."""
+"""Host seconds between two checks for a new run of the rig."""
 GOING_ON = 3.0
-"""Host seconds since a recording last grew within which its run is taken to go on: it grows ten times a second."""
+"""A run counts as active for this many host seconds after its recording last grew; it grows ten times a second."""
 
 
 def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, foxglove: int | None = None) -> Result:
@@ -33,9 +34,9 @@ def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, 
     file = _recording(what)
     going_on = _goes_on(file)
     if going_on and speed is not None:
-        raise ConfigError(f"--speed: {file} is being written; a run that goes on is shown as it comes")
+        raise ConfigError(f"--speed: {file} is being written; an active run is shown live")
     if what != file and not going_on:
-        raise ConfigError(f"{what}: no run is going on; its last recording can be played: lab watch {file}")
+        raise ConfigError(f"{what}: no run is active; to play its last recording: {typed('lab', 'watch', file)}")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts background jobs with SIGINT ignored
     page = listening(bind, port)
     with contextlib.ExitStack() as until_known:
@@ -79,17 +80,17 @@ def _tell(file: Path, going_on: bool, page: PageAddress, other: Foxglove | None)
 
 
 def _foxglove(bind: str, port: int) -> Foxglove:
-    """The server for Foxglove, which knows no secret and so serves this computer only; raises ConfigError."""
+    """Return the server for Foxglove, which has no secret and serves this computer only. Raises ConfigError."""
     if not ipaddress.ip_address(bind).is_loopback:
         raise ConfigError(
-            f"--foxglove --bind {bind}: Foxglove cannot be asked for a secret, so that everybody on the network could look; "
-            f"leave --bind away, and from another computer use a tunnel: ssh -L 8765:{LOOPBACK}:{port or 8765} THIS-COMPUTER"
+            f"--foxglove --bind {bind}: Foxglove has no secret, so anybody on the network could watch. Leave out --bind; from "
+            f"another computer use a tunnel: ssh -L 8765:{LOOPBACK}:{port or 8765} THIS-COMPUTER"
         )
     return Foxglove(bind, port)
 
 
 def listening(bind: str, port: int) -> PageAddress:
-    """The place at which a page is served; raises ConfigError when there is none such."""
+    """Return the address of the page. Raises ConfigError if it cannot be used."""
     try:
         ipaddress.ip_address(bind)
     except ValueError:
@@ -103,7 +104,7 @@ def listening(bind: str, port: int) -> PageAddress:
 
 
 def _recording(what: Path) -> Path:
-    """The recording that is meant; raises ConfigError, `RecordingError`."""
+    """Return the recording of the argument. Raises ConfigError, `RecordingError`."""
     if what.suffix in (".yaml", ".yml"):
         return recording_of(what)
     with Tail(what):
@@ -123,7 +124,7 @@ VERBS = (
             JSON,
             ANY_SIZE,
             option("what", type=Path, metavar="FILE|RIG", help="a recording (.mcap), or the rig.yaml of the run"),
-            option("--speed", type=float, help="of a recording: how much faster than rig time (default 1)"),
+            option("--speed", type=float, help="play a recording this many times faster than rig time (default 1)"),
             option(
                 "--bind",
                 default="127.0.0.1",

@@ -140,7 +140,7 @@ def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighe
     told = exchanged(case, place)
     first = edit_first(told.robot, states(told)[0], ("chamber_order",))
     assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.numbers
-    assert "hold the pressures of" in first.concerns[0].text and first.changes[0].values["effect"] == "chamber_order"
+    assert "receive the pressures of" in first.concerns[0].text and first.changes[0].values["effect"] == "chamber_order"
     assert first.robot.chambers == ROBOT.chambers
     as_azimuth = edit_first(told.robot, states(told)[0])
     assert not as_azimuth.with_order and as_azimuth.numbers
@@ -190,7 +190,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     told: Any = found.detail["first_calibration"]
     assert len(told["adjusted"]) == 1
     assert found.calibration is not None and found.calibration.modulus == pytest.approx(1 / 2.4, rel=0.15)
-    assert "these data show hardly more than their ratio" in found.statement
+    assert "determine only the ratio" in found.statement
     gap = found.waterfall
     assert gap is not None and gap.given_mm > 4 * gap.steps[0].left_mm  # as robot.yaml stands, not as it was calibrated
 
@@ -330,7 +330,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
                                     ("frame is turned by 90 deg about [0, 0, 1]",)),
     "base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), turn=TILT)), ("tilted by", "20 deg about y")),
-    "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are exchanged")),
+    "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
     "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r), 8)), ("frame moved by 4.0 mm at trial 8",)),
@@ -342,7 +342,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
                                    ("from the right by (0.707, ",)),
     "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
     "two exchanged and a base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), acted({}, (0, 1)), TILT)),
-                                        ("are exchanged", "tilted by")),
+                                        ("are swapped", "tilted by")),
 }  # fmt: skip
 
 

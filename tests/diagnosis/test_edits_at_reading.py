@@ -205,7 +205,7 @@ def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that
             shown = change(Rotation.from_quat(r.orientation, scalar_first=True))
             rows.append(replace(r, orientation=tuple(shown.as_quat(scalar_first=True).tolist())))
     (text,) = reading(ROBOT, rows).refused
-    assert "orientations are in another frame" in text and remedy in text, text
+    assert "are in another frame or order than its positions" in text and remedy in text, text
 
 
 def test_attitudes_of_a_robot_that_sags_at_rest_are_left_alone() -> None:

@@ -1,4 +1,4 @@
-"""The loop of diagnosis and experiment: what is chosen, foretold, done and judged."""
+"""The loop of diagnosis and experiment: what is chosen, predicted, done and judged."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ import pytest
 from diagnosis.answer.experiments import columns
 from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Options
-from diagnosis.investigate import Foretold, NotDone, Round, bits_gained, investigate, settled
+from diagnosis.investigate import NotDone, Predicted, Round, bits_gained, investigate, settled
 from diagnosis.judgement import CERTAIN, DOUBTED_PROBABILITY
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
@@ -41,15 +41,15 @@ class Made:
     refuse: Callable[[Proposal], str] = lambda _: ""
     shifted: float = 0.0
     """m, of all that is read from now on."""
-    asked: list[Foretold] = field(default_factory=list)
+    asked: list[Predicted] = field(default_factory=list)
     rows: list[TrialRow] = field(default_factory=list)
 
     def refusal(self, proposal: Proposal) -> str:
         return self.refuse(proposal)
 
-    def perform(self, foretold: Foretold) -> Measured:
-        self.asked.append(foretold)
-        self.rows += self._read(foretold.proposal)
+    def perform(self, predicted: Predicted) -> Measured:
+        self.asked.append(predicted)
+        self.rows += self._read(predicted.proposal)
         return case([*self.start.table.rows, *self.rows])
 
     def _read(self, proposal: Proposal) -> Sequence[TrialRow]:
@@ -84,11 +84,11 @@ def test_the_cause_becomes_clear_and_every_prediction_was_there_before() -> None
     found = investigate(start, laboratory, OPTIONS, 120.0, 2, rounds.append)
     assert not settled(rounds[0].diagnosis) and len(laboratory.asked) >= 1
     assert found.answer.attribute.effects == (CAUSE_PROBABILITY,) and found.answer.attribute.probability >= DOUBTED_PROBABILITY
-    for r, foretold in zip(found.rounds, laboratory.asked, strict=False):
-        assert r.foretold is foretold and foretold.proposal in r.diagnosis.next_experiment
-        states = len(columns(foretold.proposal.protocol, 9, ())["trial"])
-        assert foretold.rivals and all(len(x.tip_mm) == len(x.sd_mm) == states for x in foretold.rivals)
-        assert foretold.telling in range(states)
+    for r, predicted in zip(found.rounds, laboratory.asked, strict=False):
+        assert r.predicted is predicted and predicted.proposal in r.diagnosis.next_experiment
+        states = len(columns(predicted.proposal.protocol, 9, ())["trial"])
+        assert predicted.rivals and all(len(x.tip_mm) == len(x.sd_mm) == states for x in predicted.rivals)
+        assert predicted.telling in range(states)
         right = [j for j in r.judged if j.effects == (CAUSE_PROBABILITY,)]
         assert not r.unforeseen and all(not j.failed and j.rms_mm < 2.0 for j in right)
         assert max(j.bits for j in r.judged) == 0.0 and r.bits >= 0.0
@@ -102,7 +102,7 @@ def test_what_is_refused_or_too_long_is_not_done_and_told_why() -> None:
     start = loading(1)
     none = Made(start, refuse=lambda p: f"no {p.id} here")
     found = investigate(start, none, OPTIONS, 120.0, 3)
-    assert not none.asked and found.ended == "nothing that can be done is expected to tell more"
+    assert not none.asked and found.ended == "no further possible experiment is expected to be informative"
     refused = found.rounds[-1].refused
     assert refused and all(why == f"no {id} here" for id, why in refused.items())
     assert set(refused) <= {p.id for p in found.answer.next_experiment}
@@ -122,11 +122,11 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next(start: Measur
     laboratory = Made(start)
     perform, tried = laboratory.perform, list[str]()
 
-    def broken(foretold: Foretold) -> Measured:
-        tried.append(foretold.proposal.id)
+    def broken(predicted: Predicted) -> Measured:
+        tried.append(predicted.proposal.id)
         if len(tried) == 1:
             raise NotDone("the door is locked")
-        return perform(foretold)
+        return perform(predicted)
 
     laboratory.perform = broken  # type: ignore[method-assign]
     found = investigate(start, laboratory, OPTIONS, 120.0, 1)
@@ -134,7 +134,7 @@ def test_one_that_cannot_be_done_after_all_makes_room_for_the_next(start: Measur
     assert found.rounds[0].refused == {tried[0]: "the door is locked"} and found.ended == "1 experiments were done"
 
 
-def test_what_no_rival_foretold_is_told(start: Measured) -> None:
+def test_what_no_rival_predicted_is_told(start: Measured) -> None:
     found = investigate(start, Made(start, shifted=0.05), OPTIONS, 120.0, 1)
     assert found.rounds[0].unforeseen and all(j.failed for j in found.rounds[0].judged)
 

@@ -28,7 +28,7 @@ def test_thrust_on_the_walls_does_not_hide_the_cause_beyond_it(turned: Measured)
     found = diagnose(turned, quick(RIVALS))
     assert found.attribute.effects == ("chamber_azimuth",) and "chambers are turned by" in found.headline
     (note,) = [f for f in found.findings if f.code == "thrust_settled"]
-    assert "state `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
+    assert "write `thrust: walls`" in note.text and note.values["walls_mm"] < 0.3 * note.values["cap_mm"]
 
 
 def test_a_little_thrust_on_the_cap_is_no_cause_beyond_thrust_on_the_walls() -> None:

@@ -48,7 +48,7 @@ NAMES = {"base_tilt": "tilt of the base"}
 MATERIAL = (StageError("material", "time", 20.0),)
 BOTH = (StageError("material", "time", 5.0), StageError("load", "pressure", 5.0))
 HEADS = (
-    "Cause: ", "Behaves most like ", "not in the catalogue (p", "not in the catalogue; it", "No cause: ", "No gap: ",
+    "Cause: ", "The most probable cause is ", "not in the catalogue (p", "not in the catalogue; it", "No cause: ", "No gap: ",
     "Too little",
 )  # fmt: skip
 
@@ -86,7 +86,7 @@ OUTSIDE, NONE = weighed(unknown=0.6, base_tilt=0.3, none=0.1), weighed(none=0.8,
 def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
     sure = facts(SURE)
     both = attributed(sure, second={"weight": 0.55, "contact": 0.44})
-    assert "acts another of comparable size: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
+    assert "of comparable size acts with it: weight [weight] (p = 0.55) or contact [contact] (p = 0.44)." in statement(both)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +94,13 @@ def test_a_second_cause_that_may_be_one_of_several_is_told() -> None:
     [
         (facts(SURE), "cause", f"Cause: tilt of the base [base_tilt] (p = 0.97; {BENCHMARK})."),
         (facts(OPEN), "one of several", f"tilt of the base [base_tilt] (p = 0.72; 0.76 if it is in the catalogue; {BENCHMARK})"),
-        (facts(OPEN), "one of several", "do not exclude weight [weight]."),
-        (facts(ALONE), "one of several", "do not exclude that no effect carries enough."),
-        (facts(STRANGE), "one of several", "do not exclude a cause outside the catalogue."),
+        (facts(OPEN), "one of several", "cannot rule out weight [weight]."),
+        (facts(ALONE), "one of several", "cannot rule out that no effect"),
+        (facts(STRANGE), "one of several", "cannot rule out a cause that this software does not know."),
         (facts(OUTSIDE), "stage", "An error in the material that varies with time fits best (log evidence 20.0"),
         (facts(OUTSIDE, asking=BOTH), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
         (facts(OUTSIDE, asking=()), "outside", f"The cause is not in the catalogue (p = 0.60; {BENCHMARK})."),
-        (facts(NONE), "none", "No cause: no effect accounts for enough"),
+        (facts(NONE), "none", "No cause: no effect explains enough"),
         (facts(NONE, gap=False), "noise", "No gap: nothing is above the noise floor"),
         (attributed(facts(SURE, enough=False), missing=("only one pressure",)), "too little data", ": only one pressure."),
     ],
@@ -120,18 +120,18 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
-    assert "with one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same) by 0.60 mm" in text
-    assert "no less" not in text
+    assert "with one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same), by 0.60 mm" in text
+    assert "no better" not in text
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
-    assert "no less" not in worse
+    assert "no better" not in worse
     worse = statement(attributed(replace(found, waterfall=replace(gap, given_mm=0.59)), conclusion="none"))
-    assert "by 0.60 mm on states that the fit did not see, no less: no area factor makes up" in worse
+    assert "by 0.60 mm on unseen states, which is no better: no area factor" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
     far = statement(replace(found, calibration=Calibration(13.5, 1.5, 0.8, at_bound=True)))
-    assert "(13.50 instead of 1.50, with 0.80 times the modulus, at the limit of the fit)" in far and "hardly more" not in far
+    assert "(13.50 instead of 1.50, with 0.80 times the modulus, at the limit of the fit)" in far and "only the ratio" not in far
 
 
 def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_nothing_does() -> None:
@@ -177,7 +177,7 @@ def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() 
     assert radius.factor == pytest.approx(0.88**0.5) and radius.probability > sure["youngs_modulus"].probability
     assert "youngs_modulus" not in {o.name for o in origins(robot, 1 / 0.88, 0.0)}
     told = stands_for(Calibration(0.88, 1.0, origins=found), robot.actuators.words)
-    assert told.startswith("What calibration changed") and "youngs_modulus 13.6 % larger (p = 0." in told
+    assert told.startswith("One wrong number could account for") and "youngs_modulus 13.6 % larger (p = 0." in told
     assert stands_for(Calibration(1.0, 1.0, origins=found), robot.actuators.words) == ""
 
 
@@ -194,7 +194,7 @@ def test_what_tolerances_close_is_not_said_of_the_cause() -> None:
         texts[name] = statement(replace(facts(SURE), waterfall=gap, shrink=shrink))
     whole = "98 % of the reducible gap is closed"
     assert f"{whole}." in texts["alone"]
-    assert f"{whole}, 15 % by itself and the rest by tolerances of other effects." in texts["beside"]
+    assert f"{whole}, 15 % by the cause itself and the rest by tolerances of other effects." in texts["beside"]
 
 
 def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
@@ -202,8 +202,8 @@ def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> N
     absorbed = Absorbed("leave one pressure out", 7.5, 0.2, 0.6)
     hidden = Waterfall("leave one spine length out", 40, 27.5, steps, absorbed)
     text = statement(replace(facts(SURE), waterfall=hidden))
-    assert "calibrated with one area factor by 7.50 mm on states that the fit did not see" in text
-    assert "An area factor for each spine length would hide it: 0.20 mm would remain of 7.50 mm" in text
+    assert "calibrated with one area factor, by 7.50 mm on unseen states" in text
+    assert "An area factor for each spine length would hide this cause: 0.20 mm would remain of 7.50 mm" in text
     seen = replace(hidden, absorbed=replace(absorbed, per_length_mm=7.0))
     assert "would hide" not in statement(replace(facts(SURE), waterfall=seen))
 
@@ -236,7 +236,7 @@ def test_no_two_sentences_contradict(posterior: EffectPosterior, enough: bool, g
     [
         (True, 0.02, "by 0.046 mm rms (in-sample; noise floor 0.327 mm); with the cause, by 0.020 mm."),
         (True, 0.0461, "(in-sample; noise floor 0.327 mm); with the cause, by as much."),
-        (False, 0.02, "(in-sample; none was repeated; assumed noise floor 0.327 mm); with the cause, by 0.020 mm."),
+        (False, 0.02, "(in-sample; none repeated; assumed noise floor 0.327 mm); with the cause, by 0.020 mm."),
     ],
 )
 def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: float, told: str) -> None:
@@ -251,9 +251,12 @@ def test_a_simulators_difference_says_what_remains_without_it() -> None:
     own = Simulator("cc", 0.9, 2.2, 2.1, 0.2, 0.4)
     text = statement(replace(facts(NONE, gap=False), waterfall=gap, simulator=own))
     assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
-    assert "do not show 0.40 mm of that (in-sample). Without that part, 0.15 mm of the gap remain on unseen states." in text
+    assert "0.40 mm of that is not in the measurements (in-sample). Without that part, 0.15 mm" in text
     alike = statement(replace(facts(NONE, gap=False), simulator=replace(own, beyond_calibration_mm=0.1)))
-    assert "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike and "do not show" not in alike
+    assert (
+        "by 0.10 mm after an area factor is fitted: less than the noise floor." in alike
+        and "not in the measurements" not in alike
+    )
 
 
 def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
@@ -264,7 +267,7 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
     assert large.verdict == "effect" and large.effects == ("base_tilt",)
     assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), True, 0.9).verdict == "effect"
     told = statement(replace(answer(Attribute(**vars(small), conclusion="none")), budget=()))
-    assert told.startswith("No cause stands out: probably no effect carries 2 noise floors (p = 0.67")
+    assert told.startswith("No cause stands out: probably no effect moves the tip by 2 noise floors (p = 0.67")
     assert "The most probable one is tilt of the base [base_tilt]." in told
 
 
@@ -276,7 +279,7 @@ def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_
     (said,) = beyond_tolerance(p, moved, robot)
     stiff = robot.model_copy(update={"bending_stiffness": 0.1})
     assert "bending_stiffness 12 % below" in next(beyond_tolerance(p, moved, stiff)).text
-    assert "youngs_modulus 12 % below robot.yaml (2 %); density 70 % above robot.yaml (10 %): re-measure" in said.text
+    assert "youngs_modulus 12 % below robot.yaml (2 %); density 70 % above robot.yaml (10 %). Re-measure" in said.text
     sure = decide(SURE, True)
     assert conclude(sure, True, (), tense=True) == "one of several" and conclude(sure, True, ()) == "cause"
 
@@ -285,12 +288,12 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     sure = replace(decide(SURE, True), relatives=("camera_scale", "lens", "body_length"))
     assert conclude(sure, True, ()) == "one of several"
     told = statement(answer(Attribute(**vars(sure), conclusion="one of several")))
-    assert "Behaves most like tilt of the base [base_tilt]" in told and told.count("would do this too") == 2
-    assert "do not exclude a cause outside the catalogue." in told
-    assert "The scale of the cameras would do this too: let the cameras read a rod of known length, to find out." in told
+    assert "most probable cause is tilt of the base [base_tilt]" in told and told.count("would look the same") == 2
+    assert "cannot rule out a cause that this software does not know." in told
+    assert "The scale of the cameras would look the same. To find out, let the cameras read a rod of known length." in told
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
     told = statement(attributed(facts(OUTSIDE), relatives=outside.relatives))
-    assert "It may be a mount that turns during the campaign: repeat the first trial" in told
+    assert "It may be a mount that turns during the campaign. To find out, repeat the first trial" in told
 
 
 def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_robot_leaves_little() -> None:
@@ -350,7 +353,7 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     assert told.startswith("Calibration closes 100 % of the reducible gap") and "(1.20 instead of 1.50" in told
     for each in ("[tip_payload] +117 g (0.32 mm remain)", "[body_modulus] +25 % (0.40 mm remain)", "pressures", "radius"):
         assert each in told
-    assert "weigh what the tip carries, hang a known mass on it without pressure, hold a gauge" in told
+    assert "weigh what the tip carries, hang a known mass on it without pressure, check the pressures with a gauge" in told
     changed = changed_by(replace(NOTHING, calibration=found))
     assert changed == "a body 25 % stiffer or tip payload +117 g"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
@@ -427,7 +430,7 @@ def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     two = line(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"))
     assert two == "Most likely friction of the tendons, difference between the areas of the chambers (p = 0.96)."
     vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.0)
-    assert vain.startswith("Unclear: nothing closes the gap; nearest is") and vain.endswith("(p = 0.77).")
+    assert vain.startswith("Unclear: no effect closes the gap; the closest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
     assert unknown == ("No known cause fits (p = 0.60); it may be in the material and varies with spine length.")

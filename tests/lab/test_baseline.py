@@ -140,7 +140,7 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
     for text, told in (
         ("x = 1", "has no SIMULATOR"),
         ("SIMULATOR = lambda robot: 3", "must give `parameters` and `predict"),
-        ("SIMULATOR = lambda: 3", "cannot be made of this robot: TypeError"),
+        ("SIMULATOR = lambda: 3", "fails for this robot: TypeError"),
         ("def SIMULATOR(robot):\n    raise ImportError('no such library')", "no such library"),
     ):
         (tmp_path / "own.py").write_text(text)

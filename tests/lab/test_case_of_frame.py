@@ -67,16 +67,16 @@ def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None
     assert len(kept) == len(case.table) - 3 and "3 of 14 rows are left out, first index 3: no value for p1" in kept.warnings[0]
     mapped = lab.case(frame.drop(columns="step"), case.robot, columns={"p1": "p1"}).table
     assert len(mapped) == len(kept)
-    assert any("2 of 14 rows have no pressure (first index 3)" in doubt for doubt in mapped.warnings)
+    assert any("2 of 14 rows have no pressure (first: index 3)" in doubt for doubt in mapped.warnings)
 
 
 @pytest.mark.parametrize(
     ("change", "columns", "match"),
     [
-        (lambda f: f, {"p1": "P_left"}, r"DataFrame: columns.p1 = 'P_left': this column is not there; there are .*'P1 \[kPa\]'"),
+        (lambda f: f, {"p1": "P_left"}, r"DataFrame: columns.p1 = 'P_left': no such column; there are .*'P1 \[kPa\]'"),
         (lambda f: f, {"q1": "P1 [kPa]"}, "lab.case: columns.q1: is no column of trials.csv"),
         (lambda f: f.rename(columns={"P1 [kPa]": "P1"}), {"p1": "P1 [foo]"}, "columns.p1.unit = 'foo': p1 needs one of Pa"),
-        (lambda f: f.astype({"P1 [kPa]": object}).replace({"P1 [kPa]": {0.0: "zero"}}), {}, "index 0.*'zero' is no number"),
+        (lambda f: f.astype({"P1 [kPa]": object}).replace({"P1 [kPa]": {0.0: "zero"}}), {}, "index 0.*'zero' is not a number"),
         (lambda f: f[[]], {}, "no column can be read"),
         (lambda f: f, ["P1 [kPa]"], "lab.case: columns: write columns of trials.csv and their headings"),
     ],
@@ -100,6 +100,6 @@ def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
                                 ((), {}, "nothing is given"),
                                 ((FRAME, ROBOT), {"columns": COLUMNS, "source": {"missing": 3}}, "source.missing"),
                                 ((small_case,), {"columns": COLUMNS}, "go with a DataFrame"),
-                                ((FRAME, ROBOT), {"files": {"*": {}}}, "lab.case: files: a DataFrame has none")):  # fmt: skip
+                                ((FRAME, ROBOT), {"files": {"*": {}}}, "files: does not apply")):  # fmt: skip
         with pytest.raises(ConfigError, match=match):
             lab.case(*inputs, **keys)

@@ -63,7 +63,7 @@ def answer(answered: Answered) -> dict[str, Any]:
 def test_the_effect_is_named_and_the_run_succeeds(answered: Answered, answer: dict[str, Any]) -> None:
     assert answered.code == 0
     assert answer["attribute"]["verdict"] == "effect" and answer["attribute"]["effects"] == ["area_moment"]
-    assert "area_moment" in answered.said and "What to do next" in answered.said
+    assert "area_moment" in answered.said and "Suggested experiments" in answered.said
     assert "settle first" not in answered.said
     text = answered.json.read_text().rstrip("\n")
     assert Diagnosis.from_json(text).to_json() == text and "unconfirmed_guesses" not in text
@@ -153,8 +153,8 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     page, answer = tmp_path / "d.html", tmp_path / "d.json"
     printed = cli("diagnose", case, "--json", answer, "--report", page).out
     said = (
-        "guesses of the map that nobody has confirmed: 2 (which chamber does 'Valve B' feed?; frame: taken as z, or -z); check "
-        f"each in {case / 'map.yaml'}, correct it, remove it from `unconfirmed`, and import again"
+        "2 guesses of the map are unconfirmed (which chamber does 'Valve B' feed?; frame: taken as z, or -z): check and correct "
+        f"each in {case / 'map.yaml'}, remove it from `unconfirmed`, and import again"
     )
     assert "".join(printed.split()).startswith("".join(f"settle first: {said}".split()))
     first = json.loads(answer.read_text())["findings"][0]

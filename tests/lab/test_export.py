@@ -30,7 +30,7 @@ def test_a_crate_describes_all_that_is_in_it(case: Path, tmp_path: Path, cli: Cl
 
     out = tmp_path / "supplement"
     told = cli("export", case, RECORDING, "--crate", "--out", out).flat_err
-    assert "license: not stated: write one into this file" in told
+    assert "license: not stated: write a licence into this file" in told
     crate = ROCrate(out)
     assert crate.name == "case"
     files = {e.id: e for e in crate.data_entities}
@@ -61,7 +61,7 @@ def test_who_ran_it_is_the_agent_of_the_recording(tmp_path: Path) -> None:
     assert len([e for e in crate.get_entities() if e.type == "Person"]) == 1
 
 
-@pytest.mark.parametrize(("options", "words"), [(["--case"], "is a case already"), ([], "has no streams")])
+@pytest.mark.parametrize(("options", "words"), [(["--case"], "is already a case"), ([], "has no streams")])
 def test_a_case_has_no_streams(case: Path, tmp_path: Path, options: list[str], words: str, cli: Cli) -> None:
     assert words in cli("export", case, "--out", tmp_path, *options, code=2).err
     assert "give recordings" in cli("export", case / "robot.yaml", "--crate", "--out", tmp_path, code=2).err
@@ -144,7 +144,7 @@ def test_a_folder_that_holds_something_else_is_never_added_to(words: Sequence[st
     out.mkdir()
     (out / "diagnosis.json").write_text(PRECIOUS)
     said = cli(*told, option, out, code=2).flat_err
-    assert f"{out}: holds diagnosis.json, which would stay there" in said and "--replace" in said
+    assert f"{out}: holds diagnosis.json, which would remain" in said and "--replace" in said
     assert [path.read_text() for path in tmp_path.rglob("*") if path.is_file()] == [PRECIOUS]
     if words[0] in ("export", "effects"):
         cli(*told, option, out, "--replace")
@@ -182,6 +182,6 @@ def test_no_folder_is_replaced_that_holds_recordings_or_what_is_read(
     monkeypatch.chdir(tmp_path / "work")
     for given, out in ((file, file.parent), (case, file.parent), (own, own), (own, tmp_path), (case, Path("."))):
         said = cli("export", given, "--crate", "--out", out, "--replace", code=2).flat_err
-        assert f"{out}: is not replaced, as that would delete" in said
+        assert f"{out}: cannot be replaced, because that would delete" in said
     assert file.is_file() and (own / "trials.csv").is_file() and (tmp_path / "work" / "notes.txt").is_file()
     assert "is a file" in cli("export", case, "--crate", "--out", file, "--replace", code=2).flat_err

@@ -297,7 +297,7 @@ def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_te
     ("words", "says"),
     [
         (["--foxglove", "70000"], "--foxglove 70000: must be 0"),
-        (["--foxglove", "0", "--bind", "0.0.0.0"], "cannot be asked for a secret"),
+        (["--foxglove", "0", "--bind", "0.0.0.0"], "Foxglove has no secret"),
     ],
 )
 def test_wrong_words_get_one_clear_error(words: list[str], says: str, cli: Cli) -> None:

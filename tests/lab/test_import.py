@@ -119,7 +119,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
     ("values", "words"),
     [
         ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "columns.p2.unit = 'mm': p2 needs one of Pa"),
-        ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': this column is not there; there are 't'"),
+        ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': no such column; there are 't'"),
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),
         ({"columns": COLUMNS, "frame": {"x": "x", "y": "y", "z": "up"}}, "z = 'up': must be one of x, -x"),
@@ -175,7 +175,7 @@ def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path,
     assert set(case(cli, tmp_path / "a.csv", stated)["branch"].tolist()) == {"load"}
 
 
-OBJECTS = "holds Python objects, which may run code when opened; save columns, a .npz of plain arrays, or Parquet"
+OBJECTS = "holds Python objects, which could run code; save columns, a .npz of plain arrays, or Parquet instead"
 
 
 def test_python_objects_in_a_numpy_file_are_refused_and_not_opened(tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_a_numpy_file_that_claims_more_than_it_holds_is_refused(descr: str, shap
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("p.npy", npy(descr, shape))
     for name in ("a.npy", "a.npz"):
-        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes and holds 64 bytes"):
+        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes but holds 64 bytes"):
             read(tmp_path / name, Source())
 
 
@@ -232,7 +232,7 @@ def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> N
         ("numbers", "40 MB, at most 32 MB are read of 0.005"),
         ("words", "52 MB"),
         ("columns", "has 6000 columns"),
-        ("packed", "is packed"),
+        ("packed", "is not packed"),
     ):
         assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
         with pytest.raises(ConfigError, match=why):
@@ -334,7 +334,7 @@ def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cos
     assert set(names) <= set(found.names) and found.units["pressure_kPa.2"] == "kPa" and found.units["bodies_mm.tip.at.x"] == "mm"
     assert {"ragged.1", "ragged.2", "gains.kp", "cells.1.2", "cells.2.1"} <= set(found.names)
     assert np.isnan(found.numbers["ragged.2"][:2]).all() and found.numbers["ragged.2"][2] == 2
-    for name, why in (("image", "bytes are no measurements"), ("wide", "500 values in a row or more"), ("blob", "no number")):
+    for name, why in (("image", "bytes, not measurements"), ("wide", "500 or more values in a row"), ("blob", "no number")):
         assert any(f"column {name!r}" in n and why in n for n in found.notes)
     columns = plain(t="time", **{f"p{k}": f"pressure_kPa.{k}" for k in (1, 2, 3)}) | {
         a: {"column": f"bodies_mm.tip.at.{a}"} for a in "xyz"
@@ -415,7 +415,7 @@ def test_which_way_cameras_look_follows_from_how_chambers_bend(tmp_path: Path, c
     file.write_text("\n".join(lines))
     said = cli("import", file, "--guess", "--robot", ROBOT, "--out", out).flat_err
     assert yaml.safe_load((out / "map.yaml").read_text())["frame"] == {"x": "x", "y": "-z", "z": "y"}
-    assert "does not tell which axis of the file is the base's z, from base to tip; taken as the file's y" in said
+    assert "does not determine which axis points from base to tip. The file's y fits best" in said
 
 
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:
@@ -431,7 +431,7 @@ def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli)
     (tmp_path / "means.csv").write_text("\n".join(lines))
     robot = Path(__file__).parents[2] / "examples" / "own_table" / "robot.yaml"
     said = cli("import", tmp_path / "means.csv", "--guess", "--robot", robot, "--out", tmp_path / "map").flat_err
-    assert "not used: sx [mm]/sy" in said and "at the base" not in said
+    assert "not used: sx [mm]/sy" in said and "marker at the base" not in said
 
 
 def test_the_line_that_comes_next_can_be_typed_whatever_the_file_is_called(tmp_path: Path, cli: Cli) -> None:

@@ -67,16 +67,19 @@ def day(t: float) -> str:
 def test_pressures_and_tip_of_two_files_are_one_table_and_their_clocks_are_asked_about(step: float, tmp_path: Path) -> None:
     made = by_map(two(tmp_path, slower(step)), **MAP)
     same(made)
-    assert any("mocap.csv, joined in time" in q and "Do these clocks agree?" in q for q in made.questions)
+    assert any("mocap.csv, joined by their clocks" in q and "Do these clocks agree?" in q for q in made.questions)
     assert not any("the tip moves" in q for q in made.questions)
 
 
 def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli) -> None:
     files = [*map(str, two(tmp_path, slower(0.07)))]
     proposed = cli("import", *files, "--guess", "--robot", ROBOT, "--out", tmp_path / "map")
-    assert "check: mocap.csv, joined in time" in proposed.flat_err
+    assert "check: mocap.csv, joined by their clocks" in proposed.flat_err
     said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case")
-    assert "check: mocap.csv, joined in time" in said.flat_err and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
+    assert (
+        "check: mocap.csv, joined by their clocks" in said.flat_err
+        and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
+    )
 
 
 @pytest.mark.parametrize("late", [2.4, -2.4])
@@ -99,15 +102,20 @@ def test_files_with_dates_belong_together_that_have_time_in_common_and_others_ar
     made = by_map(files, **MAP | {"columns": columns})
     assert [s.path.name for s, _, _ in made.files] == ["take1.csv", "take2.csv"] and len(made.table) == PLATEAUS + 1
     assert made.table["p3"].max() == pytest.approx(HELD[:, 3].max() * 1e3, abs=300)
-    assert [n for n in made.notes if "next.csv is not read: it has no time in common with 'take1.csv', 'take2.csv'" in n]
+    assert [n for n in made.notes if "next.csv is not read: it does not overlap in time with 'take1.csv', 'take2.csv'" in n]
 
 
 @pytest.mark.parametrize(
     ("time", "head", "by", "says"),
     [
-        (day, "Date", 7200.0, r"have no time in common: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
-        (day, "Date", 86400.0 * 30, r"have no time in common: .* if both started together .*offset: -2592000"),
-        (lambda t: f"{t:.3f}", "Time [s]", 500.0, r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) have no"),
+        (day, "Date", 7200.0, r"do not overlap in time: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
+        (day, "Date", 86400.0 * 30, r"do not overlap in time: .* if both started together .*offset: -2592000"),
+        (
+            lambda t: f"{t:.3f}",
+            "Time [s]",
+            500.0,
+            r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) do not overlap",
+        ),
     ],
 )
 def test_files_without_a_time_in_common_are_refused_with_the_remedy(
@@ -122,24 +130,24 @@ def test_files_without_a_time_in_common_are_refused_with_the_remedy(
 def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_pairs_are_refused(tmp_path: Path) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, TIP)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), ("Date", *PRESSURES[1:]), ROWS, day))
-    with pytest.raises(ConfigError, match="have no time in common") as refused:
+    with pytest.raises(ConfigError, match="do not overlap in time") as refused:
         by_map(files, **MAP)
     offset = float(str(refused.value).partition("offset: ")[2].partition("}")[0])
     same(by_map(files, **MAP, files={"logger.csv": {"source": {"offset": offset}}, "*": {}}))
     files = two(tmp_path)
     files.append(table(tmp_path / "more.csv", (1, 2, 3), PRESSURES))
-    with pytest.raises(ConfigError, match="no dates that say which belong together.* or join them in time first"):
+    with pytest.raises(ConfigError, match="no dates that show which belong together.* or join them in time first"):
         by_map(files, **MAP)
 
 
 def test_a_table_without_times_or_alone_is_told_to_be_joined_first(tmp_path: Path, cli: Cli) -> None:
     mocap, logger = two(tmp_path)
     logger.write_text("\n".join(line.partition(",")[2] for line in logger.read_text().splitlines()) + "\n")
-    with pytest.raises(ConfigError, match=r"logger.csv: no heading names a time .* or join them in time first"):
+    with pytest.raises(ConfigError, match=r"logger.csv: no time column .* or join them in time first"):
         by_map([mocap, logger], **MAP)
     for file in (mocap, logger):
         said = cli("import", file, "--guess", "--robot", ROBOT, "--out", tmp_path / "map", code=2).flat_err
-        assert "If another file holds them, give both, or join them in time first" in said
+        assert "If they are in another file, give both, or join them in time first" in said
 
 
 def test_a_gap_in_one_stream_is_not_filled_from_the_other(tmp_path: Path) -> None:
@@ -199,7 +207,7 @@ def test_streams_in_rows_of_their_own_are_joined_within_their_own_period(tmp_pat
             lines.append(f"{r[0] + 0.012:.3f},,,," + ",".join(f"{v:.3f}" for v in r[1:4]))
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     found = read(tmp_path / "a.csv", Source())
-    assert len(found) == len(ROWS) and any("2 groups of columns hold values in rows of their own" in n for n in found.notes)
+    assert len(found) == len(ROWS) and any("2 groups of columns have values in separate rows" in n for n in found.notes)
     inside = (ROWS[:, 0] > 31.3) & (ROWS[:, 0] < 39.7)
     assert np.isnan(found.numbers["P1 [kPa]"][inside]).all()
     assert np.isfinite(found.numbers["P1 [kPa]"][(ROWS[:, 0] < 31) | (ROWS[:, 0] > 40.2)]).mean() > 0.99

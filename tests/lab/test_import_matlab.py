@@ -79,7 +79,7 @@ def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
         },
     )  # fmt: skip
     series = read(tmp_path / "run.mat", Source())
-    assert "pressure_kPa (3 x 30) is read with its rows along the second dimension" in series.notes
+    assert "pressure_kPa (3 x 30) is read with rows along its second dimension" in series.notes
     left = next(n for n in series.notes if n.startswith("not read: "))
     assert all(
         word in left for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")
@@ -101,7 +101,7 @@ def test_an_array_of_structures_is_a_table(tmp_path: Path) -> None:
 
 def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
     savemat(tmp_path / "run.mat", {"name": "finger", "parts": np.array([np.zeros(3), np.zeros((2, 2))], dtype=object)})
-    with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells that hold more"):
+    with pytest.raises(ConfigError, match=r"holds no table of numbers; not read: name \(a text\), parts \(cells with more"):
         read(tmp_path / "run.mat", Source())
 
 

@@ -51,13 +51,13 @@ WHOLE = text(FEW, headings=NAMES, change=with_middle)
 )
 def test_markers_exchanged_within_a_file_are_asked_about(change: Any, line: str, tmp_path: Path) -> None:
     made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=change)})
-    assert any(line in n and "the tip and marker 1 change places: were they exchanged?" in n for n in made.notes)
+    assert any(line in n and "the tip and marker 1 swap places: were they confused?" in n for n in made.notes)
 
 
 def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> None:
     contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged)}
     made = read_all(tmp_path, contents)
-    assert any("b.csv, line 2" in n and "change places" in n for n in made.notes)
+    assert any("b.csv, line 2" in n and "swap places" in n for n in made.notes)
     own = plain(**dict(zip(("x", "y", "z", "m1x", "m1y", "m1z"), (*NAMES[7:], *NAMES[4:7]), strict=True)))
     made = read_all(tmp_path, contents, files={"b.csv": {"columns": own}, "*": {}})
     assert not made.notes and tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
@@ -126,7 +126,7 @@ def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
         "a.csv": WHOLE,
         "b 1.csv": text(FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])),
     }
-    with pytest.raises(ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': this column .* under files: .*'b 1.csv'"):
+    with pytest.raises(ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': no such column.* under files: .*'b 1.csv'"):
         read_all(tmp_path, contents)
     columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
     made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
@@ -187,7 +187,7 @@ def on_the_clock(start: int) -> str:
     [
         ((34_000, 30_000), ["b.csv", "a.csv"], "in the order of their times: b.csv, a.csv"),
         ((30_000, 34_000), ["a.csv", "b.csv"], ""),
-        ((86_000, 500), ["a.csv", "b.csv"], "in the order of their names; by their times, unless over midnight"),
+        ((86_000, 500), ["a.csv", "b.csv"], "in the order of their names; by their times the order would be"),
     ],
 )
 def test_files_are_read_in_the_order_of_the_clock(starts: tuple[int, int], order: list[str], says: str, tmp_path: Path) -> None:
@@ -203,7 +203,7 @@ def test_files_are_read_in_the_order_of_the_clock(starts: tuple[int, int], order
 def test_a_file_written_backwards_is_read_forwards(tmp_path: Path) -> None:
     made = read_all(tmp_path, {"a.csv": text(FEW[::-1], headings=NAMES, change=with_middle)})
     assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
-    assert any("from its end to its begin" in n for n in made.notes)
+    assert any("is read backwards" in n for n in made.notes)
 
 
 def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp_path: Path) -> None:
@@ -213,14 +213,14 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
     assert np.flatnonzero(np.diff(made.table["trial"])).tolist() == [14] and (np.diff(made.table["t"]) > 0).all()
     late = [*FEW[:8], FEW[9], FEW[8], *FEW[10:]]
     made = read_all(tmp_path, {"a.csv": text(late, headings=NAMES, change=with_middle)})
-    assert any("1 rows are earlier than the row before (first in line 11)" in n for n in made.notes)
+    assert any("1 rows are earlier than the row before (first: line 11)" in n for n in made.notes)
     assert tips(made.table)[:, 2] == pytest.approx([r[6] for r in FEW], abs=1e-3)
 
 
 def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
     content = WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
     made = read_all(tmp_path, {"a.csv": content})
-    assert len(made.table) == STATES and any("1 of 31 rows have no time (first line 32)" in n for n in made.notes)
+    assert len(made.table) == STATES and any("1 of 31 rows have no time (first: line 32)" in n for n in made.notes)
 
 
 def timed(folder: Path, times: Callable[[int], float | str | None], heading: str = "t [s]", rows: Rows | None = None) -> Imported:
@@ -269,27 +269,25 @@ def test_a_gap_ends_a_state_and_is_asked_about(step: float, tmp_path: Path) -> N
     made = timed(tmp_path, lambda k: 0.1 * k + step * (k >= 620))
     assert made.table["hold"].max() < 5 and len(made.table) == PLATEAUS + 1
     (question,) = made.questions
-    assert f"a.csv, line 622: a gap of {step + 0.1:.5g} s" in question and "was the logger stopped" in question
+    assert f"a.csv, line 622: a gap of {step + 0.1:.5g} s" in question and "Was the logger stopped" in question
 
 
 def test_times_that_fall_to_somewhere_else_than_where_they_began_are_asked_about(tmp_path: Path) -> None:
     made = timed(tmp_path, lambda k: 1000 + 0.1 * k - 71.3 * (k >= 800))
-    assert any("a.csv, line 802: times fall by 71.2 s, but not to where they began" in q for q in made.questions)
+    assert any("a.csv, line 802: times jump back by 71.2 s, but not to their beginning" in q for q in made.questions)
     assert (np.diff(made.table["t"]) > 0).all()
 
 
 def test_rows_without_a_time_have_none_and_are_counted(tmp_path: Path) -> None:
     made = timed(tmp_path, lambda k: 0.1 * k if k % 7 else None)
     assert len(made.table) == PLATEAUS and not made.questions
-    assert any(
-        f"{len(MANY[::7])} of {len(MANY)} rows have no time (first line 2): no state is made of them" in n for n in made.notes
-    )
+    assert any(f"{len(MANY[::7])} of {len(MANY)} rows have no time (first: line 2); they were skipped" in n for n in made.notes)
 
 
 def test_times_that_are_all_equal_or_coarse_are_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"columns.t: all rows have one time; name another column"):
+    with pytest.raises(ConfigError, match=r"columns.t: all rows have the same time; name another column"):
         timed(tmp_path, lambda k: 7.0)
-    assert any("is there a finer column of time" in q for q in timed(tmp_path, lambda k: 4.0 * (k // 40)).questions)
+    assert any("Is there a finer time column" in q for q in timed(tmp_path, lambda k: 4.0 * (k // 40)).questions)
 
 
 # ------------------------------------------------------------------ units
@@ -330,7 +328,7 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
     (tmp_path / "a.csv").write_text(text(FEW, headings=["t", *asked, "x", "y", "z"]))
     if "p" in names[0].casefold():
         made, _ = guessed(tmp_path / "a.csv")
-        assert any("are set-points: no column of measured pressures" in d for d in made.doubts)
+        assert any("are set-points; no measured pressures were found" in d for d in made.doubts)
 
 
 @pytest.mark.parametrize(("name", "remedy"), [("a.xlsx", "export it as CSV"), ("a.db3", "convert"), ("a.mcap.zstd", "unpack")])

@@ -229,9 +229,9 @@ def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: P
     content = text(FEW).replace("\n8.000,", "\n8,000,")
     _, made = through(tmp_path / "table.csv", content)
     assert len(made.table) == STATES - 1
-    assert any("line 4 has more than 7 cells and is left out: '8,000," in n for n in made.notes)
+    assert any("line 4 has more than 7 cells and is skipped: '8,000," in n for n in made.notes)
     commas = text(FEW, change=lambda k, c: comma(c, *range(7)))
-    with pytest.raises(ConfigError, match="line 1: 7 headings stand above 14 columns: commas seem to be both"):
+    with pytest.raises(ConfigError, match="line 1: 7 headings for 14 columns: commas seem to be both"):
         through(tmp_path / "table.csv", commas)
 
 
@@ -289,7 +289,7 @@ def test_marks_between_thousands_are_told_from_decimal_marks_and_noted(tmp_path:
     ],
 )
 def test_a_table_below_another_is_refused(below: list[str], tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"table.csv, line 17: says '.*' and so begins another table than line 2"):
+    with pytest.raises(ConfigError, match=r"table.csv, line 17: says '.*' and begins another table than line 2"):
         through(tmp_path / "table.csv", text(FEW[:15]) + text(FEW[15:], headings=below))
 
 
@@ -318,7 +318,9 @@ def test_a_count_of_frames_with_gaps_tells_the_times(tmp_path: Path) -> None:
     lines = text(MANY, headings=["Frame", *HEADINGS[1:]], change=lambda k, c: [str(3 * k), *c[1:]]).splitlines()
     kept = [line for k, line in enumerate(lines) if k % 40 < 16 or k % 3]
     made, result = through(tmp_path / "table.csv", "\n".join(kept) + "\n")
-    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any("0.01 is a guess" in d for d in made.doubts)
+    assert made.values["columns"]["t"] == {"column": "Frame", "scale": 0.01} and any(
+        "0.01 s per frame is a guess" in d for d in made.doubts
+    )
     assert len(result.table) == PLATEAUS
 
 

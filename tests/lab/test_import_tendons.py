@@ -134,6 +134,18 @@ def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(word: 
     assert proposed["frame"] == FRAME and "towards the tendons pulled" in done.flat_out
 
 
+def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_order_is_asked_about(trunk: Trunk) -> None:
+    head, rows = trunk.read()
+    names = ["T_N/N", "T_E/N", "T_S/N"]
+    trunk.write([head[0], *names, *head[4:]], rows)
+    text, done = trunk.guessed()
+    columns = yaml.safe_load(text)["columns"]
+    assert [columns[f"p{k}"] for k in (1, 2, 3)] == [{"column": name, "unit": "N"} for name in names]
+    assert "T_N/N, T_E/N, T_S/N are taken as tendons 1 to 3" in done.flat_err
+    trunk.write([*head[:4], "load cell [N]", *head[4:]], [[*row[:4], cell(0.1), *row[4:]] for row in rows])
+    assert "not used: load cell [N]; name a force under force_x, force_y, force_z" in trunk.guessed()[1].flat_err
+
+
 def test_a_map_that_is_guessed_is_not_asked_about_and_one_of_another_frame_is(trunk: Trunk) -> None:
     proposed = yaml.safe_load(trunk.guessed()[0])
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
@@ -178,7 +190,7 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
         row[5] = cell(number(row[5]) + off)
     trunk.write(head, rows)
     proposed, _ = trunk.guessed()
-    assert "\n- 'straight: at rest the tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
+    assert "\n- 'straight: at rest the recorded tip is" in proposed and yaml.safe_load(proposed)["straight"] == "at rest"
     trunk.map.write_text(proposed)
     trunk.imported()
     tips = [r.tip for r in trunk.case().rows if max(r.pressures) == 0 and r.step == 1]
@@ -209,8 +221,8 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     ("tip", "marker", "said"),
     [
         (TIP, MIDDLE, ""),
-        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip stands along other axes"),
-        (MIDDLE, TIP, "the tip and marker 1 are exchanged"),
+        ((TIP[1], f"-{TIP[0]}", TIP[2]), MIDDLE, "the tip uses other axes"),
+        (MIDDLE, TIP, "the tip and marker 1 are swapped"),
     ],
 )
 def test_places_that_are_no_points_along_the_body_are_asked_about(
@@ -234,11 +246,11 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Tr
 
 
 def test_tensions_ten_times_too_large_are_asked_about(known: Trunk) -> None:
-    assert "times as far as the rod" not in known.imported().flat_err
+    assert "times as far as robot.yaml predicts" not in known.imported().flat_err
     with known.changed() as values:
         for k in (1, 2, 3):
             values["columns"][f"p{k}"]["scale"] = 10
-    wanted = r"the tip moves 0\.\d+ times as far as the rod .* under these tensions: check the unit and scale of the"
+    wanted = r"the tip moves 0\.\d+ times as far as robot.yaml predicts for these tensions: check the unit"
     assert re.search(wanted, known.imported("other").flat_err)
 
 
@@ -284,9 +296,9 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
 
     in_newtons, in_pascal = (predicted(t, "--json", "--table").json["states"][0] for t in (NEWTONS, "p1,p2,p3\n25000,0,0\n"))
     assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
-    for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name one tendon")):
+    for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name the same tendon")):
         assert says in predicted(text, code=2).flat_err
-    assert "up to 6 N are asked for, robot.yaml allows 5 N" in predicted("p1 [N]\n6\n").err
+    assert "up to 6 N requested, but robot.yaml allows 5 N" in predicted("p1 [N]\n6\n").err
     said = predicted("x,y,z\n0.03,,\n", "--inverse").out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
 
@@ -325,7 +337,7 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     ("columns", "frame", "says"),
     [
         ({}, FRAME, ""),
-        ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are exchanged"),
+        ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are swapped"),
         ({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml"),
     ],
 )
@@ -377,7 +389,7 @@ def test_a_marker_that_stands_still_is_the_base_and_those_of_robot_yaml_are_poin
     points = yaml.safe_load(proposed)["points"]
     assert points["tip"]["against"] == points["m1"]["against"] == [fixed]
     assert points["m1"]["of"] == [list(MIDDLE)]
-    assert "stands still" in done.flat_err and "not used" not in done.flat_err
+    assert "does not move" in done.flat_err and "not used" not in done.flat_err
     trunk.robot.write_text(ROBOT.replace("markers: [90 mm]\n", ""))
     proposed, done = trunk.guessed()
     assert "points" in yaml.safe_load(proposed) and done.flat_err.count("Mitte_x [mm]") == 1
@@ -387,7 +399,7 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trun
     head, rows = trunk.read()
     trunk.write(head, [row for row in rows if any(number(c) > 0 for c in row[1:4])])
     text, done = trunk.guessed()
-    assert "in no row with a tip is the robot at rest" in done.flat_err and "\n- 'frame: in no row" in text
+    assert "the robot is at rest in no row with a tip" in done.flat_err and "\n- 'frame: the robot is at rest in no row" in text
     proposed = yaml.safe_load(text)
     assert proposed["columns"]["p3"]["column"] == "Seil_3 [N]" and proposed["columns"]["x"]["column"] == "Spitze_x [mm]"
     assert "straight" not in proposed
@@ -414,7 +426,7 @@ def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_
     plan = ["--protocol", "bending", "--set", "pressures=[15 kPa, 35 kPa]", "--worlds", "2", "--no-additions"]
     said = cli("power", "--robot", tmp_path / "robot.yaml", *plan).flat_out
     assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_pressure" in said
-    assert "never seen in these states: time_offset" in said
+    assert "invisible in these states: time_offset" in said
     assert not re.search("spine|vacuum|ballooning|thrust", said)
 
 

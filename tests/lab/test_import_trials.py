@@ -213,9 +213,9 @@ def test_a_trial_column_says_where_trials_begin_and_a_change_under_pressure_is_n
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ({"trials": {"change": ["Kammer"]}}, "trials.change = 'Kammer': this column is not there"),
+        ({"trials": {"change": ["Kammer"]}}, "trials.change = 'Kammer': no such column"),
         ({"trials": {"begin": "state", "change": ["Kammern"]}}, "begin: state begins a trial with each state; leave out"),
-        ({"trials": {"change": ["Kammern"]}, "columns": {"trial": {"column": "run"}}}, "columns.trial says where trials begin"),
+        ({"trials": {"change": ["Kammern"]}, "columns": {"trial": {"column": "run"}}}, "columns.trial also states where"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_of_trials_is_named(more: dict[str, Any], said: str, tmp_path: Path) -> None:
@@ -230,7 +230,7 @@ def test_words_in_a_column_of_numbers_make_no_footer_of_the_last_sweep(tmp_path:
     _, _, made = through(tmp_path, content)
     assert len(made.table) == 16 and lengths(made) == [4] * 4 and not made.notes
     _, _, made = through(tmp_path, content + "Mittel;10;10;10;0;0;150;0\n")
-    assert len(made.table) == 16 and any("line 18 is no row of numbers" in n for n in made.notes)
+    assert len(made.table) == 16 and any("line 18 is not a row of numbers" in n for n in made.notes)
 
 
 # ------------------------------------------------------------------ the picture
@@ -321,8 +321,8 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (exchange("p2", "p3"), "chambers 2 and 3 are exchanged"),
-        (exchange("x", "y"), "in the base's order its columns are x: y, y: x, z: z"),
+        (exchange("p2", "p3"), "chambers 2 and 3 are swapped"),
+        (exchange("x", "y"), "along the base's axes its columns are x: y, y: x, z: z"),
         (column("y", scale=-1), "the turn of the tip does not fit its place (agreement of directions"),
         (also(frame={"x": "y", "y": "-x", "z": "z"}), "azimuth of the first chamber -90"),
         (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "correct frame in map.yaml"),
@@ -330,14 +330,14 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (column("p2", unit="psi"), "column p2: 2.41579e+06 Pa gauge, must be at most 2e+06 Pa gauge: check its unit"),
         (column("p2", unit="kPa"), "the file says mbar, the map kPa"),
         (lambda v: v["orientation"].update(order="euler XYZ"), "orientation.order euler XYZ: the tip turns by"),
-        (lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz by 0.0 deg: check the order"),
+        (lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz, by 0.0 deg: check the order"),
         (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "check orientation (columns, order, unit)"),
         (lambda v: v.pop("points") and v["columns"].update({a: {"column": f"mid {a}", "unit": "mm"} for a in "xyz"}),
          "no single mistake explains it: check which marker is the tip"),
         (column("roll_deg", column="phi y [deg]"), "write it under orientation"),
         (lambda v: (column("roll_deg", column="phi y [deg]")(v), also(trials={"begin": "state"})(v)),
          "columns.roll_deg: the pressures account for"),
-        (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column a mass that was hung there?"),
+        (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column really a mass at the tip?"),
     ],
 )  # fmt: skip
 def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, cli: Cli) -> None:
@@ -349,4 +349,4 @@ def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, c
 def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cli: Cli) -> None:
     values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
     values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
-    assert "the tip and marker 1 are exchanged" in told(tmp_path, CONTENT, values, cli)
+    assert "the tip and marker 1 are swapped" in told(tmp_path, CONTENT, values, cli)

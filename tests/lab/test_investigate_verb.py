@@ -49,7 +49,7 @@ def little(place: Path) -> Path:
     return folder(place, [r for r in rows if r.branch == "load"])
 
 
-def test_an_experiment_is_foretold_done_and_added(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+def test_an_experiment_is_predicted_done_and_added(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     file, place = little(tmp_path / "case"), tmp_path / "why"
     found = cli(
         "investigate", file, "--rig", virtual_lab.rig, "--out", place, "--experiments", 1, "--no-hands", "--operator",
@@ -61,11 +61,11 @@ def test_an_experiment_is_foretold_done_and_added(virtual_lab: VirtualLab, tmp_p
     (below,) = [p for p in place.iterdir() if p.is_dir()]
     recording = Recording.open(Path(found["inputs"][1]))
     assert recording.path.parent == below and labels_of(recording) == {"investigation": "why", "operator": "Ada"}
-    foretold = json.loads((below / "foretold.json").read_text())
+    predicted = json.loads((below / "predicted.json").read_text())
     begun = time.mktime(time.strptime(recording.path.stem[-15:], "%Y%m%d-%H%M%S"))
-    assert int((below / "foretold.json").stat().st_mtime) <= begun
+    assert int((below / "predicted.json").stat().st_mtime) <= begun
     rows = read_case([recording.path]).table
-    assert all(len(r["tip_mm"]) == len(rows) for r in foretold["rivals"]) and foretold["rivals"]
+    assert all(len(r["tip_mm"]) == len(rows) for r in predicted["rivals"]) and predicted["rivals"]
     answer = Diagnosis.from_json((place / "diagnosis.json").read_text())
     assert answer.data.rows == len(read_case([file]).table) + len(rows)
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in place.iterdir()}
@@ -75,7 +75,7 @@ def test_an_experiment_is_foretold_done_and_added(virtual_lab: VirtualLab, tmp_p
     story = Investigation((Round(replace(answer, attribute=doubted), 3.0),), "done")
     page = write_page(story, tmp_path / "page.html", "why", "diagnosis.html").read_text()
     assert "tilt of the base with probability 0.39; outside the catalogue with 0.47." in page
-    assert "holds an investigation already" in cli("investigate", file, "--rig", virtual_lab.rig, "--out", place, code=2).err
+    assert "already holds an investigation" in cli("investigate", file, "--rig", virtual_lab.rig, "--out", place, code=2).err
 
 
 def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(

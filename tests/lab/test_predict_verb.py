@@ -75,7 +75,7 @@ def test_a_fit_says_where_the_diagnosis_of_its_case_disagrees(case: Path, tmp_pa
     assert f"diagnosis.json names {EFFECT}, which leaves {found.fitted.left_mm:.2f} mm; with base_tilt" in other
     changed = replace(found, fitted=replace(found.fitted, left_mm=2 * found.fitted.left_mm))
     (copied / "diagnosis.json").write_text(changed.to_json())
-    assert "have changed since; diagnose the case again" in cli("fit", copied, "--with", EFFECT).flat
+    assert "has changed since. Diagnose the case again" in cli("fit", copied, "--with", EFFECT).flat
 
 
 def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_path: Path, cli: Cli) -> None:
@@ -87,7 +87,7 @@ def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_p
     few = Options(quantify=False, experiments=False, catalogue={"chamber_azimuth": CATALOGUE["chamber_azimuth"]})
     answer = diagnose(read_case([case], tmp_path / "robot.yaml"), few)
     assert "residual_ignored" in {f.code for f in answer.findings}
-    assert "each trial that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
+    assert "trials that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
 
 
 def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli: Cli) -> None:
@@ -116,7 +116,7 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
     targets.write_text("x,y,z\n-0.05,0.01,\n1,0,0.2\n")
     words = ("predict", "--robot", robot, "--inverse", targets, "--groups", "9,1,2 3,4,5 6,7,8", "--spine-length", 0.1)
     said = cli(*words, "--out", table, "--figure", tmp_path / "p.png").out
-    assert "1 of 2 targets cannot be reached" in said and "2 (" in said
+    assert "1 of 2 targets are out of reach" in said and "2 (" in said
     with table.open(newline="") as file:
         first, second = csv.DictReader(file)
     assert first["reached"] == "True" and second["reached"] == "False" and first["p9"] == first["p1"] == first["p2"]
@@ -156,7 +156,7 @@ def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, cli: Cli) 
     table.write_text("p1,p2,p3\n30000,0,0\n90000,0,0\n")
     said = cli("predict", "--robot", THREE, "--table", table)
     assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
-    assert "up to 90 kPa are asked for, robot.yaml allows 80 kPa" in " ".join(said.err.split()) and "Warning" not in said.err
+    assert "up to 90 kPa requested, but robot.yaml allows 80 kPa" in " ".join(said.err.split()) and "Warning" not in said.err
     found = cli("predict", "--robot", THREE, "--table", table, "--json").json
     assert found["interval"] is None and found["states"][0]["x_low"] is None and found["states"][0]["x"] < 0
 
@@ -222,8 +222,18 @@ def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"holds no trials\.csv"):
         lab.case(tmp_path)
     (tmp_path / "table.csv").write_text("p1,x\n0,1\n")
-    with pytest.raises(ConfigError, match=r"make a case of it: lab import .*table\.csv --guess"):
+    with pytest.raises(ConfigError, match=r"make a case of it, beginning with: lab import .*table\.csv --guess"):
         lab.case(tmp_path / "table.csv")
+    (tmp_path / "my case").mkdir()
+    parts = [tmp_path / "my case" / name for name in ("robot.yaml", "trials.csv")]
+    for part in parts:
+        part.touch()
+    for part in parts:
+        with pytest.raises(ConfigError, match=r"is part of a case; give its folder: .*my case$"):
+            lab.case(part)
+    (tmp_path / "robot.yaml").touch()
+    with pytest.raises(ConfigError, match="a robot.yaml goes with --robot"):
+        lab.case(tmp_path / "robot.yaml")
     (tmp_path / "one.mcap").touch()
     with pytest.raises(ConfigError, match="is a folder of recordings, not a case folder"):
         lab.case(tmp_path)

@@ -173,7 +173,7 @@ def test_what_is_wrong_in_run_is_told_with_its_line(old: str, new: str, line: st
         ("trial, pressure, branch))", "trial, pressure, 'load'))", ["state 2 is planned as trial 1, repeat 1, unload"]),
         ("(group(pressure), 1)", "(group(pressure / 1e3), 1)", ["run reads trial 1, repeat 1, load, spine 0 cm, 0, 0, 0.045"]),
         ("(group(pressure), 1)", "(group(2 * pressure), 1)", ["state 1 is planned as", "run asks for 90 kPa, its plan"]),
-        (", (Reading(b, 4.0, 15e3),)", "", ["the plan's steps do not say which states they read"]),
+        (", (Reading(b, 4.0, 15e3),)", "", ["the plan's steps do not state what they read"]),
     ],
 )  # fmt: skip
 def test_a_run_that_reads_other_states_than_planned_is_told(

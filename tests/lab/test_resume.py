@@ -17,14 +17,17 @@ from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_c
 
 import timing
 from lab.files.checked import recording_of
+from lab.files.config import ConfigError
 from lab.files.inputs import read_case
+from lab.files.resume import Broken
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
-from recordings.file.journal import read
+from recordings.file.journal import Progress, read
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
+from recordings.trials import Table
 from tests.simulated.bench import wait_until
 
 SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
@@ -91,6 +94,14 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
     assert labels_of(Recording.open(second)) == {"operator": "Ada", "batch": "4"}
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
+
+
+def test_the_file_of_an_own_protocol_is_asked_for(virtual_lab: VirtualLab, tmp_path: Path) -> None:
+    broken = Broken(
+        tmp_path / "my runs" / "sine.journal", Progress("c", "sine", (), {}), 0, Table.of(()), {}, "protocol: sine\n", True, b""
+    )
+    with pytest.raises(ConfigError, match=r"give that file too: lab run sine\.py --resume '.*my runs/sine\.journal' --rig"):
+        run_verb.job_again(broken, virtual_lab.rig)
 
 
 def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:

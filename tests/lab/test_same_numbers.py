@@ -90,16 +90,16 @@ def in_statement(text: str) -> Numbers:
         {
             "p": r"\(p = ([\d.]+)",
             "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
-            "calibrated": r" by ([\d.]+) mm on states that the fit did not see",
+            "calibrated": r" by ([\d.]+) mm on unseen states",
             "noise floor": r"the noise floor is ([\d.]+) mm",
-            "with cause": r"With it, ([\d.]+) mm remain|unseen states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it\.",
+            "with cause": r"With the cause, ([\d.]+) mm remain|states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
             "area factor given": r"instead of ([\d.]+)[;,]",
         },
         text,
     )
-    moved = re.search(r"Beyond what an area factor takes up, (.*?\))(?:, more than the gap[^.]*)?\.", text)
+    moved = re.search(r"After an area factor is refitted, (.*?\))\.", text)
     parts = moved[1].split("; ") if moved else []
     return said | {f"{name} moves": mm for p in parts for name, mm in re.findall(r"^(.+) moves the tip by ([\d.]+) mm", p)}
 
@@ -180,9 +180,9 @@ def test_every_surface_says_the_same_number_for_the_same_word(
 
 def test_a_number_that_differs_is_found() -> None:
     said = (
-        "Cause: contact (p = 0.91). Uncalibrated, the model misses the tip by 9.00 mm rms, calibrated with one area factor by "
-        "3.00 mm on states that the fit did not see; the noise floor is 0.40 mm. With it, 0.50 mm remain on unseen states: "
-        "98 % of the reducible gap is closed."
+        "Cause: contact (p = 0.91). Uncalibrated, the model misses the tip by 9.00 mm rms; calibrated with one area factor, by "
+        "3.00 mm on unseen states; the noise floor is 0.40 mm. With the cause, 0.50 mm remain on unseen states: 98 % of the "
+        "reducible gap is closed."
     )
     read = in_statement(said)
     assert read == {

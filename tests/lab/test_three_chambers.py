@@ -9,7 +9,7 @@ import yaml
 from commands import SOUND, Cli
 from virtual_lab import lab, settings
 
-from lab.files.config import load
+from lab.files.config import ConfigError, load
 from lab.verbs.fakes import played, write_rig
 from model.condition import conditions
 from model.robot import Robot
@@ -51,8 +51,19 @@ def test_the_virtual_robot_puts_its_tip_where_the_rod_does() -> None:
     assert np.linalg.norm(expected[-1] - expected[0]) > 0.02
 
 
+def test_a_body_without_a_hole_is_simulated() -> None:
+    full = load(ROBOT, Robot).model_copy(update={"inner_radius": 0.0})
+    robot = played(full)
+    assert robot.area == pytest.approx(np.pi * full.outer_radius**2)
+    (reading,) = walk(VirtualRobot(robot, {}, seed=1), [Condition(0.0, (20e3, 0.0, 0.0))])
+    assert np.isfinite(reading.position).all()
+    with pytest.raises(ConfigError, match="cannot be simulated: density: "):
+        played(full.model_copy(update={"density": -1.0}))
+
+
 def test_the_fakes_have_no_length_unit_and_the_plan_asks_for_none(rig: Path, cli: Cli) -> None:
     assert not {"spine", "valve", "gauge"} & set(yaml.safe_load(rig.read_text())["instruments"])
+    assert "quaternion: [" in rig.read_text() and "\n- " not in rig.read_text()
     assert "above max_pressure = 80 kPa" in cli("plan", "bending", "--rig", rig, "--json", code=2).err
     for protocol in ("bending", "elongation"):
         plan = cli("plan", protocol, "--rig", rig, "--set", "pressures=[30 kPa]", "--json").json

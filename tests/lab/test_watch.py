@@ -165,9 +165,9 @@ def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
     run: tuple[dict[str, Any], Path], real_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:
     _, file = run
-    assert "no run is going on" in (said := cli("watch", real_lab.rig, code=2).flat_err) and file.name in said
+    assert "no run is active" in (said := cli("watch", real_lab.rig, code=2).flat_err) and file.name in said
     (rig := tmp_path / "rig.yaml").write_bytes(real_lab.rig.read_bytes())
-    assert "no run of it is known" in cli("watch", rig, code=2).err
+    assert "has no known run" in cli("watch", rig, code=2).err
     with Recorder(tmp_path / "run.mcap", start_wall_ns=10**18) as recorder:
         announce(rig, recorder.path)
         recorder.push("/vacuum", 1.0, (20e3,))

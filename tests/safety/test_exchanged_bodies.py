@@ -23,7 +23,7 @@ def test_bodies_exchanged_in_mid_sweep_hold_the_run_up(
     during(lambda: float(plant.chamber_pressure.max()) > 100e3, lambda: cameras.faults.extra.update(exchange=pair))
     assert house.lab(tmp_path, "bending", *BENDING) == 3
     assert any("mocap" in trouble and "mm apart" in trouble for trouble in fakes.troubles)
-    assert "a body was where the robot cannot have brought it" in capsys.readouterr().err
+    assert "a body was out of the robot's reach" in capsys.readouterr().err
     (file,) = tmp_path.glob("*.mcap")
     recording = Recording.open(file)
     table = table_of(recording)

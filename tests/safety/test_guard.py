@@ -298,7 +298,7 @@ def test_a_command_is_the_same_call_in_another_process() -> None:
 def test_a_rig_yaml_that_was_changed_after_it_was_read_is_refused(small: House) -> None:
     rig = load_rig(small.rig)
     small.change(limits={"max_force": 20.0})
-    with pytest.raises(ConfigError, match="rig.yaml: was changed after the command had read it; enter the command again"):
+    with pytest.raises(ConfigError, match="rig.yaml: was changed after the command had read it; repeat the command"):
         Rig(rig)
     assert owners(names_of_path(small.rig)) == [] and not small.latch.exists()
     with small.opened():
