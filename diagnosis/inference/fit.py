@@ -19,7 +19,7 @@ from model.prediction.box_minima import box_minima
 from ..arrays import Array, Ints
 from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
-from .problem import FormError, Problem, linearise
+from .problem import FormError, Problem, derivatives
 
 LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
@@ -220,8 +220,8 @@ class _Descent:
         return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
-        predicted, columns = linearise(self._forward, theta, self._fresh.tolist())
-        return predicted, Jacobian(len(theta), self._fresh, Columns.of(columns), self._frozen)
+        predicted, columns = derivatives(self._forward, theta, self._fresh.tolist())
+        return predicted, Jacobian(len(theta), self._fresh, columns, self._frozen)
 
     def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
         return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)

@@ -2,7 +2,7 @@
 
 Most searches take anew the derivatives by what they name alone; all others are those of one point, the base. Those are kept once,
 whitened once, and go to another process once; a fit keeps what it took anew. Derivatives are made by
-`ForwardModel.linearise` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
+`ForwardModel.slopes` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
 
 Many columns are zero but for few rows: what belongs to one trial (its spine as it was inserted, how it was mounted) moves the
 values of that trial alone. The more trials, the more such columns there are, each with as few numbers as before: as a whole they
@@ -20,6 +20,9 @@ from scipy.sparse import csr_array, hstack
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
+
+FEW = 1 / 16
+"""Share of the rows up to which a parameter that has copies elsewhere is kept by these rows alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,19 @@ class Columns:
         return cls(np.ascontiguousarray(whole[:, at]), at, csr_array(whole[:, rest]), rest)
 
     @classmethod
+    def of_copies(cls, slope: Array, column: Ints, count: int) -> Columns:
+        """From slopes (s, n), each of the column (s, n) that its row takes, -1 for none, of `count` columns."""
+        few = np.bincount(column[column >= 0], minlength=count) < FEW * slope.shape[1]
+        at, rest, place = np.flatnonzero(~few), np.flatnonzero(few), np.empty(count, np.int64)
+        place[at], place[rest] = np.arange(at.size), np.arange(rest.size)
+        of_few, dense = few[column] & (column >= 0), np.zeros((slope.shape[1], at.size))
+        slot, row = np.nonzero(~of_few & (column >= 0))
+        dense[row, place[column[slot, row]]] = slope[slot, row]
+        slot, row = np.nonzero(of_few & (slope != 0))
+        sparse = csr_array((slope[slot, row], (row, place[column[slot, row]])), shape=(slope.shape[1], rest.size))
+        return cls(dense, at, sparse, rest)
+
+    @classmethod
     def nothing(cls, rows: int, count: int) -> Columns:
         """Zeros (rows, count)."""
         return cls(np.zeros((rows, 0)), np.zeros(0, np.int64), csr_array((rows, count)), np.arange(count))
@@ -59,6 +75,10 @@ class Columns:
         out = np.empty(self.shape)
         out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
         return out
+
+    def column(self, i: int) -> Array:
+        """(n,) one of them."""
+        return self.along(np.eye(1, self.shape[1], i)[0])
 
     def along(self, step: Array) -> Array:
         """(n,) A x of a step x (c,)."""
@@ -80,15 +100,20 @@ class Columns:
         return out
 
     def take(self, chosen: Mask) -> Columns:
-        """Some of the columns (c,)."""
+        """Those of the columns that are chosen (c,)."""
         place = np.cumsum(chosen) - 1
         dense, sparse = chosen[self.at], chosen[self.rest]
         kept = self.sparse[:, np.flatnonzero(sparse)]
         return Columns(self.dense[:, dense], place[self.at[dense]], kept, place[self.rest[sparse]])
 
-    def rows(self, chosen: Mask) -> Columns:
-        """Some of the rows (n,)."""
-        return Columns(self.dense[chosen], self.at, self.sparse[np.flatnonzero(chosen)], self.rest)
+    def rows(self, chosen: Mask | Ints) -> Columns:
+        """Some of the rows, marked (n,) or by their indices (r,)."""
+        return Columns(self.dense[chosen], self.at, self.sparse[np.arange(len(self.dense))[chosen]], self.rest)
+
+    def then(self, other: Columns) -> Columns:
+        """With others (n, b) behind them."""
+        whole = Columns.nothing(len(self.dense), self.shape[1] + other.shape[1]).replaced(np.arange(self.shape[1]), self)
+        return whole.replaced(self.shape[1] + np.arange(other.shape[1]), other)
 
     def replaced(self, at: Ints, by: Columns) -> Columns:
         """The same with columns `at` (b,) replaced by others (n, b)."""
@@ -135,9 +160,9 @@ class Jacobian:
         return vars(self) | {"_made": {}}
 
     @classmethod
-    def of(cls, slope: Array) -> Jacobian:
+    def of(cls, slope: Columns) -> Jacobian:
         """Of derivatives (n, k), all its own."""
-        return cls(slope.shape[1], np.arange(slope.shape[1]), Columns.of(slope))
+        return cls(slope.shape[1], np.arange(slope.shape[1]), slope)
 
     @property
     def flat(self) -> Jacobian:
