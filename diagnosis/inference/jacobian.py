@@ -20,6 +20,7 @@ from scipy.sparse import csr_array, hstack
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
+from .arrow import Arrow, with_diagonal
 
 FEW = 1 / 16
 """Share of the rows up to which a parameter that has copies elsewhere is kept by these rows alone."""
@@ -90,14 +91,14 @@ class Columns:
         out[self.at], out[self.rest] = self.dense.T @ values, self.sparse.T @ values
         return out
 
-    def times(self, other: Columns) -> Array:
-        """(c, b) A^T B."""
-        out = np.empty((self.shape[1], other.shape[1]))
-        for at, own in ((self.at, self.dense.T), (self.rest, self.sparse.T)):
-            out[np.ix_(at, other.at)] = own @ other.dense
-            across = own @ other.sparse
-            out[np.ix_(at, other.rest)] = across if isinstance(across, np.ndarray) else across.toarray()
-        return out
+    def normal(self, more: Array) -> Arrow:
+        """(c + m, c + m) [A M]^T [A M] with more columns M (n, m) behind them."""
+        at, sparse = np.concatenate([self.at, self.shape[1] + np.arange(more.shape[1])]), self.sparse.T
+        shared, d = np.empty((at.size, at.size)), self.at.size
+        shared[:d, :d], shared[d:, :d], shared[d:, d:] = self.dense.T @ self.dense, more.T @ self.dense, more.T @ more
+        shared[:d, d:] = shared[d:, :d].T
+        across = np.hstack([sparse @ self.dense, sparse @ more])
+        return Arrow(at, shared, self.rest, across, with_diagonal(sparse @ self.sparse))
 
     def take(self, chosen: Mask) -> Columns:
         """Those of the columns that are chosen (c,)."""
@@ -134,8 +135,6 @@ class Columns:
 
 Whiten = Callable[[Columns, Ints], Columns]
 """Columns by some of the parameters, as `Problem.white` makes them of noise 1 and prior standard deviation 1."""
-Between = Callable[[Columns, Columns], Array]
-"""A^T C^-1 B of whitened columns A and B, C their covariance with a discrepancy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,18 +202,19 @@ class Jacobian:
         out[self.at] = self._own_white(whiten).against(white)
         return out
 
-    def information(self, size: float, between: Between, whiten: Whiten) -> Array:
-        """(k, k) W^T C^-1 W with a discrepancy of this size."""
+    def information(self, more: Array, whiten: Whiten) -> Arrow:
+        """(k + m, k + m) [W M]^T [W M] with more whitened columns M (n, m), always the same, behind W."""
         if self.base is None:
-            out, own = np.zeros((self.parameters, self.parameters)), self._own_white(whiten)
-        else:
-            known, own = self.base._own_white(whiten), self._own_white(whiten)
-            if size not in self.base._made:
-                self.base._made[size] = between(known, known)
-            out, across = self.base._made[size].copy(), between(known, own)
-            out[:, self.at], out[self.at, :] = across, across.T
-        out[np.ix_(self.at, self.at)] = between(own, own)
-        return out
+            return self.white(whiten).normal(more)
+        known, own = self.base._own_white(whiten), self._own_white(whiten)
+        if own.rest.size or not np.isin(self.at, known.at).all():
+            return self.white(whiten).normal(more)
+        if "normal" not in self.base._made:
+            self.base._made["normal"] = known.normal(more)
+        dense = own.dense[:, np.argsort(own.at)]
+        with_shared = np.vstack([known.dense.T @ dense, more.T @ dense])
+        of_base: Arrow = self.base._made["normal"]
+        return of_base.exchanged(self.at, np.asarray(known.sparse.T @ dense), with_shared, dense.T @ dense)
 
     def _own_white(self, whiten: Whiten) -> Columns:
         if "white" not in self._made:

@@ -326,7 +326,8 @@ class Problem:
         return np.asarray(basis @ vector[:, value > 1e-12 * value[-1]])
 
     @cached_property
-    def _gram(self) -> Array:
+    def gram(self) -> Array:
+        """(m, m) of these columns."""
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
@@ -357,7 +358,7 @@ class Problem:
             self.whitened_discrepancy,
             self.noise.log_sd,
             no_form_error,
-            gram=self._gram,
+            gram=self.gram,
             effect_size=p.effect_size(theta),
         )
 
