@@ -195,21 +195,20 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     prior = c.prior(parameters)
     linear = c.linear(p.problem)
     law_error, size = _model_errors(c, linear, parameters)
-    covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect)
-    sd = parameters.sd * np.sqrt(np.diag(covariance))
-    area = float(p.forward.area_factor[0])
     index_of = _lasting(p, c.named)
+    columns = np.array(list(index_of.values()))
+    covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect, columns)
+    scale = np.sqrt(np.diag(covariance))
+    area = float(p.forward.area_factor[0])
     stated: dict[str, Value] = {}
-    for name, i in index_of.items():
-        value, value_sd = float(c.fit.theta[i]), float(sd[i])
+    for (name, i), relative_sd in zip(index_of.items(), scale.tolist(), strict=True):
+        value, value_sd = float(c.fit.theta[i]), relative_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
-        undetermined = parameters.effects[i] in c.named and sd[i] > UNDETERMINED_SHARE * parameters.sd[i]
+        undetermined = parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE
         stated[name] = Value(_rounded(value), _rounded(value_sd), parameters.infos[i].unit, not undetermined)
-    columns = list(index_of.values())
-    scale = np.sqrt(np.diag(covariance))[columns]
     # rounding must leave the correlations positive definite
-    correlation = (1 - 1e-6) * covariance[np.ix_(columns, columns)] / np.outer(scale, scale)
+    correlation = (1 - 1e-6) * covariance / np.outer(scale, scale)
     posterior = {
         "parameters": list(index_of),
         "area_factor_sd": stated[AREA_FACTOR].sd,

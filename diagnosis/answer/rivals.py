@@ -117,6 +117,7 @@ class Rivals:
         fitted_parameters = p.problem.parameters
         shared = [(names[n], i) for i, n in enumerate(fitted_parameters.names) if n in names and not fitted_parameters.recurs[i]]
         in_model, in_problem = np.array(shared).T  # the same parameters in this model and in the problem
+        known = np.searchsorted(np.flatnonzero(~fitted_parameters.recurs), in_problem)
         own_sd = np.array([p.noise_components.trial.get(info.source, info.sd) for info in forward.parameters])
         fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
@@ -130,7 +131,7 @@ class Rivals:
             mean, slope = forward.linearise(theta)
             if not np.isfinite(mean).all() or not np.isfinite(slope).all():
                 return None
-            covariance = slope[:, in_model] @ known_covariance[np.ix_(in_problem, in_problem)] @ slope[:, in_model].T  # S C S^T
+            covariance = slope[:, in_model] @ known_covariance[np.ix_(known, known)] @ slope[:, in_model].T  # S C S^T
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
@@ -150,13 +151,14 @@ class Rivals:
 
     @cached_property
     def _covariances(self) -> list[Array]:
-        """Posterior covariance (p, p) of all parameters of the problem under each of the candidates."""
+        """Posterior covariance of the problem's parameters that do not recur, under each of the candidates."""
         p, out = self.prepared.problem.parameters, []
+        chosen = np.flatnonzero(~p.recurs)
         for c in self.candidates:
             linear, at = c.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
-            scale, _ = p.scaled(prior)
-            known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect)
+            scale = p.scaled(prior)[0][chosen]
+            known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)
             out.append(scale[:, None] * known * scale[None, :])
         return out
 

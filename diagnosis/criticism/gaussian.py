@@ -15,6 +15,7 @@ from scipy.special import chdtrc, logsumexp
 from ..arrays import Array, Ints, Mask
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN
+from ..inference.jacobian import Columns
 from ..inference.linear import Linear, SizePrior
 from ..inference.problem import Problem
 from ..judgement import PREDICTIVE_DISCREPANCY
@@ -24,42 +25,44 @@ class Gaussian:
     """A linear problem with everything integrated out: y ~ N(0, I + X X^T)."""
 
     def __init__(self, linear: Linear, prior: SizePrior, size: float, form_error: float) -> None:
-        self.linear = linear
-        blocks = [linear.effects * np.sqrt(prior.variance), linear.nuisance.whole]
-        if form_error:
-            blocks.append(form_error * linear.form_error)
+        self.linear, nuisance, p = linear, linear.nuisance, linear.effects.shape[1]
+        errors = [form_error * linear.form_error] if form_error else []
         if large := linear.discrepancy_size(size, form_error):
-            blocks.append(large * linear.discrepancy)
-        self._x = np.hstack(blocks)
-        self._information = np.eye(self._x.shape[1]) + self._x.T @ self._x
-        self._inverse = np.linalg.inv(self._information)
+            errors.append(large * linear.discrepancy)
+        dense = np.hstack([linear.effects * np.sqrt(prior.variance), nuisance.dense, *errors])
+        of_errors = p + nuisance.shape[1] + np.arange(sum(e.shape[1] for e in errors))
+        at = np.concatenate([np.arange(p), p + nuisance.at, of_errors])
+        self._x = Columns(dense, at, nuisance.sparse, p + nuisance.rest)
+        normal = self._x.normal(np.zeros((len(dense), 0)))
+        self._factors = normal.plus(np.ones(self._x.shape[1])).factorised()
         missed = linear.observed - linear.effects @ prior.mean
-        self.residual = missed - self._x @ (self._inverse @ (self._x.T @ missed))
+        self.residual = missed - self._x.along(self._factors.solve(self._x.against(missed)))
         """(n,) (I + X X^T)^-1 r."""
 
     def surprise(self, own: Mask) -> tuple[float, int]:
         """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
-        x, left = self._x[own], self.residual[own]
+        x, left = self._x.rows(own), self.residual[own]
         # The block of the inverse covariance, I - x (I + X^T X)^-1 x^T, is the inverse covariance of the prediction's error.
-        pulled = x.T @ left
-        return float(left @ left + pulled @ np.linalg.solve(self._information - x.T @ x, pulled)), len(x)
+        block = np.eye(len(left)) - self._factors.covariance(x.dense, x.sparse)
+        return float(left @ np.linalg.solve(block, left)), len(left)
 
     def misfit_per_dof(self) -> float:
         """Squared residual after the fit per remaining degree of freedom."""
-        spent = self._x.shape[1] - float(np.trace(self._inverse))
+        spent = self._x.shape[1] - self._factors.inverse_trace
         return float(self.residual @ self.residual) / max(len(self.residual) - spent, 1.0)
 
-    def covariance(self, of_effect: Mask) -> Array:
-        """(k, k) posterior covariance of all parameters, `of_effect` (k,) those of effects, in units of priors."""
-        order = np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])
-        out = np.empty((len(order), len(order)))
-        out[np.ix_(order, order)] = self._inverse[: len(order), : len(order)]
-        return 0.5 * (out + out.T)
+    def covariance(self, of_effect: Mask, chosen: Ints) -> Array:
+        """(c, c) posterior covariance of chosen parameters (c,), `of_effect` (k,) those of effects, in units of priors."""
+        column = np.empty(len(of_effect), np.int64)
+        column[np.concatenate([np.flatnonzero(of_effect), np.flatnonzero(~of_effect)])] = np.arange(len(of_effect))
+        unit = np.zeros((self._x.shape[1], len(chosen)))
+        unit[column[chosen], np.arange(len(chosen))] = 1.0
+        out = self._factors.solve(unit)[column[chosen]]
+        return np.asarray(0.5 * (out + out.T))
 
     def inner(self, columns: Array) -> Array:
         """C^T (I + X X^T)^-1 C (c, c) of columns (n, c)."""
-        across = self._x.T @ columns
-        return np.asarray(columns.T @ columns - across.T @ self._inverse @ across)
+        return np.asarray(columns.T @ columns - self._factors.quadratic(self._x.against(columns)))
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from ..arrays import Array, Mask
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
+from ..inference.jacobian import Columns
 from ..inference.posterior import log_weight
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, linearise
@@ -153,7 +154,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     slope = linearise(forward, theta, own)[1][_measured(p, forward)]
     infos = tuple(forward.parameters[i] for i in own)
     sd = np.array([i.sd for i in infos])
-    whole = np.hstack([c.fit.derivatives(problem).whole, slope])
+    whole = c.fit.derivatives(problem).every.then(Columns.of(slope))
     wider = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
     least = least_sizes(wider, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
     least = problem.parameters.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))

@@ -29,6 +29,7 @@ from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .executor import Executor
 from .fit import Fit
+from .jacobian import Columns
 from .posterior import EffectPosterior, posterior, shares
 from .problem import Problem
 from .search import Search
@@ -102,12 +103,10 @@ class BudgetPart:
     states: int
 
 
-def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Array, columns: Array) -> list[Array]:
+def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Columns, columns: Array) -> list[Array]:
     """d - N (N^T N)^-1 N^T d (r, c) in m, for tips and for forces: d columns (n, c), N those of calibration in `slope` (n, k)."""
     return [
-        problem.parameters.beyond_calibration(columns[part.rows] * unit, slope[part.rows] * unit)
-        for part in where
-        for unit in [part.unit[:, None]]
+        problem.parameters.beyond_calibration(columns[part.rows], slope.rows(part.rows), part.unit[:, None]) for part in where
     ]
 
 
@@ -266,10 +265,12 @@ class _Carrying:
         p = self._problem.parameters
         offset = fit.theta - p.mean
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
-        slope = fit.derivatives(self._problem).whole
+        slope = fit.derivatives(self._problem).every
+        of_effects, place = slope.take(p.of_effect).whole, np.cumsum(p.of_effect) - 1
         slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        at_fit = {e: responses.get(e, slope[:, i] @ offset[i]) for e, i in slots.items()}
-        columns = {e: np.column_stack([slope[:, i] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
+        own = {e: of_effects[:, place[i]] for e, i in slots.items()}
+        at_fit = {e: responses.get(e, own[e] @ offset[i]) for e, i in slots.items()}
+        columns = {e: np.column_stack([own[e] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
         products = self._left(slope, columns)
         asked_anew: dict[str, Array] = {}
         for effect in p.ids:
@@ -284,7 +285,7 @@ class _Carrying:
             squares.update(of_asked)
         return products
 
-    def _left(self, slope: Array, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
+    def _left(self, slope: Columns, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
         """For tips and for forces: effect -> products in m^2, mean over the states, of columns after calibration."""
         if not columns:
             return [{} for _ in self._parts]

@@ -17,9 +17,9 @@ from ..arrays import Array, Ints, Mask
 from ..judgement import UNCONVERGED
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
-from .jacobian import Columns, Jacobian
+from .jacobian import Jacobian
 from .linear import SizePrior
-from .problem import MaskedForward, Problem
+from .problem import MaskedForward, Problem, derivatives
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class CrossValidation:
         known = self._known
         if known is None or not np.array_equal(known[0].theta, model.theta) or known[0].prior is not model.prior:
             free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
-            predicted, columns = self._problem.linearise(model.theta, free.tolist())
-            self._known = known = (model, predicted, Jacobian(len(model.theta), free, Columns.of(columns)))
+            predicted, columns = derivatives(self._problem.forward, model.theta, free.tolist())
+            self._known = known = (model, predicted, Jacobian(len(model.theta), free, columns))
         return known[1:]
 
 

@@ -14,12 +14,10 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from model.prediction.box_minima import box_minima
-
 from ..arrays import Array, Ints
-from .jacobian import Columns, Jacobian
+from .jacobian import Jacobian
 from .linear import Linear, SizePrior
-from .problem import FormError, Problem, linearise
+from .problem import FormError, Problem, derivatives
 
 LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
@@ -220,8 +218,8 @@ class _Descent:
         return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
-        predicted, columns = linearise(self._forward, theta, self._fresh.tolist())
-        return predicted, Jacobian(len(theta), self._fresh, Columns.of(columns), self._frozen)
+        predicted, columns = derivatives(self._forward, theta, self._fresh.tolist())
+        return predicted, Jacobian(len(theta), self._fresh, columns, self._frozen)
 
     def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
         return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)
@@ -231,42 +229,32 @@ class _FitMisfit:
     """Squared misfits with the discrepancy of one size integrated out."""
 
     def __init__(self, problem: Problem, size: float) -> None:
-        self.problem, self._size = problem, size
-        self._columns = size * problem.whitened_discrepancy
-        m = self._columns.shape[1]
-        self._factor = cho_factor(np.eye(m) + self._columns.T @ self._columns, lower=True) if size and m else None
+        self.problem, self.size = problem, size
+        m = problem.discrepancy.shape[1]
+        self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
 
-    def solve(self, values: Array) -> Array:
-        """C^-1 values, where C is the covariance of the whitened values with the discrepancy."""
-        if self._factor is None:
-            return values
-        if not np.isfinite(values).all():
+    def whiten(self, values: Array) -> Array:
+        """Values (n,) with independent noise of standard deviation 1."""
+        white = self.problem.noise.whiten(values)
+        if self._factor is not None and not np.isfinite(white).all():
             raise np.linalg.LinAlgError("the rod has no equilibrium there")
-        pulled: Array = values - self._columns @ cho_solve(self._factor, self._columns.T @ values, check_finite=False)
-        return pulled
+        return white
 
     def cost(self, predicted: Array) -> float:
         """Half the squared misfit of a prediction (n,); infinite where a state has no equilibrium."""
         if not np.isfinite(predicted).all():
             return np.inf
-        missed = self.problem.noise.whiten(self.problem.observed - predicted)
-        return 0.5 * float(missed @ self.solve(missed))
-
-    def information(self, slope: Jacobian) -> Array:
-        """(k, k) of the data, in units of the priors."""
-        return slope.information(self._size, self._between, self.problem.white)
-
-    def _between(self, a: Columns, b: Columns) -> Array:
-        """(c, d) A^T C^-1 B."""
-        out = a.times(b)
+        missed = self.whiten(self.problem.observed - predicted)
+        taken = 0.0
         if self._factor is not None:
-            own = a.against(self._columns)
-            out -= own @ cho_solve(self._factor, (own if b is a else b.against(self._columns)).T)
-        return out
+            along = self.size * (self.problem.whitened_discrepancy.T @ missed)
+            taken = float(along @ cho_solve(self._factor, along, check_finite=False))
+        return 0.5 * (float(missed @ missed) - taken)
 
 
 class _Local:
-    """The linear problem around parameters (k,), in which optima are quick to find."""
+    """The linear problem around parameters (k,), in which optima are quick to find. It is solved for the k parameters and the m
+    coefficients of the discrepancy together, in units of their priors about their means."""
 
     def __init__(
         self, misfit: _FitMisfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
@@ -275,20 +263,26 @@ class _Local:
         self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
         self._misfit, problem = misfit, misfit.problem
         p = self._p = problem.parameters
-        free = self._free = np.flatnonzero(scale > 0)
-        self._scale, self._mean, self._rest = scale, mean, np.where(scale > 0, theta, mean)
-        self._ratio = (scale / p.sd)[free]
+        free = self._free = scale > 0
+        self._scale, self._mean, self._rest = scale, mean, np.where(free, theta, mean)
+        self._ratio = scale / p.sd
+        discrepancy = problem.whitened_discrepancy
+        count = len(theta) + discrepancy.shape[1]
+        self._of_parameter = np.where(np.arange(count) < len(theta), 1.0, 0.0)
+        self._here, self._low, self._high = np.zeros(count), np.full(count, -np.inf), np.full(count, np.inf)
         missed = problem.observed - predicted - slope.along(self._rest - theta)
-        self._here = (theta - mean)[free] / scale[free]
-        information = misfit.information(slope)[np.ix_(free, free)] * np.outer(self._ratio, self._ratio)
-        self._curve = np.eye(free.size) + information
-        self._score = self._pulled(missed) + information @ self._here
-        self._low, self._high = (p.lower - mean)[free] / scale[free], (p.upper - mean)[free] / scale[free]
+        where = np.flatnonzero(free)
+        self._here[where] = (theta - mean)[free] / scale[free]
+        self._low[where], self._high[where] = ((bound - mean)[free] / scale[free] for bound in (p.lower, p.upper))
+        sizes = np.full(discrepancy.shape[1], misfit.size)
+        self._curve = slope.information(discrepancy, problem.white).scaled(np.concatenate([self._ratio, sizes]))
+        self._score = self._pulled(missed) + self._curve.times(self._here)
 
     def _pulled(self, values: Array) -> Array:
-        """(f,) by how much values (n,) pull at what is free."""
-        white = self._misfit.solve(self._misfit.problem.noise.whiten(values))
-        return np.asarray(self._ratio * self.slope.against(white, self._misfit.problem.white)[self._free])
+        """(k + m,) by how much values (n,) pull."""
+        white, problem = self._misfit.whiten(values), self._misfit.problem
+        of_discrepancy = self._misfit.size * (problem.whitened_discrepancy.T @ white)
+        return np.concatenate([self._ratio * self.slope.against(white, problem.white), of_discrepancy])
 
     def predicted_at(self, theta: Array) -> Array:
         """Predicted values (n,) of the linear problem at parameters (k,)."""
@@ -307,8 +301,6 @@ class _Local:
         score = self._score + damping * self._here
         if bend is not None:
             score -= self._pulled(bend)
-        curve = self._curve + damping * np.eye(len(score))
-        (x,) = box_minima(curve[None], -score[None], self._low[None], self._high[None])
-        goal = self._rest.copy()
-        goal[self._free] = self._mean[self._free] + self._scale[self._free] * x
+        x = self._curve.plus(1.0 + damping * self._of_parameter).within(-score, self._low, self._high)[: len(self._free)]
+        goal = np.where(self._free, self._mean + self._scale * x, self._rest)
         return np.clip(goal, self._p.lower, self._p.upper)

@@ -2,7 +2,7 @@
 
 Most searches take anew the derivatives by what they name alone; all others are those of one point, the base. Those are kept once,
 whitened once, and go to another process once; a fit keeps what it took anew. Derivatives are made by
-`ForwardModel.linearise` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
+`ForwardModel.slopes` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
 
 Many columns are zero but for few rows: what belongs to one trial (its spine as it was inserted, how it was mounted) moves the
 values of that trial alone. The more trials, the more such columns there are, each with as few numbers as before: as a whole they
@@ -20,6 +20,10 @@ from scipy.sparse import csr_array, hstack
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
+from .arrow import Arrow, with_diagonal
+
+FEW = 1 / 16
+"""Share of the rows up to which a parameter that has copies elsewhere is kept by these rows alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,19 @@ class Columns:
         return cls(np.ascontiguousarray(whole[:, at]), at, csr_array(whole[:, rest]), rest)
 
     @classmethod
+    def of_copies(cls, slope: Array, column: Ints, count: int) -> Columns:
+        """From slopes (s, n), each of the column (s, n) that its row takes, -1 for none, of `count` columns."""
+        few = np.bincount(column[column >= 0], minlength=count) < FEW * slope.shape[1]
+        at, rest, place = np.flatnonzero(~few), np.flatnonzero(few), np.empty(count, np.int64)
+        place[at], place[rest] = np.arange(at.size), np.arange(rest.size)
+        of_few, dense = few[column] & (column >= 0), np.zeros((slope.shape[1], at.size))
+        slot, row = np.nonzero(~of_few & (column >= 0))
+        dense[row, place[column[slot, row]]] = slope[slot, row]
+        slot, row = np.nonzero(of_few & (slope != 0))
+        sparse = csr_array((slope[slot, row], (row, place[column[slot, row]])), shape=(slope.shape[1], rest.size))
+        return cls(dense, at, sparse, rest)
+
+    @classmethod
     def nothing(cls, rows: int, count: int) -> Columns:
         """Zeros (rows, count)."""
         return cls(np.zeros((rows, 0)), np.zeros(0, np.int64), csr_array((rows, count)), np.arange(count))
@@ -60,6 +77,10 @@ class Columns:
         out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
         return out
 
+    def column(self, i: int) -> Array:
+        """(n,) one of them."""
+        return self.along(np.eye(1, self.shape[1], i)[0])
+
     def along(self, step: Array) -> Array:
         """(n,) A x of a step x (c,)."""
         return np.asarray(self.dense @ step[self.at] + self.sparse @ step[self.rest])
@@ -70,25 +91,30 @@ class Columns:
         out[self.at], out[self.rest] = self.dense.T @ values, self.sparse.T @ values
         return out
 
-    def times(self, other: Columns) -> Array:
-        """(c, b) A^T B."""
-        out = np.empty((self.shape[1], other.shape[1]))
-        for at, own in ((self.at, self.dense.T), (self.rest, self.sparse.T)):
-            out[np.ix_(at, other.at)] = own @ other.dense
-            across = own @ other.sparse
-            out[np.ix_(at, other.rest)] = across if isinstance(across, np.ndarray) else across.toarray()
-        return out
+    def normal(self, more: Array) -> Arrow:
+        """(c + m, c + m) [A M]^T [A M] with more columns M (n, m) behind them."""
+        at, sparse = np.concatenate([self.at, self.shape[1] + np.arange(more.shape[1])]), self.sparse.T
+        shared, d = np.empty((at.size, at.size)), self.at.size
+        shared[:d, :d], shared[d:, :d], shared[d:, d:] = self.dense.T @ self.dense, more.T @ self.dense, more.T @ more
+        shared[:d, d:] = shared[d:, :d].T
+        across = np.hstack([sparse @ self.dense, sparse @ more])
+        return Arrow(at, shared, self.rest, across, with_diagonal(sparse @ self.sparse))
 
     def take(self, chosen: Mask) -> Columns:
-        """Some of the columns (c,)."""
+        """Those of the columns that are chosen (c,)."""
         place = np.cumsum(chosen) - 1
         dense, sparse = chosen[self.at], chosen[self.rest]
         kept = self.sparse[:, np.flatnonzero(sparse)]
         return Columns(self.dense[:, dense], place[self.at[dense]], kept, place[self.rest[sparse]])
 
-    def rows(self, chosen: Mask) -> Columns:
-        """Some of the rows (n,)."""
-        return Columns(self.dense[chosen], self.at, self.sparse[np.flatnonzero(chosen)], self.rest)
+    def rows(self, chosen: Mask | Ints) -> Columns:
+        """Some of the rows, marked (n,) or by their indices (r,)."""
+        return Columns(self.dense[chosen], self.at, self.sparse[np.arange(len(self.dense))[chosen]], self.rest)
+
+    def then(self, other: Columns) -> Columns:
+        """With others (n, b) behind them."""
+        whole = Columns.nothing(len(self.dense), self.shape[1] + other.shape[1]).replaced(np.arange(self.shape[1]), self)
+        return whole.replaced(self.shape[1] + np.arange(other.shape[1]), other)
 
     def replaced(self, at: Ints, by: Columns) -> Columns:
         """The same with columns `at` (b,) replaced by others (n, b)."""
@@ -109,8 +135,6 @@ class Columns:
 
 Whiten = Callable[[Columns, Ints], Columns]
 """Columns by some of the parameters, as `Problem.white` makes them of noise 1 and prior standard deviation 1."""
-Between = Callable[[Columns, Columns], Array]
-"""A^T C^-1 B of whitened columns A and B, C their covariance with a discrepancy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +159,9 @@ class Jacobian:
         return vars(self) | {"_made": {}}
 
     @classmethod
-    def of(cls, slope: Array) -> Jacobian:
+    def of(cls, slope: Columns) -> Jacobian:
         """Of derivatives (n, k), all its own."""
-        return cls(slope.shape[1], np.arange(slope.shape[1]), Columns.of(slope))
+        return cls(slope.shape[1], np.arange(slope.shape[1]), slope)
 
     @property
     def flat(self) -> Jacobian:
@@ -178,18 +202,19 @@ class Jacobian:
         out[self.at] = self._own_white(whiten).against(white)
         return out
 
-    def information(self, size: float, between: Between, whiten: Whiten) -> Array:
-        """(k, k) W^T C^-1 W with a discrepancy of this size."""
+    def information(self, more: Array, whiten: Whiten) -> Arrow:
+        """(k + m, k + m) [W M]^T [W M] with more whitened columns M (n, m), always the same, behind W."""
         if self.base is None:
-            out, own = np.zeros((self.parameters, self.parameters)), self._own_white(whiten)
-        else:
-            known, own = self.base._own_white(whiten), self._own_white(whiten)
-            if size not in self.base._made:
-                self.base._made[size] = between(known, known)
-            out, across = self.base._made[size].copy(), between(known, own)
-            out[:, self.at], out[self.at, :] = across, across.T
-        out[np.ix_(self.at, self.at)] = between(own, own)
-        return out
+            return self.white(whiten).normal(more)
+        known, own = self.base._own_white(whiten), self._own_white(whiten)
+        if own.rest.size or not np.isin(self.at, known.at).all():
+            return self.white(whiten).normal(more)
+        if "normal" not in self.base._made:
+            self.base._made["normal"] = known.normal(more)
+        dense = own.dense[:, np.argsort(own.at)]
+        with_shared = np.vstack([known.dense.T @ dense, more.T @ dense])
+        of_base: Arrow = self.base._made["normal"]
+        return of_base.exchanged(self.at, np.asarray(known.sparse.T @ dense), with_shared, dense.T @ dense)
 
     def _own_white(self, whiten: Whiten) -> Columns:
         if "white" not in self._made:

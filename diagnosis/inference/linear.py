@@ -10,17 +10,14 @@ in which any choice of the priors m, v (which effects are present, how narrow th
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Mask
+from .arrow import cholesky
 from .jacobian import Columns
-
-ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
-"""Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +73,11 @@ class Linear:
         error_gram[:m, m:] = error_gram[m:, :m].T
         error_gram[m:, m:] = self.form_error.T @ self.form_error
         along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (x, *errors)])
-        half, half_log_det = _integrated_out(self.nuisance.times(self.nuisance), along_nuisance)
-        of_x, of_errors = half[:, : x.shape[1]], half[:, x.shape[1] :]
-        x_gram = x.T @ x - of_x.T @ of_x
-        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - of_errors.T @ of_x
-        error_gram -= of_errors.T @ of_errors
+        nuisance = self.nuisance.normal(np.zeros((len(x), 0))).plus(np.ones(len(along_nuisance))).factorised()
+        taken, half_log_det, c = nuisance.quadratic(along_nuisance), nuisance.half_log_det, x.shape[1]
+        x_gram = x.T @ x - taken[:c, :c]
+        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - taken[c:, :c]
+        error_gram -= taken[c:, c:]
 
         def at(size: float, form_error: float) -> Reduced:
             smooth = self.discrepancy_size(size, form_error)
@@ -106,17 +103,9 @@ def _integrated_out(gram: Array, across: Array) -> tuple[Array, float]:
     if not len(gram):
         return across, 0.0
     gram[np.diag_indices_from(gram)] += 1.0
-    factor = _factor(gram)
-    half = solve_triangular(factor, across, lower=True, check_finite=False)
-    return np.asarray(half), float(np.log(np.diag(factor)).sum())
-
-
-def _factor(matrix: Array) -> Array:
-    """Lower Cholesky factors (..., n, n); the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
-    for share in ROUNDING:
-        with suppress(np.linalg.LinAlgError):
-            return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))
-    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
+    root = cholesky(gram)
+    half = solve_triangular(root, across, lower=True, check_finite=False)
+    return np.asarray(half), float(np.log(np.diag(root)).sum())
 
 
 @dataclass(frozen=True)
@@ -134,7 +123,7 @@ class Reduced:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
         inner = np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :]
-        factor = _factor(inner)
+        factor = cholesky(inner)
         left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
         half = np.linalg.inv(factor) * root[..., None, :]

@@ -28,8 +28,9 @@ from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .budget import BudgetPart
 from .discrepancy import bases, settings
+from .jacobian import Columns
 from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
-from .problem import FitForward, FitParameters, MaskedForward, Problem
+from .problem import FitForward, FitParameters, MaskedForward, Problem, derivatives
 from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
@@ -148,13 +149,13 @@ def prepare(
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
     forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects, sized=sized)
     whole: FitForward = on_simulator or forward
-    predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
+    predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     if states.pushed.all():
         # effects that change none of the values are left out
-        moved = {p.source for p, column in zip(forward.parameters, slope.T, strict=True) if column.any()}
+        moved = {p.source for i, p in enumerate(forward.parameters) if slope.column(i).any()}
         effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
         whole = forward = ForwardModel(robot, design, area, effects, sized=sized)
-        predicted, slope = whole.linearise(np.zeros(len(forward.parameters)))
+        predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
@@ -162,10 +163,11 @@ def prepare(
     labels = _labels(forward, states, kept)
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
+    slope = slope.rows(kept)
     floor, beside_model, beside_readings = floor_of(
-        states, labels, forward.parameters, missed, observed[kept], slope[kept], response, noise_components, forward.scales.time
+        states, labels, forward.parameters, missed, observed[kept], slope, response, noise_components, forward.scales.time
     )
-    pushes = stiffness_trials(states, labels, forward.parameters, missed, slope[kept]) if states.pushed.any() else None
+    pushes = stiffness_trials(states, labels, forward.parameters, missed, slope) if states.pushed.any() else None
     noise = noise_of(states, labels, floor, pushes, response)
     if pushes is not None and states.pushed.all():
         known_floor = beside_model = pushes.noise_floor
@@ -175,7 +177,7 @@ def prepare(
     smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope[kept], known_floor)),
+        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope, known_floor)),
         observed[kept],
         noise,
         smooth,
@@ -229,17 +231,18 @@ def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
     return Labels(row, channel, kinds_of(channel), axis, states.trial[row], states.kind[row])
 
 
-def least_sizes(made: FitParameters, labels: Labels, slope: Array, floor: float) -> tuple[float, ...]:
-    """Size of each parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the tip
-    beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
-    tips = labels.kind == 0
+def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: float) -> tuple[float, ...]:
+    """Size of each effect's parameter, as a share of its scale, at which it carries `LEAST_NAMED_FLOORS` noise floors (m) of the
+    tip beyond the calibration, to first order at zero, at most `LEAST_NAMED_SIZE`; at least what its effect asks for."""
+    tips, out = labels.kind == 0, np.full(len(made.infos), LEAST_NAMED_SIZE)
     if not tips.any():
         return ()
-    slope = np.nan_to_num(slope[tips])
-    left = made.beyond_calibration(slope * made.sd, slope)
+    own = made.of_effect
+    tip_slope = slope.rows(tips)
+    left = made.beyond_calibration(tip_slope.take(own).whole * made.scale, tip_slope)
     carried = np.sqrt((left**2).sum(axis=0) / len(np.unique(labels.state[tips])))
-    of_floor = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
-    return tuple(np.maximum(of_floor, [p.least / p.sd for p in made.infos]).tolist())
+    out[own] = np.minimum(LEAST_NAMED_SIZE, LEAST_NAMED_FLOORS * floor / np.maximum(carried, TINY))
+    return tuple(np.maximum(out, [p.least / p.sd for p in made.infos]).tolist())
 
 
 def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:

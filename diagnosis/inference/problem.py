@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -72,6 +72,14 @@ class FitForward(Protocol):
         """The same model, made quicker close to parameters (k,)."""
 
 
+@runtime_checkable
+class CopiedForward(FitForward, Protocol):
+    """A model of which each value depends on one copy of each parameter, as on that of its trial."""
+
+    def slopes(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array, Ints]:
+        """Predicted values (n,), their derivatives (s, n) by the copies that they take, and the columns (s, n) of these."""
+
+
 class MaskedForward:
     """A forward model of those values alone that a mask (n,) keeps."""
 
@@ -91,6 +99,11 @@ class MaskedForward:
         predicted, slope = self._forward.linearise(theta, columns)
         return predicted[self._kept], slope[self._kept]
 
+    def derivatives(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Columns]:
+        """The same without the zeros."""
+        predicted, slope = derivatives(self._forward, theta, columns)
+        return predicted[self._kept], slope.rows(self._kept)
+
     def near(self, theta: Array) -> MaskedForward:
         """The same, made quicker close to parameters (k,)."""
         return MaskedForward(self._forward.near(theta), self._kept)
@@ -100,6 +113,18 @@ def linearise(forward: FitForward, theta: Array, columns: Sequence[int] | None =
     """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
     predicted, slope = forward.linearise(theta, columns)
     return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def derivatives(forward: FitForward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Columns]:
+    """As `linearise`, without the zeros of parameters that few values depend on."""
+    if isinstance(forward, MaskedForward):
+        return forward.derivatives(theta, columns)
+    if isinstance(forward, CopiedForward):
+        predicted, slope, column = forward.slopes(theta, columns)
+        count = len(theta) if columns is None else len(columns)
+        return predicted, Columns.of_copies(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), column, count)
+    predicted, whole = linearise(forward, theta, columns)
+    return predicted, Columns.of(whole)
 
 
 @dataclass(frozen=True)
@@ -240,10 +265,11 @@ class FitParameters:
         """Prior without any effect."""
         return self.prior(self.mask(()), 0.0)
 
-    def beyond_calibration(self, columns: Array, slope: Array) -> Array:
-        """What least squares over all that is fitted in every model leaves of columns (n, c); derivatives `slope` (n, k) of the
-        same values."""
-        free = (slope * self.sd)[:, ~self.of_effect][:, self.calibrated]
+    def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
+        """What least squares over all that is fitted in every model leaves of columns (n, c), the values in `unit` (n, 1) each;
+        derivatives `slope` (n, k) of the same values."""
+        chosen, columns = self.calibration & ~self.of_effect, columns * unit
+        free = (slope.take(chosen).whole if isinstance(slope, Columns) else slope[:, chosen]) * self.sd[chosen] * unit
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
 
     def tense(self, theta: Array) -> dict[int, float]:
@@ -300,7 +326,8 @@ class Problem:
         return np.asarray(basis @ vector[:, value > 1e-12 * value[-1]])
 
     @cached_property
-    def _gram(self) -> Array:
+    def gram(self) -> Array:
+        """(m, m) of these columns."""
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
@@ -309,7 +336,7 @@ class Problem:
 
     def jacobian(self, theta: Array) -> tuple[Array, Jacobian]:
         """Predicted values (n,) at parameters (k,), and their derivatives."""
-        predicted, slope = self.linearise(theta)
+        predicted, slope = derivatives(self.forward, theta)
         return predicted, Jacobian.of(slope)
 
     def white(self, columns: Columns, at: Ints) -> Columns:
@@ -331,7 +358,7 @@ class Problem:
             self.whitened_discrepancy,
             self.noise.log_sd,
             no_form_error,
-            gram=self._gram,
+            gram=self.gram,
             effect_size=p.effect_size(theta),
         )
 

@@ -26,6 +26,7 @@ from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
 from ..data.noise_estimate import estimate_noise
 from ..judgement import MEMORY
+from .jacobian import Columns
 from .problem import FitParameters
 
 TIP = ("x", "y", "z")
@@ -81,14 +82,14 @@ class StiffnessTrials:
 
 
 def stiffness_trials(
-    states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Array
+    states: Campaign, labels: Labels, infos: Sequence[ParameterInfo], missed: Array, slope: Columns
 ) -> StiffnessTrials:
     """Noise and stiffness of a campaign's stiffness trials, from the baseline's residuals `missed` (n,) of all values and their
     derivatives `slope` (n, k), of which the forces are used."""
     rows = np.flatnonzero(labels.kind == 3)
     state, trial = labels.state[rows], labels.trial[rows]
     by_source = {
-        source: slope[rows][:, [i for i, p in enumerate(infos) if p.source == source]].sum(axis=1)
+        source: slope.along(np.array([float(p.source == source) for p in infos]))[rows]
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
     }
     stiffness = np.zeros(len(rows))  # N/m: derivative of the force by the place of contact
@@ -182,7 +183,7 @@ def floor_of(
     infos: tuple[ParameterInfo, ...],
     missed: Array,
     observed: Array,
-    slope: Array,
+    slope: Columns,
     response: Array,
     known: NoiseComponents | None = None,
     pace: float = STANDARD.time,
@@ -211,9 +212,8 @@ def floor_of(
 
     def response_to(source: str) -> Array:
         """(n, a): each row takes one copy of each of its a parameters."""
-        copies = [(p.slot, i) for i, p in enumerate(infos) if p.source == source]
-        slots = sorted({slot for slot, _ in copies})
-        return np.column_stack([slope[:, [i for s, i in copies if s == slot]].sum(axis=1) for slot in slots])
+        slots = sorted({p.slot for p in infos if p.source == source})
+        return np.column_stack([slope.along(np.array([float(p.slot == slot) for p in infos])) for slot in slots])
 
     kinds = tuple(KINDS[int(labels.kind[labels.channel == name][0])] for name in names)
     data = Repeated(
@@ -223,7 +223,7 @@ def floor_of(
         grid(response)[complete],
         {source: Scatter(grid(response_to(source))[complete], of[complete]) for source, of in drawn_anew.items()},
         resting(states)[complete],
-        grid(slope[:, [i for i, p in enumerate(infos) if p.scope == "campaign"]])[complete],
+        grid(slope.take(np.array([p.scope == "campaign" for p in infos])).whole)[complete],
         _blocks(states)[complete],
         states.time[complete],
     )
@@ -278,7 +278,7 @@ def resting(states: Campaign) -> Mask:
     return ~(states.trials.get("hold") <= 0)
 
 
-def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitParameters, slope: Array) -> Array:
+def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitParameters, slope: Columns) -> Array:
     """(n, r) d(value)/d(pressure reading) of each of r regulators, per Pa; 0 where none is inflated, or no equilibrium is found,
     whose values are left out anyway.
 
@@ -288,10 +288,10 @@ def pressure_response(forward: ForwardModel, states: Campaign, parameters: FitPa
     row, pressure = forward.observations.row, with_vented_at_zero(states)
     regulator_chambers = regulators(states.pressure, pressure)
     inflated = np.array([pressure[:, group].max(axis=1) > 0 for group in regulator_chambers]).T
-    out = np.zeros((len(slope), len(regulator_chambers)))
+    out = np.zeros((len(row), len(regulator_chambers)))
     by_offset = (inflated.sum(axis=1) == 1) & (OFFSET in parameters.names)
     if by_offset.any():
-        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope[:, [parameters.names.index(OFFSET)]]
+        out = np.where(inflated & by_offset[:, None], 1.0, 0.0)[row] * slope.column(parameters.names.index(OFFSET))[:, None]
     by_difference = (~by_offset & inflated.any(axis=1))[row]
     if by_difference.any():
         for r, group in enumerate(regulator_chambers):

@@ -332,19 +332,24 @@ class ForwardModel:
         With `columns`, indices of parameters, the derivative has these columns alone, and costs as much less. At an
         upper bound the derivative is the one towards the inside; beyond `STEEP` it is given as 0.
         """
+        predicted, slopes, column_of = self.slopes(theta, columns)
+        jacobian = np.zeros((len(self), 1 + (len(self.parameters) if columns is None else len(columns))))
+        jacobian[np.arange(len(self)), column_of] = slopes
+        return predicted, jacobian[:, :-1]
+
+    def slopes(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
+        """What `linearise` gives, without its zeros: the prediction, the derivatives (slots, observations) by the copy of each
+        parameter that an observation takes, and the columns (slots, observations) that these belong to, -1 for none."""
         theta = self._checked(theta)
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         here = self._differentiable(theta, slots)
         of_row = self._table.of_row[list(slots)][:, self.observations.row]
-        column_of = np.full(len(self.parameters) + 1, len(wanted))
+        column_of = np.full(len(self.parameters) + 1, -1)
         column_of[wanted] = np.arange(len(wanted))
         slopes = self.observations.pick(self._slopes(here, slots, self.observations.every))
-        slopes = np.where(np.abs(slopes) * self._sd[of_row] > STEEP * self.robot.length, 0.0, slopes)
-        # Each row takes one parameter for a slot; what is not wanted, or does not exist (-1), goes to a last column.
-        jacobian = np.zeros((len(self), len(wanted) + 1))
-        jacobian[np.arange(len(self)), column_of[of_row]] = slopes
-        return self.observations.of(here.readings)[0], jacobian[:, :-1]
+        steep = np.abs(slopes) * self._sd[of_row] > STEEP * self.robot.length
+        return self.observations.of(here.readings)[0], np.where(steep, 0.0, slopes), column_of[of_row]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""

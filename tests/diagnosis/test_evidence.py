@@ -6,15 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.sparse import csr_array
 from scipy.stats import multivariate_normal, norm, uniform
 
 from diagnosis.data.noise import Lasting, Noise
 from diagnosis.inference.evidence import Grid, weigh
 from diagnosis.inference.fit import fit
-from diagnosis.inference.jacobian import Columns
+from diagnosis.inference.jacobian import Columns, Jacobian
 from diagnosis.inference.linear import Linear, SizePrior
 from diagnosis.inference.problem import FitParameters
 from diagnosis.judgement import LARGEST_TOLERATED_SIZE, LEAST_NAMED_SIZE
+from model.prediction.box_minima import box_minima
 from tests.diagnosis import toy
 from tests.diagnosis.toy import toy_problem
 
@@ -175,12 +177,11 @@ def noise() -> Noise:
 
 
 def test_products_are_those_of_the_whole() -> None:
-    a, b, x = matrix(), matrix()[:, :9], DRAW.normal(size=(N, 4))
-    one, other = Columns.of(a), Columns.of(b)
+    a, x = matrix(), DRAW.normal(size=(N, 4))
+    one = Columns.of(a)
     assert one.at.size and one.rest.size
     assert one.shape == a.shape and one.whole == pytest.approx(a)
     assert one.against(x) == pytest.approx(a.T @ x) and one.against(x[:, 0]) == pytest.approx(a.T @ x[:, 0])
-    assert one.times(other) == pytest.approx(a.T @ b)
     step = DRAW.normal(size=a.shape[1])
     assert one.along(step) == pytest.approx(a @ step)
 
@@ -205,6 +206,60 @@ def test_whitened_by_parts_is_the_whole_whitened_and_what_is_zero_in_a_block_sta
     assert np.count_nonzero(white.sparse.data) <= 2 * np.count_nonzero(a[:, white.rest])
     empty = Columns.of(np.ones((N, 2))).whitened(errors, np.ones(2))
     assert empty.whole == pytest.approx(errors.whiten(np.ones((N, 2))))
+
+
+def test_normal_equations_by_parts_are_solved_as_the_whole_ones_are() -> None:
+    a, more = matrix(), DRAW.normal(size=(N, 2))
+    x, columns = np.hstack([a, more]), Columns.of(a)
+    c, some = x.shape[1], DRAW.normal(size=(a.shape[1] + 2, 3))
+    scale = np.where(np.arange(c) == columns.at[0], 0.0, DRAW.uniform(0.5, 2.0, c))
+    whole, arrow = np.diag(scale) @ x.T @ x @ np.diag(scale), columns.normal(more).scaled(scale)
+    assert arrow.times(some[:, 0]) == pytest.approx(whole @ some[:, 0])
+    diagonal = DRAW.uniform(0.5, 2.0, c)
+    whole, factors = whole + np.diag(diagonal), arrow.plus(diagonal).factorised()
+    kept = scale != 0
+    inverse = np.where(np.outer(kept, kept), np.linalg.inv(whole), 0.0)
+    assert factors.solve(some) == pytest.approx(inverse @ some)
+    assert factors.quadratic(some) == pytest.approx(some.T @ inverse @ some)
+    assert factors.half_log_det == pytest.approx(0.5 * np.linalg.slogdet(whole[np.ix_(kept, kept)])[1])
+    assert factors.inverse_trace == pytest.approx(np.trace(inverse))
+    sparse = np.isin(np.arange(c), columns.rest)
+    rows = DRAW.normal(size=(4, c)) * np.where(sparse, DRAW.random(c) < 0.3, kept)
+    in_order = rows[:, np.append(columns.at[1:], [c - 2, c - 1])]
+    assert factors.covariance(in_order, csr_array(rows[:, columns.rest])) == pytest.approx(rows @ inverse @ rows.T)
+    low, high = np.full(c, -0.05), np.full(c, 0.02)
+    low[~kept], slope = 0.0, np.where(kept, some[:, 0], 0.0)
+    (best,) = box_minima(whole[None], slope[None], low[None], high[None])
+    assert np.isin(best[kept], [-0.05, 0.02]).any() and ((best > low) & (best < high))[sparse].any()
+    assert arrow.plus(diagonal).within(slope, low, high) == pytest.approx(best)
+
+
+def test_derivatives_taken_anew_are_exchanged_in_the_normal_equations_of_their_base() -> None:
+    a, more = matrix(), DRAW.normal(size=(N, 2))
+    columns, new = Columns.of(a), DRAW.normal(size=(N, 2))
+
+    def as_it_is(own: Columns, at: np.ndarray) -> Columns:
+        return own
+
+    base = Jacobian.of(columns)
+    for at in (columns.at[[2, 0]], np.array([columns.at[1], columns.rest[0]])):  # shared, and one that is not
+        got = Jacobian(a.shape[1], at, Columns.of(new), base).information(more, as_it_is)
+        whole = np.hstack([a, more])
+        whole[:, at] = new
+        unit = np.eye(whole.shape[1])
+        assert np.column_stack([got.times(e) for e in unit]) == pytest.approx(whole.T @ whole)
+
+
+def test_derivatives_by_copies_are_kept_by_the_rows_that_take_them() -> None:
+    slope = DRAW.normal(size=(2, N))
+    copy = np.array([np.zeros(N, int), 1 + np.arange(N) // 3])
+    copy[1, :6] = -1
+    columns = Columns.of_copies(slope, copy, 1 + N // 3)
+    whole = np.zeros((N, 2 + N // 3))
+    whole[np.arange(N), copy] = slope
+    assert columns.whole == pytest.approx(whole[:, :-1]) and columns.at.tolist() == [0]
+    assert columns.sparse.nnz == N - 6
+    assert columns.column(4) == pytest.approx(whole[:, 4])
 
 
 def test_huge_columns_that_are_nearly_the_same_are_reduced_all_the_same() -> None:

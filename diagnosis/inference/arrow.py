@@ -1,0 +1,197 @@
+"""Normal equations of many parameters of which most belong to single trials: an arrow of few shared ones and many sparse ones.
+
+With A = [S L], S (n, s) dense columns that all values have and L (n, l) those of single trials or repeats, sparse,
+
+    A^T A = [[S^T S, S^T L], [L^T S, L^T L]],
+
+and L^T L is nearly diagonal by blocks: it is factorised as a sparse matrix, and what remains of the shared parameters, the Schur
+complement S^T S - S^T L (L^T L)^-1 L^T S, as a dense one. Work and memory grow with the trials, not with their square or cube.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+from model.prediction.box_minima import Free, pivoted
+
+from ..arrays import Array, Ints, Mask
+
+ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
+"""Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
+
+
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """A symmetric matrix (c, c)."""
+
+    at: Ints
+    """(s,) which rows and columns are shared."""
+    shared: Array
+    """(s, s)"""
+    rest: Ints
+    """(l,) which are sparse."""
+    across: Array
+    """(l, s)"""
+    local: csc_array
+    """(l, l), its diagonal stored where it is zero, too."""
+
+    def exchanged(self, at: Ints, with_sparse: Array, with_shared: Array, among: Array) -> Arrow:
+        """With shared ones `at` (a,) exchanged for others: their products with the sparse ones (l, a), with other shared ones,
+        a row for each shared one (s, a), and among themselves (a, a)."""
+        order = np.argsort(self.at)
+        place = order[np.searchsorted(self.at, at, sorter=order)]
+        shared, across = self.shared.copy(), self.across.copy()
+        shared[:, place], shared[place, :], across[:, place] = with_shared, with_shared.T, with_sparse
+        shared[np.ix_(place, place)] = among
+        return replace(self, shared=shared, across=across)
+
+    def scaled(self, scale: Array) -> Arrow:
+        """diag(scale) A diag(scale) with scale (c,); shared ones of scale 0 are left out."""
+        kept = scale[self.at] != 0
+        of_at, of_rest = scale[self.at[kept]], scale[self.rest]
+        local = self.local.copy()
+        local.data = local.data * of_rest[local.indices] * of_rest[self._column]
+        shared = self.shared[np.ix_(kept, kept)] * np.outer(of_at, of_at)
+        return Arrow(self.at[kept], shared, self.rest, self.across[:, kept] * of_rest[:, None] * of_at, local)
+
+    def plus(self, diagonal: Array) -> Arrow:
+        """A + diag(diagonal) with diagonal (c,)."""
+        shared, local = self.shared.copy(), self.local.copy()
+        shared[np.diag_indices(self.at.size)] += diagonal[self.at]
+        local.data[local.indices == self._column] += diagonal[self.rest]
+        return replace(self, shared=shared, local=local)
+
+    @cached_property
+    def _column(self) -> Ints:
+        """The column of each number of the sparse block."""
+        return np.repeat(np.arange(self.rest.size), np.diff(self.local.indptr))
+
+    def times(self, x: Array) -> Array:
+        """(c,) the product with x (c,); 0 for what is left out."""
+        out, shared, local = np.zeros_like(x), x[self.at], x[self.rest]
+        out[self.at] = self.shared @ shared + self.across.T @ local
+        out[self.rest] = self.across @ shared + self.local @ local
+        return out
+
+    def within(self, slope: Array, low: Array, high: Array) -> Array:
+        """The x (c,) within low .. high that minimises x.A.x / 2 + slope.x."""
+
+        def solve(free: Free, downhill: Array) -> Array:
+            return self.factorised(free[0]).solve(downhill[0])[None]
+
+        return pivoted(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]
+
+    def factorised(self, free: Mask | None = None) -> Factors:
+        """The factors of the part that is free (c,); the rest is solved as 0."""
+        if free is None or free[self.rest].all() and free[self.at].all():
+            return Factors(self)
+        of_at, of_rest = free[self.at], free[self.rest]
+        local, kept = self.local.copy(), of_rest[self.local.indices] & of_rest[self._column]
+        local.data = np.where(kept, local.data, local.indices == self._column)  # those held have a diagonal of 1
+        shared, across = self.shared[np.ix_(of_at, of_at)], self.across[:, of_at] * of_rest[:, None]
+        return Factors(Arrow(self.at[of_at], shared, self.rest, across, local), of_rest)
+
+
+class Factors:
+    """A positive definite arrow, factorised."""
+
+    def __init__(self, arrow: Arrow, free: Mask | None = None) -> None:
+        """`free` (l,) which of the sparse ones are solved for; None: all."""
+        self._a, self._free = arrow, free
+        self._local = _sparse_factors(arrow.local) if arrow.rest.size else None
+        self._pulled = self._solved(arrow.across)  # (l, s)
+        self.root = cholesky(arrow.shared - arrow.across.T @ self._pulled)
+        """(s, s) lower Cholesky factor of the Schur complement, in the order of `Arrow.at`."""
+
+    def _solved(self, values: Array) -> Array:
+        """The sparse block's inverse times values (l, ..)."""
+        return np.asarray(self._local.solve(values)) if self._local is not None else values
+
+    def solve(self, values: Array) -> Array:
+        """(c, ..) A^-1 of values (c, ..); 0 for what is left out."""
+        a, out = self._a, np.zeros_like(values)
+        local = values[a.rest] if self._free is None else values[a.rest] * self._free.reshape(-1, *(1,) * (values.ndim - 1))
+        first = self._solved(local)
+        out[a.at] = shared = cho_solve((self.root, True), values[a.at] - a.across.T @ first, check_finite=False)
+        out[a.rest] = first - self._pulled @ shared
+        return out
+
+    @property
+    def half_log_det(self) -> float:
+        """Half the logarithm of the determinant."""
+        of_local = 0.0 if self._local is None else 0.5 * float(np.log(self._local.U.diagonal()).sum())
+        return of_local + float(np.log(np.diag(self.root)).sum())
+
+    def quadratic(self, values: Array) -> Array:
+        """(m, m) V^T A^-1 V of values (c, m)."""
+        a, local = self._a, values[self._a.rest]
+        first = self._solved(local)
+        half = solve_triangular(self.root, values[a.at] - a.across.T @ first, lower=True, check_finite=False)
+        return np.asarray(local.T @ first + half.T @ half)
+
+    @cached_property
+    def _local_inverse(self) -> csr_array:
+        """(l, l) inverse of the sparse block, which is as sparse: in parts that nothing connects, all of them solved at once."""
+        count = self._a.rest.size
+        number, part = connected_components(self._a.local, directed=False)
+        order = np.argsort(part, kind="stable")
+        begin = np.searchsorted(part[order], np.arange(number))
+        place = np.empty(count, np.int64)  # within its part
+        place[order] = np.arange(count) - begin[part[order]]
+        sizes = np.bincount(part, minlength=number)
+        unit = np.zeros((count, int(sizes.max(initial=0))))
+        unit[np.arange(count), place] = 1.0
+        solved = self._solved(unit)
+        row, column = np.nonzero(np.arange(unit.shape[1]) < sizes[part][:, None])
+        return csr_array((solved[row, column], (row, order[begin[part[row]] + column])), shape=(count, count))
+
+    @property
+    def inverse_trace(self) -> float:
+        """Trace of the inverse."""
+        turned = solve_triangular(self.root, self._pulled.T, lower=True, check_finite=False)
+        of_shared = np.linalg.inv(self.root)
+        local = float(self._local_inverse.diagonal().sum()) if self._local is not None else 0.0
+        return local + float((turned**2).sum() + (of_shared**2).sum())
+
+    def covariance(self, dense: Array, sparse: csr_array) -> Array:
+        """(r, r) X A^-1 X^T of rows X = [dense sparse], (r, s) in the order of `Arrow.at` and (r, l)."""
+        half = solve_triangular(self.root, (dense - sparse @ self._pulled).T, lower=True, check_finite=False)
+        return np.asarray(half.T @ half + (sparse @ self._local_inverse @ sparse.T).toarray())
+
+
+def cholesky(matrix: Array) -> Array:
+    """Lower Cholesky factors (..., n, n); the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
+    for share in ROUNDING:
+        with suppress(np.linalg.LinAlgError):
+            return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))
+    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
+
+
+def _sparse_factors(matrix: csc_array) -> Any:
+    """L and U of a sparse positive definite matrix; the diagonal raised as in `cholesky`."""
+    for share in ROUNDING:
+        raised = matrix
+        if share:
+            raised = matrix.copy()
+            raised.setdiag(matrix.diagonal() * (1 + share))
+        with suppress(RuntimeError):  # exactly singular
+            found = splu(raised, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+            if (found.U.diagonal() > 0).all():
+                return found
+    raise np.linalg.LinAlgError("a matrix that must be positive definite is not")
+
+
+def with_diagonal(matrix: csr_array) -> csc_array:
+    """A square matrix with all of its diagonal stored, zeros too."""
+    entries, all_of_it = matrix.tocoo(), np.arange(matrix.shape[0])
+    row, column = (np.concatenate([of, all_of_it]) for of in entries.coords)
+    return csc_array((np.concatenate([entries.data, np.zeros(len(all_of_it))]), (row, column)), shape=matrix.shape)
