@@ -20,6 +20,7 @@ from model.actuators import Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.sections import Positive, Section, Weight, section_problems
+from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
@@ -72,6 +73,8 @@ def _form(value: object) -> str:
     return "table" if isinstance(value, dict) else "number"
 
 
+STATED = ("effects", "tolerances")
+"""Tables of robot.yaml of which `Robot.stated` has each value."""
 THRUST = "chamber_thrust"
 """The effect that describes thrust on the side walls."""
 NumberOrTable = Annotated[
@@ -136,7 +139,7 @@ class Uncertainty(BaseModel):
         return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
 
 
-class Robot(BaseModel):
+class Robot(Shown, BaseModel):
     """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -242,7 +245,7 @@ class Robot(BaseModel):
     def area_factor_at(self, spine_length: ArrayLike) -> Array:
         """A_effect / A_norm at spine length (m): linear between table entries, constant beyond them.
 
-        >>> robot = load_robot(Path("robot.yaml")).with_area_factor({0.0: 1.0, 0.2: 1.4})
+        >>> robot = load_robot(Path("robot.yaml")).replace(area_factor={0.0: 1.0, 0.2: 1.4})
         >>> robot.area_factor_at([0.1, 0.3])
         array([1.2, 1.4])
         """
@@ -326,10 +329,26 @@ class Robot(BaseModel):
                 data["effects" if id in self.effects else "tolerances"][id][parameter] |= {"value": value, "sd": 0.0}
         return robot_from_dict(data)
 
-    def with_area_factor(self, factor: float | Mapping[float, float]) -> Robot:
-        """The same robot with another area factor (number, or table spine length in m -> factor), checked again."""
-        value = dict(factor) if isinstance(factor, Mapping) else factor
-        return robot_from_dict({**self.model_dump(), "area_factor": value})
+    def replace(self, **values: Any) -> Robot:
+        """The same robot with other values of robot.yaml in SI units, checked again; raises `BadRobot`.
+
+        >>> load_robot(Path("robot.yaml")).replace(length=0.42).length
+        0.42
+        """
+        return robot_from_dict({**self.model_dump(), **values})
+
+    def _columns(self) -> dict[str, Any]:
+        parts = {(): self, (self.actuators.words.kind,): self.actuators, ("spine",): self.spine}
+        given = {(*at, name): value for at, part in parts.items() for name, value in part or () if value not in (None, ())}
+        rows = {".".join(p): (v, _unit_of(p)) for p, v in given.items() if not isinstance(v, BaseModel) and p[0] not in STATED}
+        rows |= {name: (stated.value, stated.unit.strip("1")) for name, stated in self.stated.items()}
+        return {"parameter": list(rows), "value": [v for v, _ in rows.values()], "unit": [unit for _, unit in rows.values()]}
+
+    def __repr__(self) -> str:
+        count, effects = len(self.actuators.azimuths_deg), ", ".join(self.effects) or "none"
+        return f"<Robot: {self.name}, {1e3 * self.length:g} mm, {count} {self.actuators.words.kind}, effects: {effects}>"
+
+    __str__ = __repr__
 
 
 def robot_from_dict(data: Mapping[str, Any]) -> Robot:
