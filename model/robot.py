@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
-from model.actuators import Chambers, Tendons
+from model.actuators import PULL_AREA, Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.sections import Positive, Section, Weight, section_problems
@@ -178,6 +178,8 @@ class Robot(Shown, BaseModel):
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
+    max_tension: FiniteFloat | None = Field(default=None, gt=0, le=200, json_schema_extra={"unit": "N"})
+    """Highest tension of its tendons, in place of `max_pressure`."""
     quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
     quoted_time: FiniteFloat | None = Field(default=None, gt=0, le=1e6, json_schema_extra={"unit": "s"})
@@ -194,6 +196,12 @@ class Robot(Shown, BaseModel):
     """Joint uncertainty of area factor, effects and tolerances."""
     residual: Residual | None = None
     """Learnt rest, part of predictions alone."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_pressure(cls, data: Any) -> Any:
+        tension = data.get("max_tension") if isinstance(data, dict) else None
+        return {**data, "max_pressure": tension / PULL_AREA} if isinstance(tension, (int, float)) else data
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
@@ -219,6 +227,8 @@ class Robot(Shown, BaseModel):
         problems = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
+        if self.tendons is None and self.max_tension is not None:
+            problems.append("max_tension: says nothing of a robot with chambers: write max_pressure")
         if self.density == 0 and (self.mass_per_length or any(part.mass_per_length for part in self.sections)):
             problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):

@@ -97,8 +97,7 @@ def limits_of(
     if robot.max_pressure is None:
         words = robot.actuators.words
         raise BadCondition(
-            f"max_pressure: robot.yaml does not say how much its {words.kind} may hold; add it, in Pa (10 {words.unit} are "
-            f"{10 * words.pascal:g} Pa)"
+            f"max_{words.pressure}: robot.yaml does not say how much its {words.kind} may hold; add it, such as 10 {words.unit}"
         )
     limit, longest = (robot.length, max(robot.spine.modulus)) if robot.spine is not None else (0.0, 0.0)
     low, high = spine if spine is not None else (0.0, longest)

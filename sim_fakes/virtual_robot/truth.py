@@ -26,7 +26,7 @@ class RobotTruth(BaseModel):
     # body
     length: float = Field(default=0.40, gt=0.05, le=2, json_schema_extra={"unit": "m"})
     outer_radius: float = Field(default=0.05, gt=0, le=0.5, json_schema_extra={"unit": "m"})
-    inner_radius: float = Field(default=0.029, gt=0, le=0.5, json_schema_extra={"unit": "m"})
+    inner_radius: float = Field(default=0.029, ge=0, le=0.5, json_schema_extra={"unit": "m"})
     density: float = Field(default=1300.0, ge=0, le=20_000, json_schema_extra={"unit": "kg/m^3"})
     youngs_modulus: float = Field(default=0.507147e6, gt=1e3, le=1e9, json_schema_extra={"unit": "Pa"})
     shear_ratio: float = Field(default=1 / 3, gt=0, le=1)
