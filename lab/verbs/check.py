@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -35,11 +34,11 @@ from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
-from ..guard.messages import RigLanded
+from ..guard.messages import RigLanded, SafeReport
 from ..options import JSON, Result, Verb, option, rig
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
-from ..rig.interrupts import Interrupts
+from ..rig.by_hand import by_hand, demand_limit
 from ..rig.limits import bodies
 
 Array = NDArray[np.float64]
@@ -321,8 +320,7 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
     import model.rods  # noqa: F401 (with its kernels; no other check waits for it, and no rig that is open)
 
     robot = file.body
-    if file.instruments.pressure is not None and robot.max_pressure is None:
-        raise ConfigError(f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold")
+    demand_limit(file)
     if yes:
         return robot
     if not sys.stdin.isatty():
@@ -347,11 +345,10 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
         outcomes.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
-    with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
-        recorder = rig.recorder(Path(folder) / "moves.mcap")
-        rig.stop_now = lambda: interrupts.now
-        bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
-        rig.record_to(recorder)
+    def landed(report: SafeReport) -> None:
+        tell(Moved("safe state", report.confirmed, str(report)))
+
+    with by_hand(rig, screen, landed, list(rig.identities)) as bench:
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
                 bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
@@ -359,11 +356,6 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
-        finally:
-            report = rig.make_safe()
-            rig.record_to(None)
-            recorder.close("completed", "")
-    tell(Moved("safe state", report.confirmed, str(report)))
     return outcomes
 
 
