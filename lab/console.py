@@ -214,7 +214,9 @@ def seconds_left(done: float, total: float, elapsed: float, speed: float) -> flo
 
 
 def clock(seconds: float) -> str:
-    """Seconds as a person reads them: 45 s, 12 min, 2 h 05 min."""
+    """Seconds as a person reads them: 0.5 s, 45 s, 12 min, 2 h 05 min."""
+    if 0 < seconds < 1:
+        return f"{seconds:.2g} s"
     s = max(0, round(seconds))
     if s < 90:
         return f"{s} s"

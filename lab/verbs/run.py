@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
+import itertools
 import json
 import re
 import shlex
@@ -275,9 +276,12 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
     for m in asked:
         out.print(f"  {m}", soft_wrap=True)
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
-    for i, step in enumerate(steps, 1):
-        label = REPEAT.sub("", step.label) if repeats > 1 else step.label
-        out.print(f"{i:4d}  {clock(step.seconds):>8}  {label}", soft_wrap=True)
+    first = 1
+    rows = ((clock(step.seconds), REPEAT.sub("", step.label) if repeats > 1 else step.label) for step in steps)
+    for (seconds, label), equal in itertools.groupby(rows):
+        count = len(list(equal))
+        out.print(f"{first:4d}  {seconds:>8}  {label}{f', {count} times' if count > 1 else ''}", soft_wrap=True)
+        first += count
     if repeats > 1:
         out.print(f"x {repeats} repeats (--all lists every step)")
     if done is not None:
