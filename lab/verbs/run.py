@@ -379,12 +379,13 @@ def run(
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
-    of_file = None
-    if broken is not None and protocol is not None and protocol.endswith(".py"):
-        of_file = protocol_from_file(Path(protocol))
-    if broken is not None and ((protocol is not None and of_file is None) or settings or folder is not None):
+    given = protocol is not None and protocol.endswith(".py")
+    if broken is not None and ((protocol is not None and not given) or settings or folder is not None):
         raise ConfigError("--resume continues with the protocol, settings and folder of the run: do not give them again")
-    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, of_file)
+    if broken is None:
+        j = job(protocol or "", rig_path, settings)
+    else:
+        j = job_again(broken, rig_path, protocol_from_file(Path(str(protocol))) if given else broken.recorded_protocol())
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
@@ -396,7 +397,7 @@ def run(
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
     lost = result.lost
-    again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
+    again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
     warn(rig.notices)
     poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
@@ -440,10 +441,9 @@ def slower(speed: float) -> float:
     return max(1.0, speed // 4)
 
 
-def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
+def resume_command(file: Path, rig_path: Path) -> str:
     """What to type, as the shell takes it, to go on with a run that ended before its plan did."""
-    words = ["lab", "run", *([str(source)] if source is not None else []), "--resume", str(file), "--rig", str(rig_path)]
-    return shlex.join(words)
+    return shlex.join(["lab", "run", "--resume", str(file), "--rig", str(rig_path)])
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:

@@ -93,6 +93,25 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
+def test_a_protocol_of_one_s_own_is_resumed_from_the_recording_and_others_code_is_not_executed(
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "sine.py"
+    own.write_text("from protocols import bending\n" + BENDING)
+    folder = tmp_path / "runs"
+    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
+    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, code=1).both)
+    own.unlink()
+    (first,) = folder.glob("*.mcap")
+    with monkeypatch.context() as another:
+        another.setattr(os, "getuid", lambda: 12345)
+        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
+    assert lab(*words[1:]) in SOUND
+    (second,) = set(folder.glob("*.mcap")) - {first}
+    assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
+    assert Recording.open(second).attachments["protocol.py"] == Recording.open(first).attachments["protocol.py"]
+
+
 def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "a.journal").write_text(
         '{"journal": 1, "campaign": "c", "protocol": "bending"}\n{"recording": "gone.mcap", "first_trial": 1}\n'
