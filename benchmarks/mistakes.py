@@ -129,7 +129,7 @@ def measured(robot: Robot, seed: int, change: Callable[[Array], Array] = lambda 
             trial.append(number)
     pressures = np.array(read)
     moduli = {name: getattr(robot, name) * TRUE_MODULUS for name in ("youngs_modulus", "shear_modulus")}
-    built = robot.model_copy(update=moduli).with_area_factor(TRUE_AREA)
+    built = robot.model_copy(update=moduli).replace(area_factor=TRUE_AREA)
     found = solve(rods_of(built, conditions(built, np.zeros(len(read)), change(pressures))), FINE)
     order, numbers = np.flatnonzero(found.converged), np.array(trial)[found.converged]  # a body that snaps is not read
     found, pressures = found.take(order), pressures[order]

@@ -10,19 +10,23 @@ down is the most probable point and how uncertain it is. Effects that are not na
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from scipy.special import softmax
 
+from model.calibration import AXES, AreaFit
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
+from model.estimate import Estimate
 from model.robot import THRUST, Robot, robot_from_dict
+from model.shown import Shown
 from model.stated import AREA_FACTOR
 
 from .answer.attribute import calibrated
@@ -59,8 +63,8 @@ FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Fitted(FittedRobot):
-    """A robot with effects, and how well it describes the states it was fitted to (in-sample)."""
+class Fitted(Shown, FittedRobot):
+    """A fitted robot, and how well it describes the states it was fitted to (in-sample)."""
 
     robot: Robot
     """With effects, tolerances, area factor and posterior."""
@@ -71,20 +75,54 @@ class Fitted(FittedRobot):
     findings: tuple[Finding, ...]
     left_out_mm: float | None = None
     """rms of the tip with effects and learnt residual, on trials that the residual did not learn from."""
+    spine_modulus: Mapping[float, Estimate] = field(default_factory=dict)
+    """Pa by spine length (m), from pushes."""
+    body_modulus: Estimate | None = None
+    """Pa, from pushes."""
+    area_factor_by_length: Mapping[float, AreaFit] = field(default_factory=dict)
+    """One for each spine length (m), the set-up taken as exact, as the paper has it."""
+
+    @property
+    def area_factor(self) -> AreaFit | None:
+        """Of the calibrated robot without effects, for all spine lengths, tolerances fitted too. None without tips."""
+        if not self.states:
+            return None
+        numbers, rms = AXES * self.states, 1e-3 * self.calibrated_mm / math.sqrt(AXES)
+        sd = self.parameters[AREA_FACTOR].sd
+        return AreaFit(Estimate(self.calibrated_area_factor, sd, numbers, numbers, rms))
+
+    def _rows(self) -> Iterator[tuple[str, float, float, str]]:
+        """Name, value, standard deviation and unit of all that was fitted."""
+        bodies = {"youngs_modulus": self.body_modulus} if self.body_modulus else {}
+        for name, e in {**bodies, **{f"spine.modulus at {s:g} m": e for s, e in self.spine_modulus.items()}}.items():
+            yield name, e.value, e.standard_error, "Pa"
+        for length, area in self.area_factor_by_length.items():
+            yield f"area_factor at {length:g} m", area.factor.value, area.factor.standard_error, ""
+        yield from ((name, p.value, p.sd, "" if p.unit == "1" else p.unit) for name, p in self.parameters.items())
+
+    def _columns(self) -> dict[str, Any]:
+        rows = list(self._rows())
+        return {name: [row[k] for row in rows] for k, name in enumerate(("parameter", "value", "sd", "unit"))}
 
     def __repr__(self) -> str:
-        sizes = [f"{n} = {p.value:.4g} ± {p.sd:.2g}{'' if p.unit == '1' else f' {p.unit}'}" for n, p in self.parameters.items()]
-        return (
-            f"<Fitted: {self.robot.name} with {', '.join(self.effects) or 'no effect'}, {self.states} states in {self.trials} "
-            f"trials: {self.left_mm:.3g} mm rms, {self.calibrated_mm:.3g} mm without (in-sample); {'; '.join(sizes[:8])}>"
+        sizes = "; ".join(f"{n} = {value:.4g} ± {sd:.2g} {unit}".rstrip() for n, value, sd, unit in [*self._rows()][:9])
+        effects = ", ".join(self.effects) or "no effect"
+        tips = (
+            f"{self.states} states in {self.trials} trials, {self.left_mm:.3g} mm rms (in-sample)" if self.states else "no tips"
         )
+        return f"<Fitted: {self.robot.name} with {effects}, {tips}; {sizes or 'nothing could be fitted'}>"
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-able; lengths in mm."""
-        posterior = self.robot.posterior
+        """JSON-able; lengths in mm, fitted numbers in SI units."""
+        posterior, area = self.robot.posterior, self.area_factor
         return {
-            **{name: getattr(self, name) for name in ("effects", "states", "trials", "calibrated_mm")},
-            "fitted_mm": self.left_mm,
+            **{name: getattr(self, name) for name in ("effects", "states", "trials")},
+            "calibrated_mm": self.calibrated_mm if area else None,
+            "fitted_mm": self.left_mm if area else None,
+            "spine_modulus": {f"{length:g}": e.as_dict() for length, e in self.spine_modulus.items()},
+            "body_modulus": self.body_modulus.as_dict() if self.body_modulus else None,
+            "area_factor": area.as_dict() if area else None,
+            "area_factor_by_length": {f"{length:g}": one.as_dict() for length, one in self.area_factor_by_length.items()},
             "parameters": {n: asdict(p) for n, p in self.parameters.items()},
             "in_sample": True,
             "findings": [asdict(f) for f in self.findings],

@@ -145,11 +145,19 @@ class SerialLine(SerialPort):
     """A serial port that is asked and answers, with deadlines."""
 
     def __init__(
-        self, name: str, port: str, baud: int, timeout: float, lock: StopFirst | None = None, skip_echo: bool = False
+        self,
+        name: str,
+        port: str,
+        baud: int,
+        timeout: float,
+        lock: StopFirst | None = None,
+        skip_echo: bool = False,
+        settle: float = 0.0,
     ) -> None:
-        """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter."""
+        """See `SerialPort`. `skip_echo`: a line that repeats the request is the echo of an adapter. `settle`: host s for which a
+        board is deaf that resets when its port opens; what it says meanwhile is discarded."""
         super().__init__(name, port, baud, timeout, lock)
-        self._skip_echo = skip_echo
+        self._skip_echo, self._settle = skip_echo, settle
         self._buffer = bytearray()
         self._sent = b""
         """The request whose echo may come before the answer that is awaited."""
@@ -165,7 +173,8 @@ class SerialLine(SerialPort):
             if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
                 return
             super().open()
-            self._buffer.clear()
+            timing.sleep(self._settle)
+            self.flush()
             self._silent = False
 
     def _leads_elsewhere(self, port: serial.Serial) -> bool:

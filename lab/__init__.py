@@ -3,11 +3,9 @@
     load_robot(path)              the robot of a robot.yaml
     case(*inputs)                 measured states: recordings, or a folder with robot.yaml and trials.csv
     read(path)                    one recording, with its streams as arrays
-    predict(robot, pressures)     tip positions by the Cosserat rod model
-    predictor(robot)              the model for many states, with intervals and gradients
+    predict(robot, pressures)     tips by the Cosserat rod model, with intervals and gradients
     inverse(robot, targets)       pressures that bring the tip to its targets
-    fit(case)                     moduli and area factors with their intervals
-    fit_with(case, *effects)      area factor and named effects, for robot.yaml
+    fit(case, effects=())         moduli and area factors, or named effects, with their intervals
     compare(case)                 measured tips next to predicted ones
     diagnose(case)                where the gap lies, and which effect causes it
     diagnose_model(predict, ..)   which of your causes explains the gap of any model
@@ -20,12 +18,13 @@ Start:
 
     import lab
 
-    case = lab.case("runs/bending-20261121-101500.mcap")
+    case = lab.case(frame, "robot.yaml")  # a pandas DataFrame; or recordings
     answer = lab.diagnose(case)
-    known = lab.fit_with(case, *answer.attribute.effects).robot
+    known = lab.fit(case, answer.attribute.effects).robot
     lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures
+    longer = known.replace(length=0.42)
 
-`case.table.to_pandas()` is a DataFrame. `help(lab.diagnose)` and so on say more, with examples.
+Every result has `.to_frame()`: a DataFrame with its units. `help(lab.diagnose)` and so on say more, with examples.
 """
 
 from __future__ import annotations
@@ -35,13 +34,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .api import (  # noqa: I001
-        Case, Cause, case, compare, diagnose, diagnose_model, fit, fit_with, inverse, load_robot, open_rig, predict, predictor,
-        read, run, save,
+        Case, Cause, case, compare, diagnose, diagnose_model, fit, inverse, load_robot, open_rig, predict, read, run, save,
     )  # fmt: skip
 
 __all__ = [
-    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "fit_with", "inverse", "load_robot", "open_rig",
-    "predict", "predictor", "read", "run", "save",
+    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "inverse", "load_robot", "open_rig", "predict",
+    "read", "run", "save",
 ]  # fmt: skip
 
 

@@ -11,8 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.any_model import Cause as Cause
@@ -21,16 +20,13 @@ from diagnosis.any_model.answer import Answer
 from diagnosis.diagnose import Options
 from diagnosis.diagnose import diagnose as _diagnose
 from diagnosis.fit_effects import Fitted, fit_effects
-from model.condition import conditions
-from model.prediction import Predictor
+from model.prediction import Prediction, Predictor
 from model.prediction.inverse import Reached, limits_of
 from model.prediction.inverse import inverse as _inverse
 from model.robot import Robot
-from model.rods import FINE, solve
-from model.section import rods_of
 from recordings.file.reader import Recording
 
-from .calibration import Calibration, calibrate
+from .calibration import calibrate
 from .comparison import Comparison, comparison
 from .files.config import ConfigError, check, load, read_yaml
 from .files.inputs import Case, case_of, read_case
@@ -103,38 +99,21 @@ def read(path: Place, truncated: bool = False) -> Recording:
     return Recording.open(Path(path), truncated=truncated)
 
 
-def predict(
-    robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, tip_mass: float | None = None, roll: float = 0.0
-) -> NDArray[np.float64]:
-    """Tip positions (n, 3) m in the base frame, by the Cosserat rod model; NaN where there is no equilibrium.
+def predict(robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, **options: Any) -> Prediction:
+    """Tip, orientation and shape by the Cosserat rod model; NaN where there is no equilibrium.
 
-    `pressures` (n, chambers) or (chambers,) Pa gauge; `spine_length` m, one or (n,); `tip_mass` kg, robot.yaml's unless
-    given; `roll` rad of the body in its mount. Raises BadCondition.
+    `pressures` (n, chambers) or (chambers,) Pa gauge; `spine_length` m, one or (n,). `options`: `tip_mass` kg, `roll` rad of the
+    body in its mount; `intervals=True`: with 95 % intervals; `gradient=True`: with the slopes by pressure and spine length; and
+    the others of `model.prediction.Predictor`. Raises BadRobot, BadCondition.
 
     >>> robot = load_robot("robot.yaml")
-    >>> predict(robot, [60e3, 60e3, 60e3, 0, 0, 0, 0, 0, 0]).round(2)
-    array([[-0.02, -0.02,  0.4 ]])
-    """
-    if robot != robot.plain:
-        return predictor(robot)(pressures, spine_length, tip_mass, roll).tip
-    p = np.atleast_2d(np.asarray(pressures, float))
-    n = len(p)
-    mass = robot.tip_mass if tip_mass is None else tip_mass
-    lengths = np.broadcast_to(np.asarray(spine_length, float), (n,))
-    solved = solve(rods_of(robot, conditions(robot, lengths, p, np.full(n, mass), np.full(n, roll))), FINE)
-    return np.where(solved.converged[:, None], solved.tip, np.nan)
-
-
-def predictor(robot: Robot) -> Predictor:
-    """The robot's model for many states: tip, orientation, shape; on request 95 % intervals, and gradients by pressure and
-    spine length. Made once, called often. Raises BadRobot.
-
-    >>> at = predictor(load_robot("robot.yaml"))
-    >>> found = at([[60e3] * 3 + [0] * 6, [80e3] * 3 + [0] * 6], spine_length=[0.0, 0.1], gradient=True)
+    >>> found = predict(robot, [[60e3] * 3 + [0] * 6, [80e3] * 3 + [0] * 6], spine_length=[0.0, 0.1], gradient=True)
     >>> found.tip.shape, found.orientation.shape, found.tip_by_pressure.shape
     ((2, 3), (2, 4), (2, 3, 9))
+    >>> found.to_frame().round(0)["tip x [mm]"].tolist()
+    [-23.0, -34.0]
     """
-    return Predictor(robot, stated_by(robot))
+    return Predictor(robot, stated_by(robot))(pressures, spine_length, **options)
 
 
 def inverse(
@@ -150,29 +129,26 @@ def inverse(
     (array([ True]), np.float64(-0.05))
     """
     fixed = None if spine_length is None else (spine_length, spine_length)
-    return _inverse(predictor(robot), targets, limits_of(robot, groups, spine=fixed))
+    return _inverse(Predictor(robot, stated_by(robot)), targets, limits_of(robot, groups, spine=fixed))
 
 
-def fit(measured: Case) -> Calibration:
-    """Moduli from stiffness trials, area factors from tips; `.robot` has them. Raises ConfigError.
+def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False) -> Fitted:
+    """The calibrated robot, `.robot`, and what was fitted, with its uncertainty. Raises ConfigError, DiagnosisError, BadEffect.
+
+    Without effects: moduli from stiffness trials and area factors from tips. `effects`: these, area factor and tolerances.
+    `residual`: what the model still misses is learnt on top, for predictions.
 
     >>> fitted = fit(case("campaign"))
     >>> round(float(fitted.robot.area_factor_at(0.0)), 1)
     1.5
-    """
-    return calibrate(Case(measured.robot.plain, measured.table))
-
-
-def fit_with(measured: Case, *effects: str, residual: bool = False) -> Fitted:
-    """Area factor, effects and tolerances with their uncertainty; `.robot` has them. Raises DiagnosisError, BadEffect.
-
-    `residual`: what the model still misses is learnt on top, for predictions.
-
-    >>> fitted = fit_with(case("campaign"), "chamber_azimuth")
+    >>> fitted = fit(case("campaign"), "chamber_azimuth")
     >>> fitted.parameters["chamber_azimuth.angle"].unit, list(fitted.robot.effects)
     ('rad', ['chamber_azimuth'])
     """
-    return fit_effects(measured, effects, catalogue(measured.robot)[0], residual=residual)
+    if not effects and not residual:
+        return calibrate(Case(measured.robot.plain, measured.table))
+    named = [effects] if isinstance(effects, str) else effects
+    return fit_effects(measured, named, catalogue(measured.robot)[0], residual=residual)
 
 
 def compare(measured: Case) -> Comparison:

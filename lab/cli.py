@@ -14,8 +14,10 @@ OK, FAILED, USAGE = 0, 1, 2
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "rig": {
+        "init": ("verbs.init", "write a commented robot.yaml, and a rig.yaml, from a few numbers"),
         "fakes": ("verbs.fakes", "start the fake instruments and print the rig.yaml that reaches them"),
         "check": ("verbs.check", "connect to each instrument: identity, rate, age, limits"),
+        "jog": ("verbs.jog", "set chambers, spine and valve by hand, with all readings; Ctrl-C vents"),
         "safe": ("verbs.safe", "vent, stop and release the spine, confirmed by reading back"),
     },
     "run": {

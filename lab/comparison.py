@@ -15,13 +15,14 @@ from model.condition import States
 from model.effects import CATALOGUE, EffectSpec
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
+from model.shown import Shown, by_axis
 from recordings.trials import Table
 
 from .files.inputs import Case
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Tips measured and predicted (n, 3) m, the error table, and how many states the model could not solve."""
 
     condition: States
@@ -34,6 +35,11 @@ class Comparison:
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
         return f"<Comparison: {len(self.measured)} tips missed by {self.table.rmse * 1e3:.3g} mm rms (in-sample){missed}>"
+
+    def _columns(self) -> dict[str, NDArray[np.float64]]:
+        pressures = {f"p{c} [kPa]": 1e-3 * p for c, p in enumerate(self.condition.pressure.T, 1)}
+        tips = by_axis("measured {} [mm]", self.measured) | by_axis("predicted {} [mm]", self.predicted)
+        return {**pressures, **tips, "error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1)}
 
 
 @dataclass(frozen=True)

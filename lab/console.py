@@ -123,13 +123,14 @@ class _Bar(Progress):
 
     address: str | None = None
     typed: str | None = None
+    prompt = "note: {}_  (Enter writes it down, Esc does not)"
 
     def get_renderables(self) -> Iterable[RenderableType]:
         yield from super().get_renderables()
         if self.address is not None:
             yield Text(plain(f"watch it at {self.address}"), overflow="fold")
         if self.typed is not None:
-            yield Text(plain(f"note: {self.typed}_  (Enter writes it down, Esc does not)"), overflow="fold")
+            yield Text(plain(self.prompt.format(self.typed)), overflow="fold")
 
 
 class Screen:
@@ -183,6 +184,10 @@ class Screen:
         """A line that the person is typing, so far; None: none any more."""
         self._progress.typed = text
         self._progress.refresh()
+
+    def prompt(self, prompt: str) -> None:
+        """How such a line is shown: a text with {} for it."""
+        self._progress.prompt = prompt
 
     def step(self, name: str, share: float) -> None:
         """A step whose time is not known, such as "step 2 of 5: hypotheses", and the share of it that is done."""

@@ -83,6 +83,10 @@ class AreaFit:
         """Number of states fitted."""
         return self.factor.n // AXES
 
+    def as_dict(self) -> dict[str, float]:
+        """JSON-able."""
+        return {**self.factor.as_dict(), "rmse_m": self.rmse}
+
 
 def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None) -> AreaFit:
     """Fit one area factor for all states, by least squares on the measured tips (n, 3) m, base frame.
@@ -95,7 +99,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
     >>> from model.robot import load_robot
     >>> robot = load_robot(Path("robot.yaml"))
     >>> states = conditions(robot, 0.1, [[p] * 3 + [0.0] * 6 for p in (40e3, 80e3)])
-    >>> tips = solve(rods_of(robot.with_area_factor(1.1), states), FINE).tip
+    >>> tips = solve(rods_of(robot.replace(area_factor=1.1), states), FINE).tip
     >>> round(fit_area_factor(robot, states, tips).factor.value, 3)
     1.1
     """
@@ -107,7 +111,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
         raise NotIdentified("pressure: all zero, the tips say nothing about the area factor")
 
     def residuals(x: Array) -> Array:
-        result = solve(rods_of(robot.with_area_factor(float(x[0])), condition), FINE)
+        result = solve(rods_of(robot.replace(area_factor=float(x[0])), condition), FINE)
         # A state without equilibrium at a trial value counts as one robot length off: the search turns back.
         return np.where(result.converged[:, None], result.tip - measured, robot.length).ravel()
 
@@ -120,7 +124,7 @@ def fit_area_factor(robot: Robot, condition: States, tip: ArrayLike, trial: Arra
             f"area factor: {value:g} is at its bound ({LEAST_FACTOR:g}..{MOST_FACTOR:g}): "
             "check the units of pressure and tip, and the chamber order"
         )
-    predicted = solve(rods_of(robot.with_area_factor(value), condition), FINE).trusted().tip
+    predicted = solve(rods_of(robot.replace(area_factor=value), condition), FINE).trusted().tip
     labels = None if trial is None else np.repeat(np.asarray(trial), 3)
     return AreaFit(estimate(value, solution.jac[:, 0], (measured - predicted).ravel(), 1, labels))
 

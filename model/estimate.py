@@ -32,6 +32,11 @@ class Estimate:
         half = float(stdtrit(self.dof, 0.975)) * self.standard_error
         return self.value - half, self.value + half
 
+    def as_dict(self) -> dict[str, float]:
+        """JSON-able, with the ends of the 95 % interval."""
+        low, high = self.interval
+        return {"value": self.value, "standard_error": self.standard_error, "low95": low, "high95": high, "n": self.n}
+
     def scaled(self, factor: float) -> Estimate:
         """The same knowledge about `factor` times the value; the residual stays in the unit of the readings."""
         return Estimate(factor * self.value, abs(factor) * self.standard_error, self.dof, self.n, self.rms_residual)

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
-from model.actuators import Chambers, Tendons
+from model.actuators import PULL_AREA, Chambers, Tendons
 from model.errors import BadRobot
 from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.sections import Positive, Section, Weight, section_problems
+from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
 
 Array = NDArray[np.float64]
@@ -72,6 +73,8 @@ def _form(value: object) -> str:
     return "table" if isinstance(value, dict) else "number"
 
 
+STATED = ("effects", "tolerances")
+"""Tables of robot.yaml of which `Robot.stated` has each value."""
 THRUST = "chamber_thrust"
 """The effect that describes thrust on the side walls."""
 NumberOrTable = Annotated[
@@ -136,7 +139,7 @@ class Uncertainty(BaseModel):
         return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
 
 
-class Robot(BaseModel):
+class Robot(Shown, BaseModel):
     """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -175,6 +178,8 @@ class Robot(BaseModel):
     base_to_world: Pose | None = None
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
+    max_tension: FiniteFloat | None = Field(default=None, gt=0, le=200, json_schema_extra={"unit": "N"})
+    """Highest tension of its tendons, in place of `max_pressure`."""
     quoted_pressure: FiniteFloat | None = Field(default=None, gt=0, le=2e6, json_schema_extra={"unit": "Pa"})
     """Gauge pressure at which `effects` that grow with it are stated; `max_pressure` unless given."""
     quoted_time: FiniteFloat | None = Field(default=None, gt=0, le=1e6, json_schema_extra={"unit": "s"})
@@ -191,6 +196,12 @@ class Robot(BaseModel):
     """Joint uncertainty of area factor, effects and tolerances."""
     residual: Residual | None = None
     """Learnt rest, part of predictions alone."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_pressure(cls, data: Any) -> Any:
+        tension = data.get("max_tension") if isinstance(data, dict) else None
+        return {**data, "max_pressure": tension / PULL_AREA} if isinstance(tension, (int, float)) else data
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
@@ -216,6 +227,8 @@ class Robot(BaseModel):
         problems = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
+        if self.tendons is None and self.max_tension is not None:
+            problems.append("max_tension: says nothing of a robot with chambers: write max_pressure")
         if self.density == 0 and (self.mass_per_length or any(part.mass_per_length for part in self.sections)):
             problems.append("mass_per_length: needs a density above 0 kg/m^3, which its uncertainty is referred to")
         if self.tendons is not None and any(part.chamber_radius is not None for part in self.sections):
@@ -242,7 +255,7 @@ class Robot(BaseModel):
     def area_factor_at(self, spine_length: ArrayLike) -> Array:
         """A_effect / A_norm at spine length (m): linear between table entries, constant beyond them.
 
-        >>> robot = load_robot(Path("robot.yaml")).with_area_factor({0.0: 1.0, 0.2: 1.4})
+        >>> robot = load_robot(Path("robot.yaml")).replace(area_factor={0.0: 1.0, 0.2: 1.4})
         >>> robot.area_factor_at([0.1, 0.3])
         array([1.2, 1.4])
         """
@@ -326,10 +339,26 @@ class Robot(BaseModel):
                 data["effects" if id in self.effects else "tolerances"][id][parameter] |= {"value": value, "sd": 0.0}
         return robot_from_dict(data)
 
-    def with_area_factor(self, factor: float | Mapping[float, float]) -> Robot:
-        """The same robot with another area factor (number, or table spine length in m -> factor), checked again."""
-        value = dict(factor) if isinstance(factor, Mapping) else factor
-        return robot_from_dict({**self.model_dump(), "area_factor": value})
+    def replace(self, **values: Any) -> Robot:
+        """The same robot with other values of robot.yaml in SI units, checked again; raises `BadRobot`.
+
+        >>> load_robot(Path("robot.yaml")).replace(length=0.42).length
+        0.42
+        """
+        return robot_from_dict({**self.model_dump(), **values})
+
+    def _columns(self) -> dict[str, Any]:
+        parts = {(): self, (self.actuators.words.kind,): self.actuators, ("spine",): self.spine}
+        given = {(*at, name): value for at, part in parts.items() for name, value in part or () if value not in (None, ())}
+        rows = {".".join(p): (v, _unit_of(p)) for p, v in given.items() if not isinstance(v, BaseModel) and p[0] not in STATED}
+        rows |= {name: (stated.value, stated.unit.strip("1")) for name, stated in self.stated.items()}
+        return {"parameter": list(rows), "value": [v for v, _ in rows.values()], "unit": [unit for _, unit in rows.values()]}
+
+    def __repr__(self) -> str:
+        count, effects = len(self.actuators.azimuths_deg), ", ".join(self.effects) or "none"
+        return f"<Robot: {self.name}, {1e3 * self.length:g} mm, {count} {self.actuators.words.kind}, effects: {effects}>"
+
+    __str__ = __repr__
 
 
 def robot_from_dict(data: Mapping[str, Any]) -> Robot:

@@ -154,32 +154,41 @@ def jam_lost(bench: Bench) -> bool:
     return True
 
 
+def play(bench: Bench, function: Callable[[float], Sequence[float]], seconds: float) -> Sequence[float]:
+    """Play a waveform: set all channels to `function(t)` (Pa) ten times a second, from t = 0 to `seconds` s of rig time.
+
+    Returns the last set-points as confirmed, and sets `bench.clipped` if limits clipped one."""
+    bench.clipped = False
+    regulators = bench.need(bench.pressure, "pressure")
+    t, now = 0.0, bench.clock.now()
+    while True:
+        previous, now = now, bench.clock.now()
+        t = min(seconds, t + min(now - previous, LONGEST_CREDIT))  # after a standstill of this computer nothing jumps
+        wanted = function(t)
+        confirmed = regulators.set(wanted)
+        bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED
+        if t >= seconds:
+            return confirmed
+        bench.pause(0.1)  # rig seconds between two set-points
+
+
 def ramp(bench: Bench, target: Sequence[float], rate: float) -> float:
     """Ramp all channels (Pa) to `target` at `rate` Pa/s; returns the rig time of arrival.
 
     Sets `bench.clipped` if limits clipped a set-point. Raises NotReached when the regulators hold other set-points in the end.
     """
-    bench.clipped = False
     regulators = bench.need(bench.pressure, "pressure")
     start = regulators.read().setpoint
     duration = max((abs(b - a) for a, b in zip(start, target, strict=True)), default=0.0) / rate
-    ramped, now = 0.0, bench.clock.now()
-    while True:
-        previous, now = now, bench.clock.now()
-        ramped += min(now - previous, LONGEST_CREDIT)  # s; after a standstill of this computer nothing jumps
-        share = min(1.0, ramped / duration) if duration > 0 else 1.0
-        wanted = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
-        confirmed = regulators.set(wanted)
-        bench.clipped |= max(abs(c - w) for c, w in zip(confirmed, wanted, strict=True)) > CLIPPED
-        if share == 1.0:
-            break
-        bench.pause(0.1)  # rig seconds between two set-points
 
-    def held() -> float | None:
+    def on_the_way(t: float) -> list[float]:
+        share = t / duration if t < duration else 1.0
+        return [a + share * (b - a) for a, b in zip(start, target, strict=True)]
+
+    def held(confirmed: Sequence[float]) -> float | None:
         """The time at which the regulators have confirmed the target."""
-        off = max(abs(c - t) for c, t in zip(regulators.set(target), target, strict=True))
-        return bench.clock.now() if off < CLIPPED else None
+        return bench.clock.now() if max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < CLIPPED else None
 
-    if max(abs(c - t) for c, t in zip(confirmed, target, strict=True)) < CLIPPED:
-        return bench.clock.now()
-    return bench.wait("pressure: set-points confirmed", held, 30.0)
+    if (arrived := held(play(bench, on_the_way, duration))) is not None:
+        return arrived
+    return bench.wait("pressure: set-points confirmed", lambda: held(regulators.set(target)), 30.0)

@@ -9,7 +9,7 @@ import contextlib
 import json
 import socket
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -127,13 +127,15 @@ class FakeRig:
         spine: str = USUAL["spine"],
         truth: RobotTruth | None = None,
         others: Mapping[str, str] | None = None,
+        without: Collection[str] = (),
         sensors: Mapping[str, str] | None = None,
         known: Mapping[str, Fake] = OWN,
     ) -> None:
         """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `spine`: the length unit's
-        driver; empty for a robot without a spine, which has no valve and gauge either. `others`: key of rig.yaml -> driver
-        of arm, force, valve, gauge and mocap where it is not the usual one. `sensors`: name -> driver of sensors of the
-        lab's own. `known`: the fakes that there are, by the name of their driver. Three of nine chambers share a channel.
+        driver. `others`: key of rig.yaml -> driver of arm, force, valve, gauge and mocap where it is not the usual one.
+        `without`: keys of rig.yaml that are left out; without `spine`, valve and gauge are too. `sensors`: name -> driver of
+        sensors of the lab's own. `known`: the fakes that there are, by the name of their driver. Three of nine chambers share
+        a channel.
         """
         self.truth = truth or RobotTruth()
         chambers = len(self.truth.chamber_azimuths_deg)
@@ -151,7 +153,7 @@ class FakeRig:
         """What rig.yaml says of each."""
         drivers = {**USUAL, **(others or {}), "spine": spine, "pressure": self.regulators.driver}
         for role in ("arm", *(r for r in SEEDS if r != "arm")):
-            if spine or role not in OF_SPINE:
+            if role not in without and not ("spine" in without and role in OF_SPINE):
                 self._plug(role, role, drivers[role], seed + SEEDS[role])
         for number, (name, driver) in enumerate((sensors or {}).items()):
             self._plug("sensor", f"{SENSORS}{name}", driver, seed + 100 + number)
@@ -280,7 +282,7 @@ class FakeRig:
         """The contents of the rig.yaml that reaches these instruments."""
         stand = np.array(self.truth.stand)
         sensors = {key.removeprefix(SENSORS): table() for key, table in self.tables.items() if key.startswith(SENSORS)}
-        return {
+        table: dict[str, Any] = {
             "name": "virtual rig",
             "robot": robot,
             "clock": {"speed": self.clock.speed},
@@ -289,14 +291,16 @@ class FakeRig:
                 **{key: table() for key, table in self.tables.items() if not key.startswith(SENSORS)},
                 **({"sensors": sensors} if sensors else {}),
             },
-            "stand": {
+        }
+        if "arm" in self.tables:
+            table["stand"] = {
                 "origin": stand[:3, 3].tolist(),
                 "axis": stand[:3, 2].tolist(),
                 "push": stand[:3, 0].tolist(),
                 "tool_rotation": [0.0, float(np.pi / 2), 0.0],
                 "position_sd": ARM_ERROR * self.truth.arm_errors,
-            },
-        }
+            }
+        return table
 
     # -- the back door
     def do(self, what: str, value: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
 from collections.abc import Mapping
@@ -13,6 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BeforeValidator, TypeAdapter
 
 from model.actuators import Chambers, Tendons, Words
+from model.shown import Shown
 from recordings.json_text import read_json
 
 from ..criticism.stage_errors import StageError
@@ -326,7 +326,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Shown):
     """The whole answer."""
 
     statement: str
@@ -376,14 +376,15 @@ class Diagnosis:
         return (Tendons if self.detail.get("actuators") == Tendons.words.kind else Chambers).words
 
     def __repr__(self) -> str:
-        return f"<Diagnosis: {self.statement}>"
+        return f"<Diagnosis: {self.headline or self.statement}>"
 
-    def _repr_html_(self) -> str:
-        ranking = "".join(
-            f"<tr><td>{html.escape(' + '.join(r.effects) or 'none')}</td><td>{r.probability:.2f}</td></tr>"
-            for r in self.attribute.ranking[:10]
-        )
-        return f"<p>{html.escape(self.statement)}</p><table><tr><th>hypothesis</th><th>probability</th></tr>{ranking}</table>"
+    def _columns(self) -> dict[str, Any]:
+        ranking = self.attribute.ranking
+        return {
+            "hypothesis": [" + ".join(r.effects) or "none" for r in ranking],
+            "probability": [r.probability for r in ranking],
+            "tip error on unseen states, rms [mm]": [r.heldout_rmse_mm for r in ranking],
+        }
 
     def to_json(self) -> str:
         """The text of diagnosis.json."""

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from model.shown import Shown
+
 from ..answer.decision import Verdict
 from ..arrays import Array
 from ..judgement import CAUSE_PROBABILITY
@@ -79,7 +81,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Answer(Shown):
     """Which cause explains the gap between a model and its data."""
 
     verdict: Verdict
@@ -160,6 +162,11 @@ class Answer:
 
     def __repr__(self) -> str:
         return f"<Answer: {self.headline}>"
+
+    def _columns(self) -> dict[str, Any]:
+        sizes = ["; ".join(map(str, r.parameters)) for r in self.ranking]
+        names = [" + ".join(r.effects) or "none" for r in self.ranking]
+        return {"hypothesis": names, "probability": [r.probability for r in self.ranking], "parameters": sizes}
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON: the keys of diagnosis.json where they apply, residuals in each output's unit."""

@@ -316,7 +316,7 @@ def as_described(sample: Sample) -> list[Fit]:
 def _with_areas(sample: Sample, area: float) -> Sample:
     """The sample with the area factors of its spine lengths, or with this one for all where that is nearer."""
     robot = sample.robot
-    other = replace(sample, robot=robot.with_area_factor(area))
+    other = replace(sample, robot=robot.replace(area_factor=area))
     softer = Edit("modulus", 1.0, widens={AREA: WIDEST, MODULUS: WIDEST})
     axes = np.eye(len(CALIBRATION))
     starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]

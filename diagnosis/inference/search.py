@@ -232,8 +232,8 @@ class Search:
         return [extended, *map(self._turn, points), *others]
 
     def _taken_apart(self, c: Candidate) -> list[Candidate]:
-        """A hypothesis of several effects, and those that name one less, searched from where it is fitted: one may reach from there
-        what it does not reach from none, and explains alone what seemed to take several."""
+        """A hypothesis of several effects, and those that name one less, searched from where it is fitted: one of them may reach
+        from there what it does not reach from none, and explain alone what seemed to take several."""
         out, start = [], c.fit.theta
         for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
             fitted = self._fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)

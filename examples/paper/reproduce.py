@@ -185,7 +185,7 @@ def added_bending(robot: Robot, lengths: Array) -> Array:
 
 def area_by_reading(robot: Robot = ROBOT) -> dict[str, Area]:
     """Refit the paper's own curves under each of `READINGS`."""
-    spine, states, unit = robot.spine, bending_states(robot), robot.with_area_factor(1.0)
+    spine, states, unit = robot.spine, bending_states(robot), robot.replace(area_factor=1.0)
     assert spine is not None
 
     def rods(of: Robot, pushes: bool) -> Rods:

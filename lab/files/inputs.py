@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from diagnosis.data.campaign import settings
 from diagnosis.findings import Finding, finding
 from model.condition import States
 from model.robot import Robot
+from model.shown import Shown
 from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
@@ -33,7 +34,7 @@ TABLES = (
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(Shown):
     """Measured states and the robot they were measured on."""
 
     robot: Robot
@@ -44,8 +45,8 @@ class Case:
     def __repr__(self) -> str:
         return f"<Case: {self.robot.name}, {repr(self.table)[len('<Table: ') :]}"
 
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.robot.name)}</p>{self.table._repr_html_()}"
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        return {f"{n} [{unit}]" if unit not in ("", "1") else n: self.table[n] for n, unit in self.table.units.items()}
 
     def of(self, *protocols: str) -> Table:
         """The rows of these protocols."""

@@ -5,16 +5,20 @@ Trials are the unit: an interrupted sweep is repeated from its beginning, becaus
 
 from __future__ import annotations
 
+import os
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from protocols.registry import Experiment
 from recordings.campaign.labels import labels_of
 from recordings.campaign.replay import campaign_of, merged
 from recordings.file.journal import Progress, read
 from recordings.file.reader import Recording
 from recordings.trials import Table
 
-from .config import ConfigError
+from .all_protocols import protocol_from_file
+from .config import ConfigError, parse_yaml
 from .inputs import attached
 
 
@@ -29,9 +33,23 @@ class Broken:
     table: Table
     labels: dict[str, str]
     protocol: str
-    own_file: bool
-    """Whether its protocol is a Python file of the lab's own, which is attached but never run from there."""
     robot: bytes
+    code: bytes | None = None
+    """Python file of its protocol, where it came from one."""
+    owned: bool = False
+    """Whether its first recording is this user's own: code of others is not executed."""
+
+    def recorded_protocol(self) -> Experiment | None:
+        """The protocol of the Python file in the recording, None where it came from none; raises ConfigError."""
+        if self.code is None:
+            return None
+        name = parse_yaml(self.protocol, f"{self.journal}: protocol.yaml").table.get("protocol")
+        if not self.owned or not isinstance(name, str) or not name.isidentifier():
+            raise ConfigError(f"{self.journal}: its recording is not yours; give its protocol: lab run {name}.py --resume ..")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{name}.py"
+            path.write_bytes(self.code)
+            return protocol_from_file(path)
 
 
 def find(run: Path) -> Broken:
@@ -56,7 +74,8 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, table.take(table.trial <= finished),
-        labels_of(first), attached(first, "protocol.yaml"), "protocol.py" in first.attachments, first.attachments["robot.yaml"],
+        labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
+        first.attachments.get("protocol.py"), first.path.stat().st_uid == os.getuid(),
     )  # fmt: skip
 
 

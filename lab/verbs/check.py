@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +20,7 @@ from rich.table import Table
 
 import timing
 from drivers.errors import InstrumentError
+from drivers.frames import matrix_from_quaternion
 from drivers.interfaces import Identity
 from model.robot import Robot
 from protocols.actions import grow, home, ramp, release, vent
@@ -35,13 +35,14 @@ from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
-from ..guard.messages import RigLanded
-from ..options import JSON, Result, Verb, option, rig
+from ..guard.messages import RigLanded, SafeReport
+from ..options import JSON, OneOf, Result, Verb, option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
-from ..rig.interrupts import Interrupts
+from ..rig.by_hand import by_hand, demand_limit
 from ..rig.limits import bodies
+from .calibrate import NotDetermined, base_seen, lines
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,8 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
         ("spine", bench.spine, lambda: _spine(bench, rig)),
         ("arm", bench.arm, lambda: _arm(bench, rig)),
     ]
-    per_pascal = _expected(bench, robot) if bench.pressure is not None else ()
+    tips = _model_tips(bench, robot) if bench.pressure is not None else None
+    per_pascal = () if tips is None else tuple((tips[1:] - tips[0]) / STEP)
     for channel, group in enumerate(bench.chambers.channels):
         name = f"pressure channel {channel + 1} (chambers {', '.join(map(str, group))})"
         trials.append((name, bench.pressure, lambda c=channel: _channel(bench, rig, per_pascal, c)))  # type: ignore[misc]
@@ -161,10 +163,10 @@ def _arm(bench: Bench, rig: RigFile) -> str:
 
 
 # ------------------------------------------------------------------ pressure
-def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
-    """(3,) m per Pa, base frame, by which each channel moves the rod model's tip; none without cameras or an equilibrium."""
+def _model_tips(bench: Bench, robot: Robot) -> Array | None:
+    """(1 + channels, 3) m, base frame: the rod model's tip at rest, and with each channel at `STEP`; None without cameras."""
     if bench.mocap is None:
-        return ()
+        return None
     from model.condition import conditions
     from model.rods import FINE, solve
     from model.section import rods_of
@@ -175,17 +177,58 @@ def _expected(bench: Bench, robot: Robot) -> tuple[Array, ...]:
     n = len(pressures)
     states = conditions(robot, np.zeros(n), pressures, np.full(n, robot.tip_mass), np.zeros(n))
     tips = solve(rods_of(robot, states), FINE)
-    if not tips.converged.all():
-        return ()
-    return tuple((tip - tips.tip[0]) / STEP for tip in tips.tip[1:])
+    return tips.tip if tips.converged.all() else None
+
+
+def calibrate(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[str]:
+    """Inflate each channel to `STEP`; yields what the tip shows of base, axes and chambers. Raises NotAsCommanded."""
+    bench.need(bench.pressure, "pressure")
+    bench.need(bench.mocap, "mocap")
+    tips = _model_tips(bench, robot)
+    if tips is None:
+        raise NotAsCommanded("calibrate: the model of robot.yaml has no equilibrium at rest or when inflated; correct it first")
+    rests, moved = [], []
+    for channel, per_pascal in enumerate((tips[1:] - tips[0]) / STEP):
+        bench.check_stop()
+        rest, displacement = _inflated(bench, rig, per_pascal, channel)
+        assert rest is not None and displacement is not None  # the cameras are there
+        rests.append(rest)
+        moved.append(displacement)
+        vent(bench)
+        yield f"channel {channel + 1}: the tip moves by {1e3 * np.linalg.norm(displacement):.2f} mm"
+    to_base = getattr(rig.instruments.mocap, "mocap_to_base", None)  # drivers of packages may have none
+    turn = np.eye(3) if to_base is None else matrix_from_quaternion(to_base.quaternion)
+    shift = np.zeros(3) if to_base is None else np.array(to_base.position)
+    try:
+        seen = base_seen((np.mean(rests, axis=0) - shift) @ turn, np.array(moved) @ turn, tips[1:] - tips[0], tips[0])
+    except NotDetermined as e:
+        raise NotAsCommanded(f"calibrate: {e}") from e
+    yield from lines(seen, bench.chambers.channels, robot.actuators.azimuths_deg)
 
 
 def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel: int) -> str:
     """Inflate a channel to `STEP` and vent it; `per_pascal`: (3,) m per Pa expected of the tip by each. Raises NotAsCommanded."""
+    displacement = per_pascal[channel] if per_pascal else None
+    _, moved = _inflated(bench, rig, displacement, channel)
+    observed = "its own reading agrees, the other channels do not change"
+    if displacement is None or moved is None:
+        observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
+    elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
+        observed += "; the tip should not move sideways, so range and hoses are not checked"
+    else:
+        _compare(moved, displacement * STEP)
+        observed += f", and the tip moved {math.hypot(*moved[:2]) * 1e3:.1f} mm in the right direction"
+    vent(bench)
+    return observed
+
+
+def _inflated(bench: Bench, rig: RigFile, displacement: Array | None, channel: int) -> tuple[Array | None, Array | None]:
+    """Inflate a channel to `STEP`; returns the tip at rest and how far it moved (3,) m, where `displacement` is expected per Pa.
+
+    Raises NotAsCommanded."""
     vent(bench)
     bench.wait("pressure: all channels empty", lambda: True if max(abs(_pressures(bench))) < AGREE else None, WITHIN)
     bench.pause(REST)
-    displacement = per_pascal[channel] if per_pascal else None
     rest = _tip(bench) if displacement is not None else None
     at_rest = _pressures(bench)
     config = rig.instruments.pressure
@@ -195,19 +238,12 @@ def _channel(bench: Bench, rig: RigFile, per_pascal: tuple[Array, ...], channel:
         pressure = STEP * config.full_scale / config.widest
         _inflate(bench, channel, pressure, at_rest)
         if displacement is not None and rest is not None:
-            _compare(_tip(bench) - rest, displacement * pressure, pressure, least=None)
+            _demand_size(_tip(bench) - rest, displacement * pressure, pressure)
     _inflate(bench, channel, STEP, at_rest)
-    observed = "its own reading agrees, the other channels do not change"
-    if displacement is None or rest is None:
-        observed += "; without cameras, or without a model of these chambers, range and hoses are not checked"
-    elif math.hypot(*displacement[:2]) * STEP < LEAST_VISIBLE:
-        observed += "; the tip should not move sideways here, so range and hoses are not checked"
-    else:
-        moved = _tip(bench) - rest
-        _compare(moved, displacement * STEP, STEP, LEAST_RATIO)
-        observed += f", and the tip moved {math.hypot(*moved[:2]) * 1e3:.1f} mm in the right direction"
-    vent(bench)
-    return observed
+    moved = None if rest is None else _tip(bench) - rest
+    if displacement is not None and moved is not None:
+        _demand_size(moved, displacement * STEP, STEP, LEAST_RATIO)
+    return rest, moved
 
 
 def _inflate(bench: Bench, channel: int, pressure: float, at_rest: Array) -> None:
@@ -235,23 +271,26 @@ def _pressures(bench: Bench) -> Array:
     return np.mean([regulators.read().measured for _ in range(5)], axis=0)  # type: ignore[no-any-return]
 
 
-def _compare(moved: Array, expected: Array, pressure: float, least: float | None) -> None:
-    """Raise NotAsCommanded where the tip moved clearly farther than expected, less than the share `least`, or elsewhere."""
-    size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
+def _demand_size(moved: Array, expected: Array, pressure: float, least: float = 0.0) -> None:
+    """Raise NotAsCommanded where the tip moved clearly farther than expected, or less than the share `least`."""
+    size, should = math.hypot(*moved), math.hypot(*expected)
     if size > MOST_RATIO * should + NOISE:
         raise NotAsCommanded(
             f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
             "regulator delivers more than it reads; correct full_scale (or unit) in rig.yaml, else area_factor and "
             "youngs_modulus in robot.yaml"
         )
-    if should < LEAST_VISIBLE or least is None:
-        return
-    if size < least * should - NOISE:
+    if should >= LEAST_VISIBLE and size < least * should - NOISE:
         raise NotAsCommanded(
             f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
             "regulator delivers less than it reads, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
             "area_factor and youngs_modulus in robot.yaml"
         )
+
+
+def _compare(moved: Array, expected: Array) -> None:
+    """Raise NotAsCommanded where the tip moved in another direction than expected."""
+    size, should = math.hypot(*moved[:2]), math.hypot(*expected[:2])
     angle = math.acos(max(-1.0, min(1.0, float(moved[:2] @ expected[:2]) / (size * should))))
     if angle > MOST_ANGLE:
         raise NotAsCommanded(
@@ -277,15 +316,18 @@ LOOK = 0.05
 """Host seconds between two polls for samples."""
 
 
-def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False) -> Result:
-    """Connect to all instruments, count samples for `seconds` of host time, report what is missing; `move`: also move the "
-    "actuators (`yes`: without asking)."""
+def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False, calibrating: bool = False) -> Result:
+    """Connect to all instruments, count samples for `seconds` of host time, report what is missing; `move`: also move the
+    actuators (`yes`: without asking).
+
+    `calibrating`: inflate the channels alone, and report base, axes and chambers, see `lab.verbs.calibrate`."""
     file = load_rig(rig_path)
-    robot = _may_move(file, yes) if move else None
+    robot = _may_move(file, yes, PRESSURES if calibrating else ALL) if move or calibrating else None
     if move:
         place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
     moved: list[Moved] = []
-    with Rig(file, despite_latch=not move) as rig:
+    said: list[str] = []
+    with Rig(file, despite_latch=robot is None) as rig:
         outcome: dict[str, Identity | InstrumentError] = {}
 
         def note(name: str, result: Identity | InstrumentError) -> None:
@@ -299,8 +341,9 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
-            moved = _moved(rig, robot)
-            keep(rig_path, file, moved, adapters_now(file, rig.identities))
+            moved = _moved(rig, robot, said if calibrating else None)
+            if move:
+                keep(rig_path, file, moved, adapters_now(file, rig.identities))
     lost = sum(r.get("lost", 0) for r in rows)
     warn(rig.notices)
 
@@ -315,17 +358,21 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False)
 
     data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
-    data |= {"moved": [asdict(m) for m in moved]} if move else {}
+    data |= {"moved": [asdict(m) for m in moved]} if robot is not None else {}
+    data |= {"calibration": said} if calibrating else {}
     return Result(data, show, 1 if failed else (3 if lost else 0))
 
 
-def _may_move(file: RigFile, yes: bool) -> Robot:
+PRESSURES = f"inflates each channel to {STEP / 1e3:g} kPa"
+ALL = f"{PRESSURES}, homes the spine and moves it by 1 cm, opens the valve and moves the arm by 5 mm"
+
+
+def _may_move(file: RigFile, yes: bool, what: str) -> Robot:
     """Return the robot that may be moved. Raises ConfigError, or Stopped if the person refuses."""
     import model.rods  # noqa: F401 (with its kernels; no other check waits for it, and no rig that is open)
 
     robot = file.body
-    if file.instruments.pressure is not None and robot.max_pressure is None:
-        raise ConfigError(f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold")
+    demand_limit(file)
     if yes:
         return robot
     if not sys.stdin.isatty():
@@ -333,16 +380,17 @@ def _may_move(file: RigFile, yes: bool) -> Robot:
             "--move: cannot ask for confirmation (not a terminal); add --yes when nobody is within reach of the rig"
         )
     questions().print(
-        f"This inflates each channel to {STEP / 1e3:g} kPa, homes the spine and moves it by 1 cm, opens the valve and moves the "
-        f"arm by 5 mm. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
+        f"This {what}. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )
     if input("Type yes to continue: ").strip().lower() not in ("y", "yes"):
         raise Stopped("not confirmed; nothing moved")
     return robot
 
 
-def _moved(rig: Rig, robot: Robot) -> list[Moved]:
-    """Move the actuators (see `moves`), land the rig, and print each outcome, the landing last."""
+def _moved(rig: Rig, robot: Robot, said: list[str] | None) -> list[Moved]:
+    """Move the actuators (see `moves`), land the rig, and print each outcome, the landing last.
+
+    `said`: calibrate instead, and leave the lines here."""
     outcomes: list[Moved] = []
     screen = Screen("check", rig.clock.speed)
 
@@ -350,23 +398,20 @@ def _moved(rig: Rig, robot: Robot) -> list[Moved]:
         outcomes.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
-    with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse) as interrupts:
-        recorder = rig.recorder(Path(folder) / "moves.mcap")
-        rig.stop_now = lambda: interrupts.now
-        bench = rig.bench(recorder, screen, interrupts.stopping, list(rig.identities))
-        rig.record_to(recorder)
+    def landed(report: SafeReport) -> None:
+        tell(Moved("safe state", report.confirmed, str(report)))
+
+    with by_hand(rig, screen, landed, list(rig.identities)) as bench:
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
                 bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
-            for result in moves(bench, rig.file, robot):
+            for line in calibrate(bench, rig.file, robot) if said is not None else ():
+                out.print(line, soft_wrap=True)
+                said.append(line)  # type: ignore[union-attr]
+            for result in moves(bench, rig.file, robot) if said is None else ():
                 tell(result)
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
-        finally:
-            report = rig.make_safe()
-            rig.record_to(None)
-            recorder.close("completed", "")
-    tell(Moved("safe state", report.confirmed, str(report)))
     return outcomes
 
 
@@ -438,12 +483,21 @@ def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
 VERBS = (
     Verb(
         "check",
-        lambda a: check(a.rig, a.seconds, a.move, a.yes),
+        lambda a: check(a.rig, a.seconds, a.move, a.yes, a.calibrate),
         options=(
             JSON,
             rig(),
-            option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-            option("--yes", action="store_true", help="with --move: skip the confirmation; only if nobody is within reach"),
+            OneOf(
+                (
+                    option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
+                    option(
+                        "--calibrate",
+                        action="store_true",
+                        help="inflate each channel a little: azimuths, base and axes, as lines for the files",
+                    ),
+                )
+            ),
+            option("--yes", action="store_true", help="with these: skip the confirmation; only if nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
         ),
         examples=("lab check --rig rig/rig.yaml", "lab check --rig rig/rig.yaml --move"),

@@ -22,7 +22,7 @@ from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, FakeRegulators, faults
 from sim_fakes.registry import GROUP, OWN, of_role
-from sim_fakes.rig import FakeRig
+from sim_fakes.rig import USUAL, FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
@@ -162,6 +162,7 @@ def _rig(a: argparse.Namespace) -> FakeRig:
     if not 0 <= a.arm_errors <= 10:
         raise ConfigError(f"--arm-errors {a.arm_errors:g}: must be 0 to 10")
     how = regulators(a)
+    without = left_out(a.without, robot)
     try:
         return FakeRig(
             truth=truth.model_copy(update={"arm_errors": a.arm_errors}),
@@ -169,8 +170,9 @@ def _rig(a: argparse.Namespace) -> FakeRig:
             effects=effects(a.effect),
             seed=a.seed,
             regulators=how,
-            spine=a.spine if robot is None or robot.spine is not None else "",
+            spine=a.spine,
             others=other_drivers,
+            without=without,
             sensors=sensors,
             known=found_fakes().usable,
         )
@@ -178,6 +180,21 @@ def _rig(a: argparse.Namespace) -> FakeRig:
         if a.swap is None:
             raise
         raise ConfigError(f"--swap {a.swap}: {e}; name two of the rig's channels, such as 2,3") from e
+
+
+def left_out(roles: str | None, robot: Robot | None) -> set[str]:
+    """Instruments that are not played: the spine's for a robot without one, and `roles`, KEY[,KEY..]; raises ConfigError.
+
+    Arm and force sensor push on a spine; so unless `roles` is given (perhaps as ""), a robot without one has none, except where
+    its robot.yaml states the error of a stand."""
+    spineless = robot is not None and robot.spine is None
+    if roles is None:
+        pushed = robot is not None and robot.uncertainty.push_place is not None
+        return {"spine", *(() if pushed else ("arm", "force"))} if spineless else set()
+    named = {role.strip() for role in roles.split(",") if role.strip()}
+    if wrong := named - {*USUAL, "pressure"}:
+        raise ConfigError(f"--without {min(wrong)}: is no instrument; give some of {', '.join(USUAL)}")
+    return named | ({"spine"} if spineless else set())
 
 
 def played(robot: Robot) -> RobotTruth:
@@ -208,8 +225,8 @@ def played(robot: Robot) -> RobotTruth:
     try:
         return RobotTruth(**values)
     except ValidationError as e:
-        error = e.errors()[0]
-        raise ConfigError(f"{robot.name}: cannot be simulated: {': '.join([*map(str, error['loc']), error['msg']])}") from e
+        wrong = [f"robot.yaml: {'.'.join(map(str, f['loc']))}: cannot be simulated: {f['msg']}" for f in e.errors()]
+        raise ConfigError(*wrong) from e
 
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
@@ -293,6 +310,11 @@ VERBS = (
             _driver("valve", "numato", "the jamming valve"),
             _driver("gauge", "pfeiffer", "the vacuum gauge"),
             _driver("mocap", "natnet", "the motion capture"),
+            option(
+                "--without",
+                metavar="KEY[,KEY..]",
+                help="instruments to leave out, such as arm,force (default: what a robot without a spine does not need)",
+            ),
             option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
             option(
                 "--robot",

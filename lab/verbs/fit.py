@@ -25,7 +25,7 @@ from model.robot import Robot
 from recordings.own_files import folder_in, replaced
 from recordings.table_file import csv_text
 
-from ..calibration import Calibration, calibrate
+from ..calibration import calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
@@ -179,7 +179,7 @@ def residual_lines(f: Fitted) -> list[str]:
     return lines
 
 
-def sheet(c: Calibration) -> Sheet:
+def sheet(c: Fitted) -> Sheet:
     """The calibration as a table; without the column of spine lengths for a robot that has no spine."""
     rows = [
         ("E of the spine", f"{length * 100:.1f} cm", _mpa(e), str(e.n), f"{e.rms_residual:.3f} N")
@@ -201,7 +201,7 @@ def sheet(c: Calibration) -> Sheet:
     return t
 
 
-def baseline_line(c: Calibration, area: AreaFit) -> str:
+def baseline_line(c: Fitted, area: AreaFit) -> str:
     """State the baseline of a diagnosis."""
     spine = c.robot.spine is not None
     return (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import copy
+import itertools
 import json
 import re
 import sys
@@ -12,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
-from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -270,7 +270,7 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
     rows = [(clock(step.seconds), REPEAT.sub("", step.label) if repeats > 1 else step.label) for step in steps]
     number = 1
-    for (duration, label), alike in groupby(rows):
+    for (duration, label), alike in itertools.groupby(rows):
         times = len(list(alike))
         out.print(f"{number:4d}  {duration:>8}  {label}{f' ({times} times)' if times > 1 else ''}", soft_wrap=True)
         number += times
@@ -371,12 +371,13 @@ def run(
     broken = find(resume) if resume is not None else None
     if broken is None and protocol is None:
         raise ConfigError("give a protocol, or a run with --resume")
-    of_file = None
-    if broken is not None and protocol is not None and protocol.endswith(".py"):
-        of_file = protocol_from_file(Path(protocol))
-    if broken is not None and ((protocol is not None and of_file is None) or settings or folder is not None):
+    given = protocol is not None and protocol.endswith(".py")
+    if broken is not None and ((protocol is not None and not given) or settings or folder is not None):
         raise ConfigError("--resume uses the protocol, settings and folder of the run: do not give them again")
-    j = job(protocol or "", rig_path, settings) if broken is None else job_again(broken, rig_path, of_file)
+    if broken is None:
+        j = job(protocol or "", rig_path, settings)
+    else:
+        j = job_again(broken, rig_path, protocol_from_file(Path(str(protocol))) if given else broken.recorded_protocol())
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
@@ -388,7 +389,7 @@ def run(
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
     lost = result.lost
-    again = None if result.outcome == "completed" else resume_command(result.file, rig_path, j.experiment.source)
+    again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
     warn(rig.notices)
     poses = _poses_of_arm(result)
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
@@ -439,9 +440,9 @@ def unverified(rig_path: Path, why: str) -> str:
     return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
 
 
-def resume_command(file: Path, rig_path: Path, source: Path | None = None) -> str:
+def resume_command(file: Path, rig_path: Path) -> str:
     """The command that continues a run which ended early."""
-    return typed("lab", "run", *([] if source is None else [source]), "--resume", file, "--rig", rig_path)
+    return typed("lab", "run", "--resume", file, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:
@@ -450,9 +451,6 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
     name = f"{broken.journal}: protocol.yaml"
     source = parse_yaml(broken.protocol, name)
-    if broken.own_file and of_file is None:
-        again = typed("lab", "run", f"{source.table.get('protocol')}.py", "--resume", broken.journal, "--rig", rig_path)
-        raise ConfigError(f"{broken.journal}: its protocol is a Python file of your own; give that file too: {again}")
     j = job(name, rig_path, [], source, of_file, rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ from model.errors import BadCondition
 from model.prediction.box_minima import box_minima
 from model.prediction.predictor import Prediction, Predictor
 from model.robot import Robot
+from model.shown import Shown, by_axis
 
 Array = NDArray[np.float64]
 Order = NDArray[np.intp]
@@ -53,7 +55,7 @@ class ReachLimits:
 
 
 @dataclass(frozen=True)
-class Reached:
+class Reached(Shown):
     """What to ask of the robot for m targets, and where its tip will be."""
 
     pressures: Array
@@ -69,6 +71,14 @@ class Reached:
     def reached(self) -> NDArray[np.bool_]:
         """(m,) whether the target can be reached."""
         return np.asarray(self.miss <= REACHED)
+
+    def __repr__(self) -> str:
+        return f"<Reached: {int(self.reached.sum())} of {len(self.miss)} targets, error up to {1e3 * self.miss.max():.3g} mm>"
+
+    def _columns(self) -> dict[str, Any]:
+        pressures = {f"p{c} [kPa]": p for c, p in enumerate(1e-3 * self.pressures.T, 1)}
+        spine = {"spine [mm]": 1e3 * self.spine_length} if self.spine_length.any() else {}
+        return {**pressures, **spine, **by_axis("tip {} [mm]", self.prediction.tip), "miss [mm]": 1e3 * self.miss}
 
 
 def limits_of(
@@ -87,8 +97,7 @@ def limits_of(
     if robot.max_pressure is None:
         words = robot.actuators.words
         raise BadCondition(
-            f"max_pressure: robot.yaml does not say how much its {words.kind} may hold; add it, in Pa (10 {words.unit} are "
-            f"{10 * words.pascal:g} Pa)"
+            f"max_{words.pressure}: robot.yaml does not say how much its {words.kind} may hold; add it, such as 10 {words.unit}"
         )
     limit, longest = (robot.length, max(robot.spine.modulus)) if robot.spine is not None else (0.0, 0.0)
     low, high = spine if spine is not None else (0.0, longest)

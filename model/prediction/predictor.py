@@ -20,6 +20,7 @@ from model.errors import BadCondition
 from model.prediction.residual import LearntResidual, residual_of
 from model.prediction.spread import PRESSURE, standard_deviations, uncertain
 from model.robot import Robot
+from model.shown import Shown, by_axis
 from model.stated import AREA_FACTOR
 
 Array = NDArray[np.float64]
@@ -35,7 +36,7 @@ NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Shown):
     """What is expected of n states; NaN where the rod has no equilibrium. Base frame, SI."""
 
     tip: Array
@@ -64,6 +65,14 @@ class Prediction:
     def converged(self) -> NDArray[np.bool_]:
         """(n,) whether the rod has a trusted equilibrium."""
         return np.asarray(np.isfinite(self.tip).all(axis=1))
+
+    def __repr__(self) -> str:
+        given = [f.name for f in fields(self) if getattr(self, f.name) is not None]
+        return f"<Prediction: {len(self.tip)} states, {int((~self.converged).sum())} without an equilibrium; {', '.join(given)}>"
+
+    def _columns(self) -> dict[str, Any]:
+        tip, reading = by_axis("tip {} [mm]", self.tip), by_axis("sd of a reading of {} [mm]", self.sd)
+        return {**tip, **reading, **by_axis("orientation {}", self.orientation, 1, "wxyz")}
 
     def interval(self, model_only: bool = False) -> tuple[Array, Array]:
         """Ends (n, 3) m of the 95 % interval of a reading of the tip, or of where it is; raises `BadCondition` without."""

@@ -78,7 +78,7 @@ def test_a_screw_and_its_logarithm_are_inverse_and_have_these_derivatives() -> N
 
 def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_millimetre() -> None:
     levels = (0.0, 50.0, 100.0, 150.0, 200.0, 250.0)
-    robot = load_robot(PAPER).with_area_factor(1.6)
+    robot = load_robot(PAPER).replace(area_factor=1.6)
     states = conditions(robot, np.repeat(SPINES, 6), np.tile([bent(p) for p in levels], (7, 1)))
     expected = rods.solve(rods_of(robot, states), REFERENCE).trusted().tip.reshape(7, 6, 3)
     legs = tuple(Leg(bent(p), 5e3, 0.0) for p in levels)

@@ -106,7 +106,7 @@ def by_groups(case: Measured, told: Robot) -> Measured:
     for k, r in enumerate(case.table.rows):
         own = tuple(max(r.pressures) if i in groups[(k // 5) % 3] else 0.0 for i in range(9))
         at = conditions(ROBOT, r.spine_length, own)
-        (x, y, z), *_ = solve(rods_of(ROBOT.with_area_factor(1.5), at), FINE).tip.tolist()
+        (x, y, z), *_ = solve(rods_of(ROBOT.replace(area_factor=1.5), at), FINE).tip.tolist()
         rows.append(replace(r, pressures=own, tip=(x, y, z)))
     return replace(case, robot=told, table=Table.of(rows))
 
@@ -235,7 +235,7 @@ TENDON_ARM = robot_from_dict({
     "shear_modulus": 3e6, "tip_mass": 0.05, "gravity": [0.0, 0.0, 9.81], "area_factor": 1.0,
     "tendons": {"path_radius": 0.011, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
 })  # fmt: skip
-PAPER = ROBOT.with_area_factor(1.6)
+PAPER = ROBOT.replace(area_factor=1.6)
 GROUPS = {
     9: ((8, 0, 1), (2, 3, 4), (5, 6, 7), (3,), (0,), (8,), (1,)),
     3: ((0,), (1,), (2,), (0, 1)),

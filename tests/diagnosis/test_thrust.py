@@ -73,5 +73,5 @@ def test_the_noise_floor_is_the_same_whatever_the_description() -> None:
         change = 1.0 + 0.05 * rng.normal()
         rows[i] = replace(r, pressures=tuple(change * p for p in r.pressures), tip=(change * r.tip[0], *r.tip[1:]))
     own, _ = states(replace(case, table=Table.of(rows)))
-    floors = [prepare(ROBOT.with_area_factor(factor), own, catalogue=RIVALS).noise_floor for factor in (0.8, 1.5, 2.2)]
+    floors = [prepare(ROBOT.replace(area_factor=factor), own, catalogue=RIVALS).noise_floor for factor in (0.8, 1.5, 2.2)]
     assert floors == pytest.approx([floors[0]] * 3, rel=0.05) and 0.3e-3 < floors[0] < 1e-3

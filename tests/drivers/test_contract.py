@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -57,6 +58,18 @@ def test_the_contract(drivers: tuple[str, ...], installed: dict[str, str], tmp_p
     assert all(any(driver in name for name in passed) for driver in drivers), passed
     verified = [name for name in passed if "whose_checksum_is_wrong" in name]
     assert all(any(f"[{driver}]" in name for name in verified) for driver in VERIFYING & {*drivers}), report
+
+
+def test_a_renamed_copy_has_the_new_name_everywhere(tmp_path: Path) -> None:
+    page = (ROOT / "docs/howto/driver.md").read_text()
+    rename = [line.strip() for line in page.splitlines() if line.strip().startswith(("mv my_regulator", "sed -i"))]
+    shutil.copytree(ROOT / "examples/regulator", tmp_path / "my_regulator")
+    subprocess.run("\n".join(rename), cwd=tmp_path, shell=True, check=True)
+    assert [p for p in (tmp_path / "my_regulator").rglob("*.*") if "pr4" in p.read_text() and p.suffix == ".toml"] == []
+    install(tmp_path, tmp_path / "my_regulator")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, tmp_path / "my_regulator", ROOT)))}
+    fakes, found = run_there([["fakes", "--regulators", "ardupres"], ["schema", "rig"]], environment)
+    assert "ardupress" in fakes.err and fakes.returncode == 2 and '"ardupress"' in found.out and "Pr4" not in fakes.err
 
 
 def contract(

@@ -98,6 +98,23 @@ def test_listening_returns_what_came_and_silence_is_no_error(end: OtherEnd, line
     assert line.listen(0.03) == b"noise"
 
 
+def test_a_board_that_resets_when_its_port_opens_is_given_time_and_what_it_says_is_dropped(
+    end: OtherEnd, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits = list[float]()
+
+    def booting(seconds: float) -> None:
+        waits.append(seconds)
+        os.write(end.master, b"bootloader 1.0\r")
+
+    monkeypatch.setattr(timing, "sleep", booting)
+    line = SerialLine("gauge", os.ttyname(end.slave), 19200, timeout=0.1, settle=2.0)
+    line.open()
+    line.open()  # is open and answers: nothing resets
+    assert waits == [2.0] and line.listen(0.02) == b""
+    line.close()
+
+
 def test_a_port_that_is_not_there_is_unreachable_and_says_what_to_check() -> None:
     with pytest.raises(Unreachable, match="cannot open /dev/nothing.*rig.yaml"):
         SerialLine("gauge", "/dev/nothing", 9600, 0.1).open()

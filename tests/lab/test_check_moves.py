@@ -7,15 +7,20 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 from commands import SOUND, Cli
 from virtual_lab import settings
 
+from drivers.frames import matrix_from_quaternion
 from drivers.line_quality import adapter
 from lab.files.checked import Moved, keep, last, place
+from lab.files.config import load
 from lab.files.rig_file import load_rig
+from lab.files.robot_file import paper_robot
 from lab.verbs.fakes import write_rig
+from model.robot import Robot
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
 from sim_fakes.instrument import FakeRegulators
@@ -141,6 +146,26 @@ def test_an_old_alicat_in_psi_passes_with_its_unit_and_is_caught_without(start: 
     assert code == 1 and any("does not show kPa but psi" in m.text for m in seen.values()), told(seen)
     assert highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
     assert seen["safe state"].ok
+
+
+def test_calibrating_finds_where_base_axes_and_chambers_are(start: Start, cli: Cli) -> None:
+    fakes, rig = start(FakeRegulators(swapped=(2, 3)))
+    data = yaml.safe_load(rig.read_text())
+    data["instruments"]["mocap"]["mocap_to_base"] = {"position": [0, 0, 0], "quaternion": [1, 0, 0, 0]}  # nobody knows it yet
+    rig.write_text(yaml.safe_dump(data))
+    told = cli("check", "--calibrate", "--yes", "--json", "--seconds", "0", "--rig", rig, code=(0, 3)).json
+    text = "\n".join(told["calibration"])
+    made = yaml.safe_load(re.findall(r"mocap_to_base: (\{.*\})", text)[0])
+    true = fakes.mocap.mocap_to_base  # type: ignore[union-attr]
+    assert made["position"] == pytest.approx(true["position"], abs=0.01)
+    turn = matrix_from_quaternion(made["quaternion"]).T @ matrix_from_quaternion(true["quaternion"])
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 4
+    azimuths = yaml.safe_load(re.findall(r"azimuths_deg: (\[.*?\])", text)[0])
+    robot = load(paper_robot(), Robot).actuators.azimuths_deg
+    turned = [(a - b + 180) % 360 - 180 for a, b in zip(azimuths, robot, strict=True)]
+    assert turned == pytest.approx([0, 0, 120, 120, 120, -120, -120, -120, 0], abs=10)  # 60 frames
+    assert "chambers 3, 4, 5; 6, 7, 8 are not where robot.yaml has them: exchanged hoses?" in text
+    assert all(m["ok"] for m in told["moved"]) and highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
 
 
 @pytest.mark.parametrize("driver", ["alicat", pytest.param("smc_itv", marks=pytest.mark.long)])

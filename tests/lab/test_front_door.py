@@ -16,6 +16,7 @@ from virtual_lab import VirtualLab
 
 import lab
 import lab.version
+from diagnosis.diagnose import Options
 from drivers.alicat.wire import UNITS as WIRE
 from lab.cli import GROUPS, declared, main, parser
 from lab.files.robot_file import paper_robot
@@ -55,14 +56,20 @@ def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp
 
 def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_case: Path) -> None:
     case = lab.case(small_case)
-    shown = [case, case.table, lab.compare(case), lab.fit(case), lab.predictor(case.robot)]
-    shown += [lab.fit_with(case, "chamber_azimuth")]
-    assert all(1 <= len(repr(one).splitlines()) <= 10 and len(repr(one)) < 1500 for one in shown)
+    fitted, robot = lab.fit(case, "chamber_azimuth"), case.robot
+    found = lab.predict(fitted.robot, case.table.pressures, intervals=True)
+    reached = lab.inverse(robot, [[-0.05, float("nan"), float("nan")]], spine_length=0.1)
+    answer = lab.diagnose(case, Options(quantify=False, experiments=False))
+    shown = [(case, "x [m]"), (lab.compare(case), "measured x [mm]"), (lab.fit(case), "unit"), (fitted, "unit"), (robot, "unit"),
+             (found, "sd of a reading of z [mm]"), (reached, "p9 [kPa]"), (answer, "probability")]  # fmt: skip
+    for result, heading in shown:
+        assert heading in result.to_frame().columns and "<table" in result._repr_html_()
+        assert len(repr(result).splitlines()) == 1 and len(repr(result)) < 1500
     assert "14 states in 2 trials" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
+    assert repr(robot).startswith(f"<Robot: {robot.name}, 400 mm, 9 chambers")
     frame = case.table.to_pandas()
     assert list(frame.columns) == list(case.table.columns) and len(frame) == 14
     assert frame.attrs["units"]["p1"] == "Pa" and case.table.units["x"] == "m"
-    assert "<table" in case._repr_html_()
 
 
 def test_help_begins_with_the_names() -> None:

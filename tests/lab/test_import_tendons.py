@@ -433,7 +433,7 @@ def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_
 def predicted_table(trunk: Trunk, pulls: Sequence[float]) -> np.ndarray:
     """Each tendon in turn pulled so far (N), and where the model of robot.yaml has the tip, mm; written as the trunk's table."""
     tensions = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in pulls]
-    tips = lab.predict(lab.load_robot(trunk.robot), np.multiply(tensions, 1e4)) * 1e3
+    tips = lab.predict(lab.load_robot(trunk.robot), np.multiply(tensions, 1e4)).tip * 1e3
     lines = ["t [s],F1 [N],F2 [N],F3 [N],tip x [mm],tip y [mm],tip z [mm]"]
     lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(tensions, tips, strict=True))]
     trunk.table.write_text("\n".join(lines) + "\n")

@@ -2,6 +2,7 @@
 
 import csv
 import functools
+import io
 import json
 import os
 import signal
@@ -17,7 +18,7 @@ import yaml
 from commands import SOUND, Cli
 from pydantic import ValidationError
 from terminal import WITHIN, Terminal
-from virtual_lab import VirtualLab, journal_says, meanwhile, settings
+from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c, settings
 
 import timing
 from lab.console import Screen
@@ -27,8 +28,9 @@ from lab.rig.assembly import Rig
 from lab.rig.keys import HELP, Line
 from lab.rig.operator import Program, operator
 from lab.verbs.fakes import PATIENT_SETTLE
+from lab.verbs.jog import readings
 from lab.verbs.run import connect, execute, job
-from protocols.bench import Setup
+from protocols.bench import Bench, Setup
 from protocols.errors import BadRequest, ProtocolError, Stopped
 from protocols.steering import LONGEST, Steering
 from recordings.campaign.replay import compare, replay, table_of
@@ -339,3 +341,33 @@ def test_a_request_counts_once_and_what_was_never_carried_out_is_told() -> None:
         assert run.finished == 1 and not steering.take("pause") and not steering.take("skip")
     assert [kind for kind, *_ in run.kept] == ["pause", "repeat", "finish", "go on"]
     assert run.said[-1].startswith("repeat: this was asked and not carried out")
+
+
+# ------------------------------------------------------------------ lab jog
+def test_lines_move_chambers_spine_and_valve_within_the_limits_and_the_end_vents(
+    virtual_lab: VirtualLab, monkeypatch: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    plant, reached = virtual_lab.fakes.plant, list[float]()
+
+    def watched(bench: Bench) -> str:
+        reached.append(float(plant.chamber_pressure[1]))
+        return readings(bench)
+
+    monkeypatch.setattr("lab.verbs.jog.readings", watched)
+    lines = ("p2 20 kPa", "p2 2 bar 5", "p2 900 kPa", "p11 1 kPa", "spine 3 cm", "valve on", "dance", "")
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
+    told = cli("jog", "--rig", virtual_lab.rig, code=0).flat
+    assert "set-point of chamber 9, 1, 2: 20 kPa; pressures" in told and "tip " in told
+    assert max(reached) == pytest.approx(20e3, abs=1e3)
+    assert "p2 900 kPa: must be 0 to 250 kPa, the limit of rig and robot" in told and "chamber 11 is on no channel" in told
+    assert "'dance': is no command of this rig" in told and "p2: '2 bar 5'" in told
+    assert "spine at 3 cm" in told and "valve on" in told
+    assert float(max(plant.chamber_pressure)) < 5e3 and not plant.valve_on
+
+
+def test_one_ctrl_c_ends_jogging_and_vents(virtual_lab: VirtualLab, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
+    plant = virtual_lab.fakes.plant
+    monkeypatch.setattr("sys.stdin", io.StringIO("p2 20 kPa\np2 0 kPa\np2 20 kPa\n" * 40))
+    meanwhile(lambda: plant.chamber_pressure[1] > 10e3, press_ctrl_c)
+    cli("jog", "--rig", virtual_lab.rig, code=0)
+    assert float(max(plant.chamber_pressure)) < 5e3

@@ -107,7 +107,7 @@ def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: C
     states.write_text("p1,p2,spine_length\n80e3,0,0.1\n0,60e3,0\n")
     found = cli("predict", "--robot", robot, "--table", states, "--json").json
     assert found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
-    tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0])
+    tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0]).tip
     np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found["states"]], tips, atol=1e-9)
 
 
@@ -121,7 +121,7 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
         first, second = csv.DictReader(file)
     assert first["reached"] == "True" and second["reached"] == "False" and first["p9"] == first["p1"] == first["p2"]
     pressures = [float(first[f"p{c}"]) for c in range(1, 10)]
-    np.testing.assert_allclose(lab.predict(lab.load_robot(robot), pressures, 0.1)[0, :2], [-0.05, 0.01], atol=1e-4)
+    np.testing.assert_allclose(lab.predict(lab.load_robot(robot), pressures, 0.1).tip[0, :2], [-0.05, 0.01], atol=1e-4)
     assert lab.inverse(lab.load_robot(robot), [[-0.05, 0.01, float("nan")]], 0.1).reached.all()
 
 

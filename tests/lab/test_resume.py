@@ -17,17 +17,14 @@ from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_c
 
 import timing
 from lab.files.checked import recording_of
-from lab.files.config import ConfigError
 from lab.files.inputs import read_case
-from lab.files.resume import Broken
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.labels import labels_of
 from recordings.campaign.shelf import runs
-from recordings.file.journal import Progress, read
+from recordings.file.journal import read
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
-from recordings.trials import Table
 from tests.simulated.bench import wait_until
 
 SHORT = settings("spine_lengths=[0.0, 3 cm, 6 cm]", "pressures=[80 kPa]", "unload=false", *PATIENT_SETTLE[1:])
@@ -96,12 +93,23 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
-def test_the_file_of_an_own_protocol_is_asked_for(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    broken = Broken(
-        tmp_path / "my runs" / "sine.journal", Progress("c", "sine", (), {}), 0, Table.of(()), {}, "protocol: sine\n", True, b""
-    )
-    with pytest.raises(ConfigError, match=r"give that file too: lab run sine\.py --resume '.*my runs/sine\.journal' --rig"):
-        run_verb.job_again(broken, virtual_lab.rig)
+def test_a_protocol_of_one_s_own_is_resumed_from_the_recording_and_others_code_is_not_executed(
+    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "sine.py"
+    own.write_text("from protocols import bending\n" + BENDING)
+    folder = tmp_path / "runs"
+    meanwhile(lambda: journal_says('{"trial": 2, "step": 1}', folder), press_ctrl_c)
+    words = go_on(cli("run", own, "--rig", virtual_lab.rig, *SHORT, "--out", folder, code=1).both)
+    own.unlink()
+    (first,) = folder.glob("*.mcap")
+    with monkeypatch.context() as another:
+        another.setattr(os, "getuid", lambda: 12345)
+        assert "is not yours; give its protocol: lab run sine.py --resume" in cli(*words[1:], code=2).err
+    assert lab(*words[1:]) in SOUND
+    (second,) = set(folder.glob("*.mcap")) - {first}
+    assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
+    assert Recording.open(second).attachments["protocol.py"] == Recording.open(first).attachments["protocol.py"]
 
 
 def test_what_cannot_be_resumed_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:

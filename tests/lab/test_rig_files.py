@@ -17,11 +17,44 @@ from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.rig_file import RigFile
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
-from lab.verbs.fakes import PATIENT, rig_yaml
+from lab.verbs.fakes import PATIENT, left_out, played, rig_yaml
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict
 from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
+
+
+# ------------------------------------------------------------------ a first robot and a first rig
+def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced(tmp_path: Path, cli: Cli) -> None:
+    robot, rig = tmp_path / "robot.yaml", tmp_path / "rig.yaml"
+    words = ("init", "--chambers", 4, "--length", "180 mm", "--max-pressure", "80 kPa", "--out", robot, "--rig", rig)
+    told = cli(*words, "--instruments", "pressure=smc_itv,mocap").out
+    made, bench = load(robot, Robot), load(rig, RigFile)
+    assert made.length == 0.18 and made.actuators.azimuths_deg == (0, 90, 180, 270) and made.max_pressure == 80e3
+    assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
+    assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
+    assert "is there already" in cli(*words, code=2).err
+    tendons = tmp_path / "tendons.yaml"
+    cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
+    assert load(tendons, Robot).max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(
+        load(tendons, Robot), tendons.read_text()
+    )
+    assert (
+        "did you mean 180 cm or 180 mm?" in cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
+    )
+
+
+def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for() -> None:
+    three = load(paper_robot().parents[1] / "three_chambers/robot.yaml", Robot)
+    assert (
+        left_out(None, three) == {"spine", "arm", "force"} and left_out(None, None) == set() and left_out("", three) == {"spine"}
+    )
+    solid = three.replace(inner_radius=0.0)
+    assert played(solid).inner_radius == 0
+    table = FakeRig(truth=played(solid), without=left_out(None, solid)).rig_file()
+    assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
+    with pytest.raises(ConfigError, match="--without arms: is no instrument; give some of arm, force"):
+        left_out("arms", three)
 
 
 # ------------------------------------------------------------------ settings
@@ -148,7 +181,7 @@ def merged(table: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     [
         {"regulators": FakeRegulators("alicat", 206.8e3, unit="psi"), "speed": 20.0},
         {"regulators": "smc_itv", "spine": "tmcl"},
-        {"spine": ""},
+        {"without": ("spine",)},
     ],
 )
 def test_the_rig_that_is_read_is_the_one_that_was_written(how: dict[str, Any], changes: dict[str, Any]) -> None:

@@ -28,7 +28,7 @@ SWEEP = ("pressures=[30 kPa, 60 kPa]", "repeats=2", "settle.min_samples=3")
 @pytest.fixture(scope="module")
 def rig(shared_clock: SimulatedClock, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     path = tmp_path_factory.mktemp("three") / "rig.yaml"
-    with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
+    with FakeRig(speed=20.0, seed=7, truth=played(load(ROBOT, Robot)), without=("spine",)) as fakes:
         write_rig(fakes, path, {}, ROBOT)
         yield path
 

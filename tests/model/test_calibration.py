@@ -25,7 +25,7 @@ PRESSURES = [50e3, 150e3, 250e3]
 
 def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: Bending) -> None:
     states = bending(paper_robot, [0.0, 0.1, 0.3], PRESSURES)
-    truth = solved(paper_robot.with_area_factor(1.73), states).tip
+    truth = solved(paper_robot.replace(area_factor=1.73), states).tip
     tip = truth + np.random.default_rng(1).normal(0, 0.3e-3, truth.shape)
     fit = fit_area_factor(paper_robot, states, tip)
     low, high = fit.factor.interval
@@ -37,7 +37,7 @@ def test_a_known_factor_is_found_within_its_error(paper_robot: Robot, bending: B
 def test_a_factor_of_its_own_for_each_length_gives_back_the_papers_sequence(paper_robot: Robot, bending: Bending) -> None:
     lengths = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]
     states = bending(paper_robot, lengths, PRESSURES)
-    fits = fit_area_factor_by_length(paper_robot.with_area_factor(1.0), states, solved(paper_robot, states).tip)
+    fits = fit_area_factor_by_length(paper_robot.replace(area_factor=1.0), states, solved(paper_robot, states).tip)
     assert list(fits) == pytest.approx(lengths)
     assert [f.factor.value for f in fits.values()] == pytest.approx([1.5, 1.5, 1.7, 1.9, 2.0, 2.15, 2.4], rel=1e-6)
 
@@ -47,7 +47,7 @@ def test_errors_shared_by_a_trial_are_not_averaged_away(paper_robot: Robot, bend
     states = once[np.tile(np.arange(len(once)), 4)]
     trial = np.repeat(np.arange(4), len(once))
     sideways = np.array([2e-3, -1e-3, 1e-3, -2e-3])
-    tip = solved(paper_robot.with_area_factor(1.6), states).tip
+    tip = solved(paper_robot.replace(area_factor=1.6), states).tip
     tip[:, 0] += sideways[trial]
     alone = fit_area_factor(paper_robot, states, tip).factor
     shared = fit_area_factor(paper_robot, states, tip, trial=trial).factor

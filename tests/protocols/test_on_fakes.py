@@ -44,3 +44,51 @@ def test_it_runs_to_its_end(protocol: str, rig: Path, tmp_path: Path) -> None:
     assert recording.outcome == "completed" and recording.metadata["outcome"]["safe_state"] == "confirmed"
     if protocol != "cycles":  # which reads nothing
         assert len(recording.trials) >= 2
+
+
+WAVE = '''
+"""A sine on the first channel."""
+
+import math
+
+from pydantic import Field
+
+from protocols.actions import play
+from protocols.experiment import Ask, Plan, Step
+from protocols.parameters import Parameters
+
+
+class Wave(Parameters):
+    """SI units."""
+
+    seconds: float = Field(8.0, gt=0, le=60, json_schema_extra={"unit": "s"})
+
+
+PARAMETERS = Wave
+NEEDS = ("pressure", "mocap")
+PEAK = (40e3, 40e3, *[0.0] * 6, 40e3)
+
+
+def plan(p):
+    return Plan("wave", [Step("start", 1.0), *[Step("wave", 0.5, Ask(PEAK))] * round(2 * p.seconds)])
+
+
+def run(bench, p, trials):
+    wave = lambda t: bench.chambers.setpoints(dict.fromkeys((9, 1, 2), 20e3 * (1 - math.cos(t))))
+    play(bench, wave, p.seconds)
+'''
+
+
+def test_a_waveform_is_sent_and_recorded_and_its_plan_is_short(
+    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "wave.py"
+    own.write_text(WAVE)
+    assert main(["plan", str(own), "--rig", str(rig), "--rehearse"]) == 0
+    told = capsys.readouterr().out
+    assert "   2     0.5 s  wave, 16 times" in told and told.count("wave, ") == 1
+    assert main(["run", str(own), "--rig", str(rig), "--out", str(tmp_path)]) in (0, 3)
+    (file,) = tmp_path.glob("*.mcap")
+    setpoints = Recording.open(file).stream("/pressure")["setpoint"]
+    assert 25e3 < setpoints[:, 0].max() < 41e3 and (setpoints[:, 2] < 1e3).all()
+    assert len(set(setpoints[:, 0].tolist())) > 3

@@ -29,7 +29,7 @@ SETTINGS = ("pressures=[30 kPa]", "chambers=[1]", "rate=10 kPa/s", *PATIENT_SETT
 @pytest.fixture(scope="module")
 def three(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
     path = tmp_path_factory.mktemp("three") / "rig.yaml"
-    with FakeRig(speed=5.0, seed=7, truth=played(load(ROBOT, Robot)), spine="") as fakes:
+    with FakeRig(speed=5.0, seed=7, truth=played(load(ROBOT, Robot)), without=("spine",)) as fakes:
         present = fakes.rig_file()["instruments"]
         changes = {"instruments": {k: v for k, v in PATIENT["instruments"].items() if k in present}}
         write_rig(fakes, path, {**PATIENT, **changes}, ROBOT)

@@ -24,6 +24,8 @@ class Config(RegulatorsConfig):
     port: str
     full_scale: float = Field(500e3, gt=0, le=500e3, json_schema_extra={"unit": "Pa"})
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
+    settle: float = Field(0.0, ge=0, le=10, json_schema_extra={"unit": "s"})
+    """How long a board is deaf that resets when its port opens, such as an Arduino Uno: 2 s."""
 
     @model_validator(mode="after")
     def _wired(self) -> Config:
@@ -38,7 +40,7 @@ class Pr4:
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
         self.name, self.channels = name, len(config.chambers)
         self._port, self._clock = config.port, clock
-        self._line = SerialLine(name, config.port, BAUD, config.timeout)
+        self._line = SerialLine(name, config.port, BAUD, config.timeout, settle=config.settle)
         self._limits = PressureLimits(name, self.channels, config.max_pressure, config.max_rate, clock)
         self._held = (0.0,) * self.channels
 

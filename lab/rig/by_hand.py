@@ -1,0 +1,45 @@
+"""A rig that is moved without a protocol, by `lab check --move` or `lab jog`: limits and guard as ever, no recording is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from protocols.bench import Bench
+
+from ..console import Screen
+from ..files.config import ConfigError
+from ..files.rig_file import RigFile
+from ..guard.messages import SafeReport
+from .assembly import Rig
+from .interrupts import Interrupts
+
+
+def demand_limit(file: RigFile) -> None:
+    """Raise ConfigError where nothing says how much pressure the robot withstands."""
+    if file.instruments.pressure is not None and file.body.max_pressure is None:
+        raise ConfigError(f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold")
+
+
+@contextlib.contextmanager
+def by_hand(
+    rig: Rig, screen: Screen, landed: Callable[[SafeReport], None], watched: Sequence[str], at_once: bool = False
+) -> Iterator[Bench]:
+    """The bench of an opened rig; at the end the rig is landed and `landed` gets the report.
+
+    `watched`: instruments whose readings are demanded meanwhile. Ctrl-C raises KeyboardInterrupt where the bench waits, when it
+    is pressed twice or, with `at_once`, once."""
+    say = (lambda text: screen.say("Venting")) if at_once else screen.say
+    with tempfile.TemporaryDirectory() as folder, Interrupts(say, rig.actuators.pulse) as interrupts:
+        recorder = rig.recorder(Path(folder) / "moves.mcap")
+        rig.stop_now = interrupts.stopping if at_once else lambda: interrupts.now
+        rig.record_to(recorder)
+        try:
+            yield rig.bench(recorder, screen, interrupts.stopping, watched)
+        finally:
+            report = rig.make_safe()
+            rig.record_to(None)
+            recorder.close("completed", "")
+    landed(report)

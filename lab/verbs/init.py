@@ -1,0 +1,143 @@
+"""`lab init`: a commented robot.yaml of a robot that is described in a few words, and a rig.yaml of its instruments."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import string
+from collections.abc import Mapping
+from pathlib import Path
+
+from model.actuators import PULL_AREA
+from model.robot import Robot
+from recordings.own_files import replaced
+
+from ..console import out
+from ..files.config import ConfigError, check, demand_writable, parse_yaml
+from ..files.rig_file import RigFile, drivers
+from ..files.units import UnitError, to_si, written
+from ..options import OneOf, Result, Verb, option
+
+HARDWARE = Path(__file__).parents[1] / "files" / "hardware_rig.yaml"
+"""examples/rig/rig.yaml, which explains every key of every driver of the project; an installed package holds it as a copy."""
+GUESSED = "CHECK: guessed"
+SHARES = {"outer_radius": 0.1, "inner_radius": 0.0, "path_radius": 0.06, "chamber_radius": 0.02}
+"""Of the length, where a dimension is not given."""
+USUAL = {"pressure": "alicat", "mocap": "natnet"}
+"""What a first rig needs, and the drivers to start from; a robot with tendons has no regulators."""
+
+
+def robot_text(a: argparse.Namespace) -> str:
+    """The robot.yaml that the options describe; raises ConfigError."""
+    count, tendons = a.chambers or a.tendons, a.chambers is None
+    try:
+        length, modulus = to_si(a.length, "m"), to_si(a.modulus or "500 kPa", "Pa")
+    except UnitError as e:
+        raise ConfigError(f"--length or --modulus: {e}") from e
+
+    def line(key: str, value: str, comment: str, given: object = True) -> str:
+        return f"{key + ': ' + value:<32} # {comment}{'' if given else f'; {GUESSED}'}"
+
+    def dimension(key: str, comment: str) -> str:
+        given = getattr(a, key)
+        return line(key.removeprefix("chamber_"), given or f"{1e3 * SHARES[key] * length:.4g} mm", comment, given)
+
+    most = "max_tension: 10 N" if tendons else "max_pressure: 80 kPa"
+    limit = a.max_tension if tendons else a.max_pressure
+    actuators = [] if tendons else [f"  {dimension('chamber_radius', 'of the round channel')}"]
+    directions = ", ".join(f"{360 * k / count:g}" for k in range(count))
+    return "\n".join([
+        "# Written by lab init. Numbers may carry units. Correct what is marked CHECK; docs/reference/robot.md has every key.",
+        line("name", a.name, "stands in tables and recordings"),
+        line("length", a.length, "of the part that bends"),
+        dimension("outer_radius", "of the body"),
+        dimension("inner_radius", "of the channel along its axis; 0 for none"),
+        line("density", a.density or "1070", "kg/m^3", a.density),
+        line("youngs_modulus", written([modulus], "Pa")[0], "data sheet; `lab fit` corrects it", a.modulus),
+        line("shear_modulus", written([float(f"{modulus / 3:.4g}")], "Pa")[0], "E / 3 for silicone"),
+        line("tip_mass", "0 kg", "what hangs at its end"),
+        line("gravity", "[0, 0, 9.81]", "m/s^2, z from base to tip: this one hangs; [0, 0, -9.81] stands", False),
+        line(most.partition(":")[0], limit, "what it bears") if limit else
+        line(f"# {most.partition(':')[0]}", most.partition(": ")[2], "what it bears; nothing is driven without it"),
+        "tendons:" if tendons else "chambers:",
+        *actuators,
+        "  " + dimension("path_radius", "from the axis to the actuator"),
+        "  " + line("azimuths_deg", f"[{directions}]", "where each is about the axis, the first on x", False),
+        line("area_factor", "1.0", "effective over geometric effect; `lab fit` corrects it"), "",
+    ])  # fmt: skip
+
+
+def rig_text(instruments: Mapping[str, str], robot: str, count: int) -> str:
+    """A rig.yaml for hardware, cut from the example that explains every key; raises ConfigError."""
+    head, _, rest = HARDWARE.read_text(encoding="utf-8").partition("\ninstruments:\n")
+    tables, _, rest = rest.partition("\nstand:")
+    stand, _, limits = rest.partition("\nlimits:")
+    blocks = {}
+    for role, block in re.findall(r"^  (\w+):\n((?:    .*\n)+)", re.sub(r"(?m)^  #\| ", "  ", tables), re.M):
+        blocks[role, re.findall(r"driver: (\w+)", block)[0]] = block
+    lines = [re.sub(r"(?m)^robot: \S+", f"robot: {robot}", head), "\ninstruments:\n"]
+    for role, driver in instruments.items():
+        if driver not in drivers() or drivers()[driver].role != role:
+            own = ", ".join(name for name, one in drivers().items() if one.role == role)
+            raise ConfigError(f"--instruments {role}={driver}: there is no such driver" + (f"; there are {own}" if own else ""))
+        block = blocks.get((role, driver), f"    driver: {driver}        # yours; its package names its keys\n")
+        block = re.sub(r"chambers: \[\[.*\]\]", f"chambers: {[[i] for i in range(1, count + 1)]}", block)
+        block = re.sub(r"units: \[.*\]", f"units: [{', '.join(string.ascii_uppercase[:count])}]", block)
+        ports = "".join(f"      - /dev/ttyUSB{i}    # yours\n" for i in range(count))
+        lines += [f"  {role}:\n", re.sub(r"(?:      - /dev.*\n)+", ports, block), "\n"]
+    return "".join([*lines, *(["\nstand:", stand] if "arm" in instruments else []), "\nlimits:", limits])
+
+
+def init(a: argparse.Namespace) -> Result:
+    """Write robot.yaml, and with --rig a rig.yaml; neither is replaced."""
+    for path in (a.out, a.rig):
+        if path is not None and path.exists():
+            raise ConfigError(f"{path}: is there already; give another name, or delete it")
+    demand_writable(a.out, a.rig)
+    for name, count in (("--chambers", a.chambers), ("--tendons", a.tendons)):
+        if count is not None and not 1 <= count <= 26:
+            raise ConfigError(f"{name} {count}: must be 1 to 26")
+    text = robot_text(a)
+    check(parse_yaml(text, str(a.out)), Robot)
+    rig = ""
+    if a.rig is not None:
+        pairs = (one.strip().partition("=") for one in (a.instruments or ("mocap" if a.tendons else "pressure,mocap")).split(","))
+        named = {role: driver or USUAL.get(role, "") for role, _, driver in pairs}
+        rig = rig_text(named, a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve()), a.chambers or a.tendons)
+        check(parse_yaml(rig, str(a.rig)), RigFile)
+    for path, content in ((a.out, text), (a.rig, rig)):
+        if path is not None:
+            replaced(path, content)
+            out.print(f"written: {path}; correct the {content.count('CHECK:') or content.count('# yours')} lines marked "
+                      f"{'CHECK' if content is text else 'yours'}")  # fmt: skip
+    return Result()
+
+
+VERBS = (
+    Verb(
+        "init",
+        init,
+        options=(
+            OneOf((
+                option("--chambers", type=int, metavar="N", help="chambers about the axis, evenly spaced"),
+                option("--tendons", type=int, metavar="N", help="tendons instead"),
+            ), required=True),
+            option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
+            option("--name", default="my robot", help="its name"),
+            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"a share of the length ({share:g}) unless given")
+              for key, share in SHARES.items()),
+            option("--modulus", metavar="PRESSURE", help="Young's modulus, such as '500 kPa'"),
+            option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),
+            option("--max-pressure", metavar="PRESSURE", help="what its chambers bear"),
+            option("--max-tension", metavar="FORCE", help=f"what its tendons bear, such as '5 N' (1 N is {1 / PULL_AREA:g} Pa)"),
+            option("--out", type=Path, default=Path("robot.yaml"), metavar="ROBOT.yaml", help="where to write it"),
+            option("--rig", type=Path, metavar="RIG.yaml", help="also write a rig.yaml for hardware"),
+            option("--instruments", metavar="KEY[=DRIVER],..", help="of that rig, such as pressure=smc_itv,mocap=natnet"),
+        ),
+        examples=(
+            "lab init --chambers 3 --length '180 mm' --outer-radius '15 mm' --max-pressure '80 kPa'",
+            "lab init --tendons 4 --length '300 mm' --max-tension '5 N' --rig rig.yaml",
+        ),
+        page="docs/tutorials/your-rig.md",
+    ),
+)  # fmt: skip
