@@ -29,8 +29,8 @@ from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
 from .misfit import Fit, Sample
 
-QUARTERS = ((0.0,), (np.pi / 2,), (-np.pi / 2,), (np.pi,))
-"""Azimuths by which chambers may be counted from another one, rad."""
+EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
+"""rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
 PRESSURES, LENGTHS = ({round(1 / unit.per_si, 6): unit.name for unit in units} for units in (PRESSURE_UNITS, LENGTH_UNITS))
 LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items()}
 """Times that positions must be larger -> what they are in."""
@@ -59,8 +59,8 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 def _of_robot(robot: Robot) -> Iterator[Edit]:
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
-    yield Edit("order", 0.05, _azimuth, starts=QUARTERS, widens={AZIMUTH: np.pi})
-    yield Edit("order", 0.03, _counted, _mirrored, starts=QUARTERS, widens={AZIMUTH: np.pi})
+    yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
+    yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(_gravity, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):

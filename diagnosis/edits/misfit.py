@@ -7,7 +7,7 @@ itself, and the parameters of the edits. The evidence of edits with k free param
 places' means, w of repeats about these and a of attitudes,
 
     log p = log prior - B log max(b, b0) - W log max(w, w0) - A log max(a, a0) - k / 2 log(B + W),
-    B = min(C, 7), W = min(repeats, 14), A = min(C, 3):
+    B = min(C, 7), W = min(repeats, 7), A = min(C, 3):
 
 errors of the model are the same whenever a condition is repeated, and smooth over conditions, so that few of these count. All
 hypotheses descend at once: the rods of all states of all of them, at all points next to theirs, are one batch.

@@ -7,7 +7,7 @@ chamber a little weaker, a drift) competes, and where it does as well, nothing i
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -128,7 +128,7 @@ def judge(robot: Robot, states: Campaign) -> Judged | None:
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
-    near = _best(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10))
+    near = max(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10), key=_log_posterior)
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
@@ -142,36 +142,38 @@ def judged(sample: Sample) -> Judged | None:
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
     """Fits of single edits, and of `pairs` with the best ones where none of them is enough."""
 
+    def nearness(f: Fit) -> float:  # what is minimised tells more than the evidence before a fit has converged
+        return -float(sample.rms(f.missed))
+
     def tried(first: Sequence[Fit], edits: Sequence[Edit], steps: int, both: bool = False) -> list[Fit]:
         sets = [(f, (*f.edits, edit)) for f in first for edit in edits if edit.kind not in {e.kind for e in f.edits}]
         if not sets:
             return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
         begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
-        better = begun if both else [_best(begun[k : k + 2]) for k in range(0, len(begun), 2)]
+        better = begun if both else [max(begun[k : k + 2], key=nearness) for k in range(0, len(begun), 2)]
         begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
-        fits = [_best(list(own)) for _, own in groupby(begun, key=lambda f: id(f.edits))]
-        best = _best_of_kinds(fits)[: judgement.EDIT_REFINED]
+        fits = [max(own, key=nearness) for _, own in groupby(begun, key=lambda f: id(f.edits))]
+        best = _best_of_kinds(fits, nearness)[: judgement.EDIT_REFINED]
         return [*sample.fitted([(f.edits, f.x) for f in best], 8), *(f for f in fits if not any(f is b for b in best))]
 
     alone = tried([near], edits, 2)
     if pairs and not any(map(sample.reached, alone)):  # the nearer start may lie in another valley than the solution
         alone = tried([near], edits, 2, both=True)
-    best = _best_of_kinds(alone)[: judgement.EDIT_FOLLOWED]
+    best = _best_of_kinds(alone, _log_posterior)[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
         explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
         return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
     return [*alone, *tried(best, edits, 1)] if pairs else alone
 
 
-def _best(fits: list[Fit]) -> Fit:
-    """The most probable."""
-    return max(fits, key=lambda f: f.log_posterior)
+def _log_posterior(fit: Fit) -> float:
+    return fit.log_posterior
 
 
-def _best_of_kinds(fits: list[Fit]) -> list[Fit]:
-    """The best fit whose last edit is of each kind, the best first."""
-    ordered = sorted(fits, key=lambda f: -f.log_posterior)
+def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:
+    """The fit of most merit whose last edit is of each kind, the best first."""
+    ordered = sorted(fits, key=merit, reverse=True)
     return [f for i, f in enumerate(ordered) if f.edits[-1].kind not in {g.edits[-1].kind for g in ordered[:i]}]
 
 
