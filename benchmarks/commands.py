@@ -1,6 +1,6 @@
-"""How long a person waits: whole commands, from an empty cache of compiled code and again, and how a diagnosis grows with rows.
+"""How long a person waits: whole commands, first with nothing compiled and again, and how fit and diagnosis grow with rows.
 
-    python -m benchmarks.commands --out out/commands       # a quarter of an hour on two processors
+    python -m benchmarks.commands --out out/commands       # hours: twice the rows, twice the time
 
 Each figure is a fresh process: seconds on the clock, seconds of processors, and the most memory that any of its processes held.
 Robots are drawn from the world `bench` (seed 7), one alone and one in clutter; of the first also with more repeats.
@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -30,8 +31,8 @@ from benchmarks.figures import write
 
 CACHE = "NUMBA_CACHE_DIR"
 SEED = 7
-REPEATS = (7, 13, 26)
-"""Of the sweep of 77 states, besides the usual three: 539 to 2,002 rows."""
+REPEATS = (12, 66, 261)
+"""Of the sweep of 77 states, besides the usual three: 924, 5,082 and 20,097 rows."""
 MIB = 1024.0
 RECORDING = Path("tests/recordings/data/bending-schema-1.mcap").resolve()
 
@@ -46,7 +47,7 @@ class Wait:
     memory_mib: float
     code: int
     rows: int | None = None
-    """Of a diagnosis that shows how it grows with rows."""
+    """Of a fit or diagnosis that shows how it grows with rows."""
 
 
 def waited(what: str, words: Sequence[str], cache: Path, rows: int | None = None) -> Wait:
@@ -77,6 +78,19 @@ def robot(stratum: Stratum) -> WorldRobot:
     return drawn(recipe, 0, stratum, causes, 0).robot
 
 
+def draw_growth(waits: Sequence[Wait], path: Path) -> None:
+    """Draw processor time and memory over rows, and a line of slope one."""
+    figure, axes = plt.subplots(1, 2, figsize=(7.0, 3.0), layout="constrained")
+    for axis, name, label in zip(axes, ("processor_s", "memory_mib"), ("processor time (s)", "memory (MiB)"), strict=True):
+        for verb in ("fit", "diagnose"):
+            own = [w for w in waits if w.rows is not None and w.what.startswith(f"lab {verb}")]
+            axis.loglog([w.rows for w in own], [getattr(w, name) for w in own], "o-", label=f"lab {verb}")
+            axis.axline((own[0].rows, getattr(own[0], name)), slope=1, color="grey", linewidth=0.5)
+        axis.set(xlabel="states", ylabel=label)
+    axes[0].legend()
+    figure.savefig(path)
+
+
 def main() -> int:
     """Measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -101,17 +115,20 @@ def main() -> int:
         do("lab compare, first after installation", ["compare", first, "--out", str(here / "c1")], cold)
         do("lab compare", ["compare", first, "--out", str(here / "c2")], cold)
         do("lab fit, first after installation", ["fit", first, "--out", str(here / "f1")], here / "cold fit")
+        do("lab fit, 231 rows", ["fit", first, "--out", str(here / "f2")], here / "cold fit", 77 * BASE.repeats)
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
         do("lab diagnose, 231 rows, clean", ["diagnose", first], warm, 77 * BASE.repeats)
         do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
         for repeats in a.repeats:
             case = case_of(alone, repeats, here / f"repeats {repeats}")
+            do(f"lab fit, {77 * repeats} rows", ["fit", str(case), "--out", str(here / f"fit {repeats}")], warm, 77 * repeats)
             do(f"lab diagnose, {77 * repeats} rows", ["diagnose", str(case)], warm, 77 * repeats)
     shown = Table("command", "s", "s of processors", "MiB", title="What a person waits for", title_justify="left")
     for w in waits:
         shown.add_row(w.what, f"{w.seconds:.1f}", f"{w.processor_s:.1f}", f"{w.memory_mib:.0f}")
     Console(highlight=False).print(shown)
     write(a.out / "commands.json", "commands", waits)
+    draw_growth(waits, a.out / "growth.svg")
     return int(any(w.code for w in waits))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..arrays import Array, rms
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import AREA, Prepared
+from ..inference.problem import derivatives
 from ..inference.reading_noise import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
@@ -143,15 +144,17 @@ def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}
-    moved = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None] * p.problem.forward.linearise(parameters.mean)[1]
-    area = moved[:, [parameters.names.index(AREA)]]
+    slope = derivatives(p.problem.forward, parameters.mean)[1]
+    of_tip = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
+    area = of_tip * slope.column(parameters.names.index(AREA))[:, None]
+    moved = of_tip * (slope.take(parameters.of_effect).whole * parameters.scale)
     length = np.round(p.states.spine_length[p.labels.state], 2)
     calibrations = {"one": area, "per_length": np.hstack([area * (length == x)[:, None] for x in np.unique(length)])}
     shares: dict[str, dict[str, float]] = {}
     for name, columns in calibrations.items():
         # columns that only rounding makes differ from zero take nothing over
-        beyond = parameters.sd * (moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-10)[0])
-        of_effect = {e: [i for i, own in enumerate(parameters.effects) if own == e] for e in parameters.ids}
-        whole = {e: float(((moved * parameters.sd)[:, k] ** 2).sum()) for e, k in of_effect.items()}
+        beyond = moved - columns @ np.linalg.lstsq(columns, moved, rcond=1e-10)[0]
+        of_effect = {e: parameters.mask((e,)) for e in parameters.ids}
+        whole = {e: float((moved[:, k] ** 2).sum()) for e, k in of_effect.items()}
         shares[name] = {e: 1.0 - float((beyond[:, k] ** 2).sum()) / whole[e] if whole[e] else 1.0 for e, k in of_effect.items()}
     return shares

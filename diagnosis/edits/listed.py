@@ -389,14 +389,15 @@ def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[flo
         design = design_from_columns(robot, columns, TIP)
         shown = {id: spec for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
         forward = ForwardModel(robot, design, "one", shown)
-        slope = np.nan_to_num(forward.linearise(np.zeros(len(forward.parameters)))[1])
+        wanted = [k for id in shown for k in forward.index(id)]
+        slope = dict(zip(wanted, np.nan_to_num(forward.linearise(np.zeros(len(forward.parameters)), wanted)[1]).T, strict=True))
     except ModelError:  # a table so far off that nothing shows an effect
         return []
     out = []
     for id in shown:
-        infos = [(k, forward.parameters[k]) for k in forward.index(id) if slope[:, k].any()]
+        infos = [(k, forward.parameters[k]) for k in forward.index(id) if slope[k].any()]
         if infos:
-            moved = np.stack([slope[:, k].reshape(-1, 3) * info.sd for k, info in infos])
+            moved = np.stack([slope[k].reshape(-1, 3) * info.sd for k, info in infos])
             out.append((moved, tuple((max(p.low / p.sd, -EFFECT), min(p.high / p.sd, EFFECT)) for _, p in infos)))
     return out
 

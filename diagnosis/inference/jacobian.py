@@ -50,15 +50,19 @@ class Columns:
     @classmethod
     def of_copies(cls, slope: Array, column: Ints, count: int) -> Columns:
         """From slopes (s, n), each of the column (s, n) that its row takes, -1 for none, of `count` columns."""
+        single = (column == column[:, :1]).all(axis=1) & (column >= 0).any(axis=1)  # slots that have one column in all rows
+        one, shared = column[single, :1].ravel(), np.ascontiguousarray(slope[single].T)
+        slope, column = slope[~single], column[~single]
         few = np.bincount(column[column >= 0], minlength=count) < FEW * slope.shape[1]
-        at, rest, place = np.flatnonzero(~few), np.flatnonzero(few), np.empty(count, np.int64)
+        few[one] = False
+        at, rest, place = np.setdiff1d(np.flatnonzero(~few), one), np.flatnonzero(few), np.empty(count, np.int64)
         place[at], place[rest] = np.arange(at.size), np.arange(rest.size)
-        of_few, dense = few[column] & (column >= 0), np.zeros((slope.shape[1], at.size))
+        of_few, many = few[column] & (column >= 0), np.zeros((slope.shape[1], at.size))
         slot, row = np.nonzero(~of_few & (column >= 0))
-        dense[row, place[column[slot, row]]] = slope[slot, row]
+        many[row, place[column[slot, row]]] = slope[slot, row]
         slot, row = np.nonzero(of_few & (slope != 0))
         sparse = csr_array((slope[slot, row], (row, place[column[slot, row]])), shape=(slope.shape[1], rest.size))
-        return cls(dense, at, sparse, rest)
+        return cls(np.hstack([shared, many]), np.concatenate([one, at]), sparse, rest)
 
     @classmethod
     def nothing(cls, rows: int, count: int) -> Columns:

@@ -63,7 +63,7 @@ class Linear:
         """The problem in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
 
         Of X = [A y] and the error columns E = [D F], three products are enough: X^T X, E^T X and E^T E. From each, what the
-        nuisances N explain is taken off once; then, for each pair (g, f), what [g D, f F] explains.
+        nuisances N explain is taken off once, then for each f what f F explains, and for each g what g D does of the remainder.
         """
         x, errors = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
         m, r = self.discrepancy.shape[1], self.form_error.shape[1]
@@ -79,18 +79,27 @@ class Linear:
         errors_by_x = np.vstack([columns.T @ x for columns in errors]) - taken[c:, :c]
         error_gram -= taken[c:, c:]
 
-        def at(size: float, form_error: float) -> Reduced:
-            smooth = self.discrepancy_size(size, form_error)
-            used = slice(0 if smooth else m, m + r if form_error else m)  # columns of size 0 are left out
-            scale = np.repeat([smooth, form_error], [m, r])[used]
-            gram = error_gram[used, used] * np.outer(scale, scale)
-            half, log_det = _integrated_out(gram, scale[:, None] * errors_by_x[used])
-            n, p = self.effects.shape
-            left = x_gram - half.T @ half  # X^T C^-1 X, C the covariance of y given theta
-            base = -0.5 * (left[p, p] + n * np.log(2 * np.pi)) - (half_log_det + log_det) - self.log_noise
+        def at(form_error: float) -> list[Reduced]:
+            """F is integrated out once for all sizes of D."""
+            used = r if form_error else 0  # columns of size 0 are left out
+            by_form = form_error * np.hstack([errors_by_x[m : m + used], error_gram[m : m + used, :m]])
+            of_form, form_log_det = _integrated_out(form_error**2 * error_gram[m : m + used, m : m + used], by_form)
+            of_x, of_smooth = of_form[:, :c], of_form[:, c:]
+            x_left, smooth_by_x = x_gram - of_x.T @ of_x, errors_by_x[:m] - of_smooth.T @ of_x
+            smooth_gram = error_gram[:m, :m] - of_smooth.T @ of_smooth
+            return [
+                reduced(self.discrepancy_size(float(size), form_error), x_left, smooth_by_x, smooth_gram, form_log_det)
+                for size in sizes
+            ]
+
+        def reduced(smooth: float, x_left: Array, smooth_by_x: Array, smooth_gram: Array, form_log_det: float) -> Reduced:
+            used, n, p = m if smooth else 0, *self.effects.shape
+            half, log_det = _integrated_out(smooth**2 * smooth_gram[:used, :used], smooth * smooth_by_x[:used])
+            left = x_left - half.T @ half  # X^T C^-1 X, C the covariance of y given theta
+            base = -0.5 * (left[p, p] + n * np.log(2 * np.pi)) - (half_log_det + form_log_det + log_det) - self.log_noise
             return Reduced(0.5 * (left[:p, :p] + left[:p, :p].T), left[:p, p].copy(), float(base))
 
-        return [[at(float(size), float(form_error)) for form_error in form_errors] for size in sizes]
+        return [list(row) for row in zip(*(at(float(form_error)) for form_error in form_errors), strict=True)]
 
     def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""

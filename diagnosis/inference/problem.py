@@ -409,6 +409,8 @@ class Problem:
 
 def leading(columns: Array) -> Array:
     """Fewer columns (n, r) with which unit normal coefficients draw nearly the same as with these (n, c)."""
-    value, vector = np.linalg.eigh(columns.T @ columns)
+    of_rows = columns.shape[0] < columns.shape[1]  # the same eigenvalues, of the smaller matrix
+    value, vector = np.linalg.eigh(columns @ columns.T if of_rows else columns.T @ columns)
     # columns of model-form error below two standard deviations of the noise are left out
-    return np.asarray(columns @ vector[:, value > 2.0**2])
+    kept = value > 2.0**2
+    return np.asarray(vector[:, kept] * np.sqrt(value[kept]) if of_rows else columns @ vector[:, kept])
