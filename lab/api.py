@@ -8,37 +8,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from diagnosis.answer.result import Diagnosis
-from diagnosis.any_model import Cause as Cause
-from diagnosis.any_model import diagnose_model as diagnose_model
-from diagnosis.any_model.answer import Answer
-from diagnosis.diagnose import Options
-from diagnosis.diagnose import diagnose as _diagnose
-from diagnosis.fit_effects import Fitted, fit_effects
-from model.condition import conditions
-from model.prediction import Predictor
-from model.prediction.inverse import Reached, limits_of
-from model.prediction.inverse import inverse as _inverse
 from model.robot import Robot
-from model.rods import FINE, solve
-from model.section import rods_of
-from recordings.file.reader import Recording
 
-from .calibration import Calibration, calibrate
-from .comparison import Comparison, comparison
 from .files.config import ConfigError, check, load, read_yaml
-from .files.inputs import Case, case_of, read_case
-from .files.own_effects import catalogue, stated_by
-from .files.rig_file import load_rig
-from .rig.assembly import Rig
+
+if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what uses it
+    from numpy.typing import ArrayLike, NDArray
+
+    from diagnosis.answer.result import Diagnosis
+    from diagnosis.any_model import Cause as Cause
+    from diagnosis.any_model import diagnose_model as diagnose_model
+    from diagnosis.any_model.answer import Answer
+    from diagnosis.diagnose import Options
+    from diagnosis.fit_effects import Fitted
+    from model.prediction import Predictor
+    from model.prediction.inverse import Reached
+    from recordings.file.reader import Recording
+
+    from .calibration import Calibration
+    from .comparison import Comparison
+    from .files.inputs import Case as Case
+    from .rig.assembly import Rig
 
 Place = str | Path
+HOMES = {"Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model"}
+"""Names that stand here and are made elsewhere."""
+
+
+def __getattr__(name: str) -> Any:
+    """One of `HOMES`, when it is first used."""
+    if name in HOMES:
+        return getattr(import_module(HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def load_robot(path: Place) -> Robot:
@@ -64,6 +71,8 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
     column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
     `case.table.warnings` says what was left out.
     """
+    from .files.inputs import read_case
+
     if inputs and not isinstance(inputs[0], str | Path):
         return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
     if not inputs:
@@ -79,6 +88,7 @@ def _case_of_frame(
     frame: Any, *others: Any, robot: Place | Robot | None, columns: Mapping[str, Any] | None, keys: Mapping[str, Any]
 ) -> Case:
     """The case of a DataFrame and its robot (the second argument, or `robot`); raises ConfigError."""
+    from .files.inputs import case_of
     from .imports.frame import trials_of  # with pandas
 
     if not hasattr(frame, "iloc") or not hasattr(frame, "columns"):
@@ -100,6 +110,8 @@ def read(path: Place, truncated: bool = False) -> Recording:
     >>> recording.outcome, recording.stream("/tip")["position"].shape
     ('completed', (112, 3))
     """
+    from recordings.file.reader import Recording
+
     return Recording.open(Path(path), truncated=truncated)
 
 
@@ -115,6 +127,10 @@ def predict(
     >>> predict(robot, [60e3, 60e3, 60e3, 0, 0, 0, 0, 0, 0]).round(2)
     array([[-0.02, -0.02,  0.4 ]])
     """
+    from model.condition import conditions
+    from model.rods import FINE, solve
+    from model.section import rods_of
+
     if robot != robot.plain:
         return predictor(robot)(pressures, spine_length, tip_mass, roll).tip
     p = np.atleast_2d(np.asarray(pressures, float))
@@ -134,6 +150,10 @@ def predictor(robot: Robot) -> Predictor:
     >>> found.tip.shape, found.orientation.shape, found.tip_by_pressure.shape
     ((2, 3), (2, 4), (2, 3, 9))
     """
+    from model.prediction import Predictor
+
+    from .files.own_effects import stated_by
+
     return Predictor(robot, stated_by(robot))
 
 
@@ -149,6 +169,9 @@ def inverse(
     >>> found.reached, found.prediction.tip.round(3)[0, 0]
     (array([ True]), np.float64(-0.05))
     """
+    from model.prediction.inverse import inverse as _inverse
+    from model.prediction.inverse import limits_of
+
     fixed = None if spine_length is None else (spine_length, spine_length)
     return _inverse(predictor(robot), targets, limits_of(robot, groups, spine=fixed))
 
@@ -160,6 +183,9 @@ def fit(measured: Case) -> Calibration:
     >>> round(float(fitted.robot.area_factor_at(0.0)), 1)
     1.5
     """
+    from .calibration import calibrate
+    from .files.inputs import Case
+
     return calibrate(Case(measured.robot.plain, measured.table))
 
 
@@ -172,6 +198,10 @@ def fit_with(measured: Case, *effects: str, residual: bool = False) -> Fitted:
     >>> fitted.parameters["chamber_azimuth.angle"].unit, list(fitted.robot.effects)
     ('rad', ['chamber_azimuth'])
     """
+    from diagnosis.fit_effects import fit_effects
+
+    from .files.own_effects import catalogue
+
     return fit_effects(measured, effects, catalogue(measured.robot)[0], residual=residual)
 
 
@@ -182,6 +212,9 @@ def compare(measured: Case) -> Comparison:
     >>> found.unsolved, found.table.rmse < 1e-3
     (0, True)
     """
+    from .comparison import comparison
+    from .files.own_effects import stated_by
+
     return comparison(measured, stated_by(measured.robot))
 
 
@@ -191,6 +224,8 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
     `options` (`from diagnosis.diagnose import Options`): `Options(quantify=False)` leaves out errors on unseen states,
     `experiments=False` what to do next; `holdout=lab.case(..)` is a campaign on which the answer is tested; `catalogue` are the
     effects that are weighed."""
+    from diagnosis.diagnose import diagnose as _diagnose
+
     return _diagnose(measured, options)
 
 
@@ -206,6 +241,9 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
     reading back.
 
     `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError."""
+    from .files.rig_file import load_rig
+    from .rig.assembly import Rig
+
     rig = Rig(load_rig(Path(path)))
     try:
         failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))

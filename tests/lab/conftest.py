@@ -1,5 +1,6 @@
 """The rig of fakes for tests of the command."""
 
+import math
 from pathlib import Path
 from typing import IO, Any
 
@@ -74,6 +75,13 @@ def _unlocked(request: pytest.FixtureRequest) -> None:
 def _one_core(monkeypatch: pytest.MonkeyPatch) -> None:
     """A command diagnoses in this process alone: another one would take as long to start as a small case to diagnose."""
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0})
+
+
+@pytest.fixture(autouse=True)
+def _no_hurry(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command says does not depend on how fast this computer is."""
+    if request.module.__name__ != "test_console":
+        monkeypatch.setattr("lab.console.LONG_STEP", math.inf)
 
 
 @pytest.fixture
