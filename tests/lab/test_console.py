@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commands import Cli
@@ -99,7 +100,7 @@ def test_where_no_bar_is_a_step_that_lasts_says_once_what_it_is_and_how_long_it_
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [0.0]
-    monkeypatch.setattr("lab.console.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("lab.console.time", SimpleNamespace(monotonic=lambda: now[0]))
     with Screen("weighing hypotheses") as screen, Screen("a run") as run, Screen("asked to be quiet", quiet=True) as quiet:
         for now[0], share in ((10.0, 0.1), (25.0, 0.2), (40.0, 0.4), (70.0, 0.8)):
             screen.step("step 2 of 5: hypotheses", share)

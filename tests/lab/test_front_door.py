@@ -47,8 +47,9 @@ HEAVY = {"scipy", "numba", "pandas", "matplotlib", "diagnosis"}
         ("import lab.guard.guard", {*HEAVY, "numpy", "mcap", "sim_fakes"}),
         ("import lab.verbs.safe", {*HEAVY, "numpy", "model", "mcap", "drivers", "pydantic"}),
         ("import lab.verbs.check", HEAVY),
+        ("import lab.verbs.compare", {"matplotlib", "drivers"}),
     ],
-    ids=["read", "load_robot", "guard", "safe", "check"],
+    ids=["read", "load_robot", "guard", "safe", "check", "compare"],
 )
 def test_what_solves_diagnoses_and_draws_is_loaded_where_it_is_used_alone(work: str, without: set[str]) -> None:
     said = f"import sys; {work}; print(sorted(set(sys.modules) & {without}))"
