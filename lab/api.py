@@ -8,33 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
-
-from diagnosis.answer.result import Diagnosis
-from diagnosis.any_model import Cause as Cause
-from diagnosis.any_model import diagnose_model as diagnose_model
-from diagnosis.any_model.answer import Answer
-from diagnosis.diagnose import Options
-from diagnosis.diagnose import diagnose as _diagnose
-from diagnosis.fit_effects import Fitted, fit_effects
-from model.prediction import Prediction, Predictor
-from model.prediction.inverse import Reached, limits_of
-from model.prediction.inverse import inverse as _inverse
 from model.robot import Robot
-from recordings.file.reader import Recording
 
-from .calibration import calibrate
-from .comparison import Comparison, comparison
 from .files.config import ConfigError, check, load, read_yaml
-from .files.inputs import Case, case_of, read_case
-from .files.own_effects import catalogue, stated_by
-from .files.rig_file import load_rig
-from .rig.assembly import Rig
+
+if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what uses it
+    from numpy.typing import ArrayLike
+
+    from diagnosis.answer.result import Diagnosis
+    from diagnosis.any_model import Cause as Cause
+    from diagnosis.any_model import diagnose_model as diagnose_model
+    from diagnosis.any_model.answer import Answer
+    from diagnosis.diagnose import Options
+    from diagnosis.fit_effects import Fitted
+    from model.prediction import Prediction
+    from model.prediction.inverse import Reached
+    from recordings.file.reader import Recording
+
+    from .comparison import Comparison
+    from .files.inputs import Case as Case
+    from .rig.assembly import Rig
 
 Place = str | Path
+HOMES = {"Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model"}
+"""Names that stand here and are made elsewhere."""
+
+
+def __getattr__(name: str) -> Any:
+    """One of `HOMES`, when it is first used."""
+    if name in HOMES:
+        return getattr(import_module(HOMES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def load_robot(path: Place) -> Robot:
@@ -60,6 +68,8 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
     column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
     `case.table.warnings` says what was left out.
     """
+    from .files.inputs import read_case
+
     if inputs and not isinstance(inputs[0], str | Path):
         return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
     if not inputs:
@@ -75,6 +85,7 @@ def _case_of_frame(
     frame: Any, *others: Any, robot: Place | Robot | None, columns: Mapping[str, Any] | None, keys: Mapping[str, Any]
 ) -> Case:
     """The case of a DataFrame and its robot (the second argument, or `robot`); raises ConfigError."""
+    from .files.inputs import case_of
     from .imports.frame import trials_of  # with pandas
 
     if not hasattr(frame, "iloc") or not hasattr(frame, "columns"):
@@ -96,6 +107,8 @@ def read(path: Place, truncated: bool = False) -> Recording:
     >>> recording.outcome, recording.stream("/tip")["position"].shape
     ('completed', (112, 3))
     """
+    from recordings.file.reader import Recording
+
     return Recording.open(Path(path), truncated=truncated)
 
 
@@ -113,6 +126,10 @@ def predict(robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, *
     >>> found.to_frame().round(0)["tip x [mm]"].tolist()
     [-23.0, -34.0]
     """
+    from model.prediction import Predictor
+
+    from .files.own_effects import stated_by
+
     return Predictor(robot, stated_by(robot))(pressures, spine_length, **options)
 
 
@@ -128,6 +145,12 @@ def inverse(
     >>> found.reached, found.prediction.tip.round(3)[0, 0]
     (array([ True]), np.float64(-0.05))
     """
+    from model.prediction import Predictor
+    from model.prediction.inverse import inverse as _inverse
+    from model.prediction.inverse import limits_of
+
+    from .files.own_effects import stated_by
+
     fixed = None if spine_length is None else (spine_length, spine_length)
     return _inverse(Predictor(robot, stated_by(robot)), targets, limits_of(robot, groups, spine=fixed))
 
@@ -145,6 +168,12 @@ def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = Fals
     >>> fitted.parameters["chamber_azimuth.angle"].unit, list(fitted.robot.effects)
     ('rad', ['chamber_azimuth'])
     """
+    from diagnosis.fit_effects import fit_effects
+
+    from .calibration import calibrate
+    from .files.inputs import Case
+    from .files.own_effects import catalogue
+
     if not effects and not residual:
         return calibrate(Case(measured.robot.plain, measured.table))
     named = [effects] if isinstance(effects, str) else effects
@@ -158,6 +187,9 @@ def compare(measured: Case) -> Comparison:
     >>> found.unsolved, found.table.rmse < 1e-3
     (0, True)
     """
+    from .comparison import comparison
+    from .files.own_effects import stated_by
+
     return comparison(measured, stated_by(measured.robot))
 
 
@@ -167,6 +199,8 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
     `options` (`from diagnosis.diagnose import Options`): `Options(quantify=False)` leaves out errors on unseen states,
     `experiments=False` what to do next; `holdout=lab.case(..)` is a campaign on which the answer is tested; `catalogue` are the
     effects that are weighed."""
+    from diagnosis.diagnose import diagnose as _diagnose
+
     return _diagnose(measured, options)
 
 
@@ -182,6 +216,9 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
     reading back.
 
     `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError."""
+    from .files.rig_file import load_rig
+    from .rig.assembly import Rig
+
     rig = Rig(load_rig(Path(path)))
     try:
         failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))

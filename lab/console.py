@@ -133,11 +133,16 @@ class _Bar(Progress):
             yield Text(plain(self.prompt.format(self.typed)), overflow="fold")
 
 
+LONG_STEP = 20.0
+"""s, after which a step says once how long it will take where no bar shows it."""
+
+
 class Screen:
     """Narrator of protocols: says lines, shows how far they are and how long it will take at the rig's speed."""
 
     def __init__(self, title: str, speed: float = 1.0, quiet: bool = False) -> None:
         self._title, self._speed = plain(title), speed
+        self.quiet_asked = quiet
         self.quiet = quiet = quiet or out.quiet
         self._progress = _Bar(
             TextColumn("{task.description}", markup=False), BarColumn(bar_width=30),
@@ -148,6 +153,8 @@ class Screen:
         self._task: TaskID | None = None
         self._began = time.monotonic()
         self._first: float | None = None
+        self._step, self._said = ("", self._began), False
+        """The step under way and when it began (host s), and whether its time was said."""
         self._part: tuple[float, float] | None = None
 
     def __enter__(self) -> Screen:
@@ -193,6 +200,18 @@ class Screen:
         """A step whose time is not known, such as "step 2 of 5: hypotheses", and the share of it that is done."""
         if self._task is not None:
             self._progress.update(self._task, description=plain(f"{self._title}, {name}"), completed=share)
+        if name != self._step[0]:
+            self._step, self._said = (name, time.monotonic()), False
+        lasted = time.monotonic() - self._step[1]
+        self._say_long(lasted, lasted * (1 / share - 1) if share > 0 else None)
+
+    def _say_long(self, lasted: float, left: float | None) -> None:
+        """Say once of a step that has lasted so long (s), and where no bar shows it, what it is and how many s are left."""
+        if self._said or lasted < LONG_STEP or self.quiet_asked or sys.stdout.isatty():
+            return
+        self._said = True
+        name = f", {self._step[0]}" if self._step[0] else ""
+        complain(f"{self._title}{name}: {'how long it takes is not known yet' if left is None else f'about {clock(left)} left'}")
 
     def progress(self, done: float, total: float) -> None:
         """Seconds of rig time done, of the total planned; the time left is corrected by the pace kept so far."""
@@ -205,6 +224,7 @@ class Screen:
             self._first = done  # a run that is resumed begins in the middle
         left = seconds_left(done - self._first, total - self._first, elapsed, self._speed)
         self._progress.update(self._task, completed=min(1.0, done / total), left=f"{clock(left)} left")
+        self._say_long(elapsed, left)
 
 
 def seconds_left(done: float, total: float, elapsed: float, speed: float) -> float:

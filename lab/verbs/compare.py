@@ -16,7 +16,6 @@ from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
 from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, option
-from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
@@ -31,6 +30,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
     c = comparison(case, stated_by(case.robot))
     figure = measured = None
     if folder is not None:
+        from ..pages.figures import in_a_row, quantities, sensors, tip_curves
+
         words = case.robot.actuators.words
         with whole(folder, OWN, replace, inputs) as place:
             figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name

@@ -151,9 +151,11 @@ class Chunks(Sequence[Chunk]):
         yield from [] if self._newest is None else [self._newest]
 
     def _unpacked(self, kinds: Sequence[tuple[str, bool, frozenset[int]]], number: int) -> Chunk:
-        *places, crc, begin, end, kind = self._NUMBERS.unpack_from(self._packed, number * self._NUMBERS.size)
+        start, end, first, last, size, crc, data_start, data_end, kind = self._NUMBERS.unpack_from(
+            self._packed, number * self._NUMBERS.size
+        )
         compression, bare, channels = kinds[kind]
-        return Chunk(*places, crc, compression, begin, end, bare, set(channels))
+        return Chunk(start, end, first, last, size, crc, compression, data_start, data_end, bare, set(channels))
 
     def at(self, start: int) -> Chunk | None:
         """The chunk that begins at this byte of the file."""

@@ -94,7 +94,8 @@ class Pace:
         if self.count < 2:
             return Timing(self.count, begin, begin, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0)
         self._merge()
-        lengths, numbers = (self._lengths + (self._grain - 1) / 2) / 1e9, self._numbers
+        lengths = np.asarray((self._lengths + (self._grain - 1) / 2) / 1e9, np.float64)
+        numbers = self._numbers
         (median,) = _quantiles(lengths, numbers, 0.5)
         gap = lengths > GAP * median if median > 0 else np.zeros(len(lengths), dtype=bool)
         missing = int((np.round(lengths[gap] / median) - 1) @ numbers[gap]) if gap.any() else 0

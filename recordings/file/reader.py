@@ -274,8 +274,7 @@ class Recording:
                 pieces = [held.pop(number)] if number in held else []
                 if number in parts:
                     pieces.append((parts[number].heads[["sequence", "log"]].astype(_TIMES), content(number, parts[number])))
-                channel = self.contents.channels.get(number)
-                topic = "" if channel is None else channel.topic
+                topic = self.contents.channels[number].topic if number in self.contents.channels else ""
                 at, what = (pieces[0] if len(pieces) == 1 else (
                     np.concatenate([a for a, _ in pieces]),
                     np.zeros(0, "V0") if topic in faults else np.concatenate([w for _, w in pieces]),

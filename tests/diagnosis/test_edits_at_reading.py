@@ -84,17 +84,20 @@ SILENT = Reading((), ())
     ("change", "words"),
     [
         (pressures(1 / 6894.76), ["pressures must be 6895 times as large", "look like psi"]),
-        (pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"]),
+        pytest.param(pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"],
+                     marks=pytest.mark.long),
         (pressures(1.0, 84_000.0), ["absolute", "take 83"]),
         (pressures(1e-3, 101_325.0), ["look like kPa", "absolute"]),
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "frame in map.yaml", "z: -z"]),
-        (moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["the cameras' frame", "frame in map.yaml", "z: x"]),
+        pytest.param(moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["the cameras' frame", "frame in map.yaml", "z: x"],
+                     marks=pytest.mark.long),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (w_last, ["qw, qx, qy, qz", "hold x, y, z, w: exchange the columns"]),
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
-        (lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"]),
+        pytest.param(lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"],
+                     marks=pytest.mark.long),
     ],
 )  # fmt: skip
 def test_another_unit_or_frame_is_refused_with_what_to_write(change: Change, words: list[str]) -> None:
@@ -143,7 +146,7 @@ def three(robot: Robot, chamber: int, acts: float) -> tuple[TrialRow, ...]:
 LIMP = ROBOT.model_copy(update={"youngs_modulus": 2e4, "shear_modulus": 7e3, "gravity": (0.0, 0.0, -9.81)})
 
 
-@pytest.mark.parametrize("factor", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("factor", [0.2, 1.0, pytest.param(5.0, marks=pytest.mark.long)])
 def test_a_modulus_that_is_far_off_is_no_other_unit(factor: float) -> None:
     guessed = ROBOT.model_copy(
         update={"youngs_modulus": ROBOT.youngs_modulus * factor, "shear_modulus": ROBOT.shear_modulus * factor}
@@ -289,7 +292,7 @@ def test_a_modulus_that_is_to_be_found_is_no_other_unit_of_force(modulus: float)
     assert reading(ROBOT, pushes(modulus=modulus)) == SILENT
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.0])
+@pytest.mark.parametrize("factor", [0.5, pytest.param(1.0, marks=pytest.mark.long)])
 def test_a_body_that_sags_upwards_is_asked_about(factor: float) -> None:
     level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0)})
     rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))

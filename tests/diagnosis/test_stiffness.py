@@ -70,7 +70,7 @@ def test_a_body_that_hangs_and_shears_is_no_stiffer_silicone() -> None:
 @pytest.mark.parametrize(
     ("effect", "size", "parameter"),
     [
-        ("force_bias", 0.15, "force_bias.bias"),
+        pytest.param("force_bias", 0.15, "force_bias.bias", marks=pytest.mark.long),
         pytest.param("arm_compliance", 1e-4, "arm_compliance.give", marks=pytest.mark.long),
         ("contact_offset", 1e-3, "contact_offset.offset"),
         pytest.param("spine_shear", 1.0, "spine_shear.blend", marks=pytest.mark.long),

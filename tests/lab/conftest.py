@@ -1,5 +1,6 @@
 """The rig of fakes for tests of the command."""
 
+import math
 from pathlib import Path
 from typing import IO, Any
 
@@ -9,6 +10,7 @@ from diagnosed_case import Answered, answered_once, campaign, folder
 from matplotlib.figure import Figure
 from virtual_lab import VirtualLab
 
+from diagnosis.edits.reading import Reading
 from lab.cli import main
 from lab.pages import figures
 from lab.verbs.fakes import PATIENT, write_rig
@@ -75,6 +77,13 @@ def _one_core(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda process: {0})
 
 
+@pytest.fixture(autouse=True)
+def _no_hurry(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a command says does not depend on how fast this computer is."""
+    if request.module.__name__ != "test_console":
+        monkeypatch.setattr("lab.console.LONG_STEP", math.inf)
+
+
 @pytest.fixture
 def drawn() -> None:
     """Asked for by tests that look at pictures, or at what a picture does with names from outside."""
@@ -86,6 +95,18 @@ def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", empty)
         monkeypatch.setattr("lab.pages.import_figure.draw", lambda made, robot, path: figures.save(Figure((1, 1)), path))
+
+
+@pytest.fixture
+def judged() -> None:
+    """Asked for by tests of what the rod says of a table."""
+
+
+@pytest.fixture(autouse=True)
+def _unjudged(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For other tests it says nothing: that takes longer than all else of an import."""
+    if "judged" not in request.fixturenames:
+        monkeypatch.setattr("lab.verbs.import_data.judged", lambda robot, table: Reading((), ()))
 
 
 def empty(figure: Figure, file: IO[bytes], format: str, **_: Any) -> None:

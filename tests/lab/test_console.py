@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commands import Cli
@@ -93,6 +94,20 @@ def test_a_step_of_unknown_length_is_named_with_the_share_that_is_done() -> None
             screen._progress.refresh()
     """)
     assert "weighing hypotheses, step 2 of 5: hypotheses" in seen and "25 %" in seen
+
+
+def test_where_no_bar_is_a_step_that_lasts_says_once_what_it_is_and_how_long_it_will_take(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr("lab.console.time", SimpleNamespace(monotonic=lambda: now[0]))
+    with Screen("weighing hypotheses") as screen, Screen("a run") as run, Screen("asked to be quiet", quiet=True) as quiet:
+        for now[0], share in ((10.0, 0.1), (25.0, 0.2), (40.0, 0.4), (70.0, 0.8)):
+            screen.step("step 2 of 5: hypotheses", share)
+            run.progress(2 * now[0], 200.0)
+            quiet.step("a step", share)
+    said = ["a run: about 2 min left", "weighing hypotheses, step 2 of 5: hypotheses: about 45 s left"]
+    assert capsys.readouterr().err.splitlines() == said
 
 
 def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,7 +80,7 @@ PRECIOUS = "somebody's only copy"
         ("export", "CASE", "RECORDING", "--crate"),
         ("compare", "CASE"),
         ("fit", "CASE"),
-        ("effects",),
+        pytest.param(("effects",), marks=pytest.mark.long),
     ],
     ids=" ".join,
 )
@@ -135,7 +135,7 @@ def test_recordings_of_one_name_are_exported_apart(tmp_path: Path, cli: Cli) -> 
 @pytest.mark.parametrize(
     "words",
     [("export", "RECORDING"), ("export", "RECORDING", "--case"), ("export", "CASE", "--crate"),
-     ("compare", "CASE"), ("fit", "CASE"), ("effects",), ("diagnose", "CASE")],
+     ("compare", "CASE"), ("fit", "CASE"), pytest.param(("effects",), marks=pytest.mark.long), ("diagnose", "CASE")],
     ids=" ".join,
 )  # fmt: skip
 def test_a_folder_that_holds_something_else_is_never_added_to(words: Sequence[str], case: Path, tmp_path: Path, cli: Cli) -> None:

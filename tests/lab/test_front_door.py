@@ -37,6 +37,28 @@ def test_importing_it_costs_next_to_nothing_and_its_names_are_known() -> None:
         lab.nothing  # noqa: B018
 
 
+HEAVY = {"scipy", "numba", "pandas", "matplotlib", "diagnosis"}
+
+
+@pytest.mark.parametrize(
+    ("work", "without"),
+    [
+        (f"import lab; lab.read({str(RECORDING)!r})", {*HEAVY, "drivers"}),
+        ("import lab; lab.load_robot('examples/three_chambers/robot.yaml')", {*HEAVY, "drivers", "mcap"}),
+        ("import lab.guard.guard", {*HEAVY, "numpy", "mcap", "sim_fakes"}),
+        ("import lab.verbs.safe", {*HEAVY, "numpy", "model", "mcap", "drivers", "pydantic"}),
+        ("import lab.verbs.check", HEAVY),
+        ("import lab.verbs.compare", {"matplotlib", "drivers"}),
+    ],
+    ids=["read", "load_robot", "guard", "safe", "check", "compare"],
+)
+def test_what_solves_diagnoses_and_draws_is_loaded_where_it_is_used_alone(work: str, without: set[str]) -> None:
+    said = f"import sys; {work}; print(sorted(set(sys.modules) & {without}))"
+    place = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True, cwd=place)
+    assert done.stdout == "[]\n"
+
+
 def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp_path: Path) -> None:
     with lab.open_rig(virtual_lab.rig, needs=("pressure", "spine", "valve", "gauge", "mocap")) as rig:
         assert "arm" not in rig.identities

@@ -238,8 +238,10 @@ def test_messages_without_times_are_refused(place: Path, importer: Importer) -> 
 
 
 # ------------------------------------------------------------------ parts
-@pytest.mark.parametrize("at", [450, 510, 700], ids=["while it unloads", "at a step", "in the second trial"])
-@pytest.mark.parametrize("begin", ["file", "rest"])
+@pytest.mark.parametrize(
+    "at", [450, 510, pytest.param(700, marks=pytest.mark.long)], ids=["while it unloads", "at a step", "in the second trial"]
+)
+@pytest.mark.parametrize("begin", [pytest.param("file", marks=pytest.mark.long), "rest"])
 def test_parts_of_one_recording_give_the_table_of_the_whole(place: Path, at: int, begin: str, importer: Importer) -> None:
     begins = {"states:": f"trials: {{begin: {begin}}}\nstates:"}
     importer(bag(place / "whole.mcap"), name="whole", **begins)
@@ -269,7 +271,7 @@ def test_recordings_whose_clocks_both_begin_anew_follow_each_other(place: Path, 
 
 
 # ------------------------------------------------------------------ torn
-@pytest.mark.parametrize("share", [0.2, 0.6, 0.999])
+@pytest.mark.parametrize("share", [pytest.param(0.2, marks=pytest.mark.long), 0.6, 0.999])
 @pytest.mark.parametrize("chunks", [True, False], ids=["chunks", "no chunks"])
 def test_a_torn_bag_names_recover_and_what_recover_gives_is_imported(
     place: Path, share: float, chunks: bool, importer: Importer, cli: Cli

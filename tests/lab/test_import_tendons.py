@@ -146,6 +146,7 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
     assert "not used: load cell [N]; name a force under force_x, force_y, force_z" in trunk.guessed()[1].flat_err
 
 
+@pytest.mark.usefixtures("judged")
 def test_a_map_that_is_guessed_is_not_asked_about_and_one_of_another_frame_is(trunk: Trunk) -> None:
     proposed = yaml.safe_load(trunk.guessed()[0])
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
@@ -198,6 +199,7 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, -9.81, 0.0)])
+@pytest.mark.usefixtures("judged")
 def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     gravity: tuple[float, float, float], trunk: Trunk
 ) -> None:
@@ -225,6 +227,7 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
         (MIDDLE, TIP, "the tip and marker 1 are swapped"),
     ],
 )
+@pytest.mark.usefixtures("judged")
 def test_places_that_are_no_points_along_the_body_are_asked_about(
     tip: tuple[str, ...], marker: tuple[str, ...], said: str, trunk: Trunk
 ) -> None:
@@ -245,6 +248,7 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Tr
     assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
 
 
+@pytest.mark.usefixtures("judged")
 def test_tensions_ten_times_too_large_are_asked_about(known: Trunk) -> None:
     assert "times as far as robot.yaml predicts" not in known.imported().flat_err
     with known.changed() as values:
@@ -305,7 +309,12 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
 
 @pytest.mark.parametrize(
     ("heading", "unit", "says"),
-    [("Seil_1 [N]", "kPa", "N"), ("Seil_1 [V]", "N/cm^2", "V"), ("Seil_1 [bar]", "kPa", "bar"), ("Seil_1 [N]", "N/cm^2", "")],
+    [
+        ("Seil_1 [N]", "kPa", "N"),
+        pytest.param("Seil_1 [V]", "N/cm^2", "V", marks=pytest.mark.long),
+        pytest.param("Seil_1 [bar]", "kPa", "bar", marks=pytest.mark.long),
+        ("Seil_1 [N]", "N/cm^2", ""),
+    ],
 )
 def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(heading: str, unit: str, says: str, known: Trunk) -> None:
     known.table.write_text(known.table.read_text().replace("Seil_1 [N]", heading))
@@ -317,6 +326,7 @@ def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(heading: str
 
 
 @pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
+@pytest.mark.usefixtures("judged")
 def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     straight: str, aside: float, asked: bool, known: Trunk
 ) -> None:
@@ -338,9 +348,10 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     [
         ({}, FRAME, ""),
         ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are swapped"),
-        ({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml"),
+        pytest.param({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml", marks=pytest.mark.long),
     ],
 )
+@pytest.mark.usefixtures("judged")
 def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
     columns: dict[str, str], frame: dict[str, str], says: str, known: Trunk
 ) -> None:
@@ -448,6 +459,7 @@ def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straigh
 
 
 @pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])
+@pytest.mark.usefixtures("judged")
 def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(gravity: str, trunk: Trunk) -> None:
     arm = ROBOT.replace("[90 mm]", "[]").replace("320 kPa", "900 kPa").replace("107 kPa", "300 kPa")
     trunk.robot.write_text(arm.replace("[0, 0, 9.81]", "[0, -9.81, 0]"))

@@ -314,6 +314,7 @@ def told(folder: Path, content: str, values: dict[str, Any], cli: Cli) -> str:
     return cli("import", folder / "a.csv", "--map", folder / "map.yaml", "--out", folder / "case", code=(0, 2)).flat_err
 
 
+@pytest.mark.usefixtures("judged")
 def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
     assert told(tmp_path, CONTENT, RIGHT, cli) == ""
 
@@ -322,15 +323,17 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
     ("change", "said"),
     [
         (exchange("p2", "p3"), "chambers 2 and 3 are swapped"),
-        (exchange("x", "y"), "along the base's axes its columns are x: y, y: x, z: z"),
+        pytest.param(exchange("x", "y"), "along the base's axes its columns are x: y, y: x, z: z", marks=pytest.mark.long),
         (column("y", scale=-1), "the turn of the tip does not fit its place (agreement of directions"),
-        (also(frame={"x": "y", "y": "-x", "z": "z"}), "azimuth of the first chamber -90"),
+        pytest.param(also(frame={"x": "y", "y": "-x", "z": "z"}), "azimuth of the first chamber -90", marks=pytest.mark.long),
         (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "correct frame in map.yaml"),
         (column("p2", scale=10), "column p2 must be 0.095"),
-        (column("p2", unit="psi"), "column p2: 2.41579e+06 Pa gauge, must be at most 2e+06 Pa gauge: check its unit"),
+        pytest.param(column("p2", unit="psi"), "column p2: 2.41579e+06 Pa gauge, must be at most 2e+06 Pa gauge: check its unit",
+                     marks=pytest.mark.long),
         (column("p2", unit="kPa"), "the file says mbar, the map kPa"),
         (lambda v: v["orientation"].update(order="euler XYZ"), "orientation.order euler XYZ: the tip turns by"),
-        (lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz, by 0.0 deg: check the order"),
+        pytest.param(lambda v: v["orientation"].update(order="rotation vector"), "with euler xyz, by 0.0 deg: check the order",
+                     marks=pytest.mark.long),
         (lambda v: v["orientation"].update(columns=list(ANGLES[::-1])), "check orientation (columns, order, unit)"),
         (lambda v: v.pop("points") and v["columns"].update({a: {"column": f"mid {a}", "unit": "mm"} for a in "xyz"}),
          "no single mistake explains it: check which marker is the tip"),
@@ -340,12 +343,14 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column really a mass at the tip?"),
     ],
 )  # fmt: skip
+@pytest.mark.usefixtures("judged")
 def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, cli: Cli) -> None:
     values = copy.deepcopy(RIGHT)
     change(values)
     assert said in told(tmp_path, CONTENT, values, cli)
 
 
+@pytest.mark.usefixtures("judged")
 def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cli: Cli) -> None:
     values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
     values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}

@@ -138,7 +138,9 @@ def truncate(folder: Path) -> None:
     os.truncate(next(folder.glob("*.mcap")), 30_000)
 
 
-@pytest.mark.parametrize("harm", [delete_file, truncate, pytest.param(rename_folder, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "harm", [delete_file, pytest.param(truncate, marks=pytest.mark.long), pytest.param(rename_folder, marks=pytest.mark.long)]
+)
 def test_a_run_whose_recording_is_lost_lands_after_the_state_and_goes_on_from_the_rescue_file(
     harm: Callable[[Path], None], virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
 ) -> None:

@@ -79,11 +79,12 @@ def test_recover_keeps_all_of_every_combination_and_takes_its_own_output(tmp_pat
             made.unlink()
 
 
-def test_every_cut_of_a_file_without_chunks_keeps_the_messages_before_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("every", [29, pytest.param(11, marks=pytest.mark.long)])
+def test_every_cut_of_a_file_without_chunks_keeps_the_messages_before_it(tmp_path: Path, every: int) -> None:
     for features in (frozenset(), frozenset(FEATURES) - {"chunks"}):
         data = build(INPUTS["everything"], features)
         ends = [data.index(b'{"x": %d}' % n) + 8 for n in range(7)]
-        for cut in range(60, len(data), 11):
+        for cut in range(60, len(data), every):
             (tmp_path / "a.mcap").write_bytes(data[:cut])
             (tmp_path / "b.mcap").unlink(missing_ok=True)
             kept = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
