@@ -51,8 +51,8 @@ def fit(
 ) -> Result:
     """Calibrate the robot of a case without its effects; or fit those that are `named`, area factor and tolerances.
 
-    `folder`: for robot.yaml and `samples` robots drawn from the posterior; `file`: of effects of one's own; `residual`: learn what
-    the model still misses. Raises ConfigError, BadEffect, RecordingError."""
+    `folder`: for robot.yaml and `samples` robots drawn from the posterior; `file`: of effects of one's own; `residual`: learn
+    what the model still misses. Raises ConfigError, BadEffect, RecordingError."""
     calibrating = named is None and not residual
     for name, given in (("--samples", samples), ("--effects", file)):
         if given and calibrating:
