@@ -62,8 +62,8 @@ def _above(robot: Robot, table: Table) -> Iterator[str]:
     if most is not None and highest > ABOVE * most:
         column, shown, limit = int(np.argmax(pressures.max(axis=0))) + 1, words.number(highest), words.number(most)
         yield (
-            f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_pressure of {limit} {words.unit} of "
-            "robot.yaml: check the unit (psi and kPa differ by 6.9), or max_pressure"
+            f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
+            f"{words.unit} of robot.yaml: check the unit (psi and kPa differ by 6.9), or max_{words.pressure}"
         )
 
 

@@ -31,10 +31,9 @@ def by_hand(
 
     `watched`: instruments whose readings are demanded meanwhile. Ctrl-C raises KeyboardInterrupt where the bench waits, when it
     is pressed twice or, with `at_once`, once."""
-    say = (lambda text: screen.say("Venting")) if at_once else screen.say
-    with tempfile.TemporaryDirectory() as folder, Interrupts(say, rig.actuators.pulse) as interrupts:
+    with tempfile.TemporaryDirectory() as folder, Interrupts(screen.say, rig.actuators.pulse, at_once) as interrupts:
         recorder = rig.recorder(Path(folder) / "moves.mcap")
-        rig.stop_now = interrupts.stopping if at_once else lambda: interrupts.now
+        rig.stop_now = lambda: interrupts.now
         rig.record_to(recorder)
         try:
             yield rig.bench(recorder, screen, interrupts.stopping, watched)

@@ -21,8 +21,9 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Interrupts:
     """Handles signals between `with` and its end."""
 
-    def __init__(self, say: Callable[[str], None], pulse: Pulse) -> None:
-        self._say, self._pulse = say, pulse
+    def __init__(self, say: Callable[[str], None], pulse: Pulse, at_once: bool = False) -> None:
+        """`at_once`: one Ctrl-C stops now."""
+        self._say, self._pulse, self._at_once = say, pulse, at_once
         self._pressed = 0
         self._before: dict[int, Any] = {}
         self.now = False
@@ -48,7 +49,7 @@ class Interrupts:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         """Count Ctrl-C once, SIGTERM and SIGHUP twice; at two tell the guard, and interrupt a wait for a person."""
-        self._pressed += 1 if number == signal.SIGINT else 2
+        self._pressed += 1 if number == signal.SIGINT and not self._at_once else 2
         if self._pressed >= 2 and not self.now:
             self.now = True
             self._pulse.send(SIGNAL, float(number))

@@ -88,7 +88,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
             out.print("\nThe model is still being compiled for this computer; this happens once and takes half a minute.")
         compiling.begun()
     step("lab replay: the same numbers from the files alone", lambda: replay(files))
-    step("lab fit", lambda: fit(files, None, None))
+    step("lab fit", lambda: fit(files))
     step("lab compare: the paper's parameters", lambda: compare(files, None, None))
     answers = Outputs(folder / "diagnosis.json", folder / "report.html", folder / "next")
     step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,81 +38,70 @@ OWN = ("robot.yaml", "samples")
 """What a fit writes, and replaces when it is repeated."""
 
 
-@dataclass(frozen=True)
-class WithEffects:
-    """The request of `lab fit --with`."""
-
-    effects: tuple[str, ...]
-    file: Path | None = None
-    """Python file with effects of one's own."""
-    samples: int = 0
-    seed: int = 0
-    residual: bool = False
-    """Learn the remaining error of the model."""
-
-
-def fit(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
-    """Calibrate the robot of a case without its effects; with a folder also write the calibrated robot.yaml."""
-    if folder is not None:
-        demand_free(folder, OWN, replace, inputs)
-    case = read_case(inputs, robot)
-    note(case.table.warnings)
-    if case.robot != case.robot.plain:
-        note(
-            ["the effects in robot.yaml are ignored: this command calibrates without effects. To keep them: "
-             f"--with {','.join(case.robot.effects)}"]
-        )  # fmt: skip
-    with Screen("calibrating") as screen:
-        result = calibrate(Case(case.robot.plain, case.table), screen.step)
-    if folder is not None:
-        with whole(folder, OWN, replace, inputs) as place:
-            write_robot(result.robot, place / "robot.yaml", case.robot_text)
-
-    def show() -> None:
-        out.print(sheet(result))
-        if result.area_factor is not None:
-            out.print(baseline_line(result, result.area_factor))
-
-    return Result(result.as_dict(), show)
-
-
-def fit_with(
-    inputs: Sequence[Path], robot: Path | None, wanted: WithEffects, folder: Path | None, replace: bool = False
+def fit(
+    inputs: Sequence[Path],
+    robot: Path | None = None,
+    folder: Path | None = None,
+    replace: bool = False,
+    named: Sequence[str] | None = None,
+    file: Path | None = None,
+    samples: int = 0,
+    seed: int = 0,
+    residual: bool = False,
 ) -> Result:
-    """Fit area factor, effects and tolerances; with a folder also write robot.yaml and robots drawn from the posterior.
+    """Calibrate the robot of a case without its effects; or fit those that are `named`, area factor and tolerances.
 
-    Raises ConfigError, BadEffect, RecordingError."""
-    if wanted.samples < 0:
-        raise ConfigError(f"--samples {wanted.samples}: must be at least 1")
-    if wanted.samples and folder is None:
-        raise ConfigError(f"--samples {wanted.samples}: needs --out FOLDER to write the robots into")
+    `folder`: for robot.yaml and `samples` robots drawn from the posterior; `file`: of effects of one's own; `residual`: learn
+    what the model still misses. Raises ConfigError, BadEffect, RecordingError."""
+    calibrating = named is None and not residual
+    for name, given in (("--samples", samples), ("--effects", file)):
+        if given and calibrating:
+            raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
+    if samples < 0:
+        raise ConfigError(f"--samples {samples}: must be at least 1")
+    if samples and folder is None:
+        raise ConfigError(f"--samples {samples}: needs --out FOLDER to write the robots into")
     if folder is not None:
         demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
-    effects, left_out = catalogue(case.robot, wanted.file)
-    note(left_out)
-    diagnosed = _diagnosed(inputs)
-    start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
-    with Screen("fitting") as screen:
-        fitted = fit_effects(case, wanted.effects, effects, screen.step, wanted.residual, start)
-    note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
+    effects: Mapping[str, EffectSpec] = {}
+    if calibrating:
+        if case.robot != case.robot.plain:
+            note(
+                ["the effects in robot.yaml are ignored: this command calibrates without effects. To keep them: "
+                 f"--with {','.join(case.robot.effects)}"]
+            )  # fmt: skip
+        with Screen("calibrating") as screen:
+            fitted = calibrate(Case(case.robot.plain, case.table), screen.step)
+    else:
+        effects, left_out = catalogue(case.robot, file)
+        note(left_out)
+        diagnosed = _diagnosed(inputs)
+        start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
+        with Screen("fitting") as screen:
+            fitted = fit_effects(case, named or (), effects, screen.step, residual, start)
+        note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
-            if wanted.samples:
-                names, values, robots = drawn(fitted.robot, effects, wanted.samples, wanted.seed)
-                samples = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
+            if samples:
+                names, values, robots = drawn(fitted.robot, effects, samples, seed)
+                files = write_samples(names, values, robots, folder_in(place, "samples"), case.robot_text)
                 with Screen("writing robots") as screen:
-                    for k, _ in enumerate(samples, 1):
+                    for k, _ in enumerate(files, 1):
                         screen.progress(k, len(robots))
                 written.append(folder / "samples" / "samples.csv")
 
     def show() -> None:
-        out.print(effects_sheet(fitted))
-        for line in (*residual_lines(fitted), *(f"written: {path}" for path in written)):
+        out.print(sheet(fitted) if calibrating else effects_sheet(fitted))
+        if not calibrating:
+            lines = residual_lines(fitted)
+        else:
+            lines = [] if fitted.area_factor is None else [baseline_line(fitted, fitted.area_factor)]
+        for line in (*lines, *(f"written: {path}" for path in written)):
             out.print(line)
 
     return Result({**fitted.as_dict(), "files": [str(path) for path in written]}, show)
@@ -221,20 +208,10 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _fit_verb(a: argparse.Namespace) -> Result:
-    if a.with_effects is None and not a.residual:
-        for name, given in (("--samples", a.samples), ("--effects", a.effects)):
-            if given:
-                raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
-        return fit(a.inputs, a.robot, a.out, a.replace)
-    asked = WithEffects(tuple(a.with_effects or ()), a.effects, a.samples, a.seed, a.residual)
-    return fit_with(a.inputs, a.robot, asked, a.out, a.replace)
-
-
 VERBS = (
     Verb(
         "fit",
-        _fit_verb,
+        lambda a: fit(a.inputs, a.robot, a.out, a.replace, a.with_effects, a.effects, a.samples, a.seed, a.residual),
         options=(
             JSON,
             ANY_SIZE,

@@ -344,7 +344,7 @@ def test_a_request_counts_once_and_what_was_never_carried_out_is_told() -> None:
 
 
 # ------------------------------------------------------------------ lab jog
-def test_lines_move_chambers_spine_and_valve_within_the_limits_and_the_end_vents(
+def test_lines_move_the_rig_within_its_limits_and_the_end_vents(
     virtual_lab: VirtualLab, monkeypatch: pytest.MonkeyPatch, cli: Cli
 ) -> None:
     plant, reached = virtual_lab.fakes.plant, list[float]()
