@@ -135,7 +135,7 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--simulator pielastica: is not known, .*pyelastica"):
+    with pytest.raises(ConfigError, match="--simulator pielastica: is unknown, .*pyelastica"):
         simulator("pielastica", ROBOT)
     for text, told in (
         ("x = 1", "has no SIMULATOR"),
