@@ -140,7 +140,6 @@ def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_p
 
 
 def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(tmp_path: Path, cli: Cli) -> None:
-    """Arcs towards several sides, read 15 mm beyond the end of the body."""
     lines, ends = ["p1,x,y,z,qw,qx,qy,qz"], []
     for i, towards in enumerate(np.radians([0, 0, 90, 180, 270, 45, 200, 310])):
         theta, stretched = (0.0, LENGTH) if i == 0 else (0.2 + 0.12 * i, LENGTH * (1 + 0.01 * i))

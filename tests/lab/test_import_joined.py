@@ -217,7 +217,6 @@ def test_values_under_their_names_in_rows_of_their_own_are_columns(tmp_path: Pat
 
 
 def test_columns_that_are_blank_for_other_reasons_stay_as_they_are(tmp_path: Path) -> None:
-    """Blocks of rows, and single cells, are no streams that take turns."""
     lines = [",".join((*TIP, *PRESSURES[1:]))]
     for k, r in enumerate(ROWS):
         tip = ",".join(f"{v:.3f}" for v in r[4:]) if k % 9 else ",,"

@@ -154,7 +154,6 @@ def test_a_map_that_is_guessed_is_not_asked_about_and_one_of_another_frame_is(tr
 
 
 def test_a_frame_is_guessed_of_a_body_that_is_turned_in_its_mount(trunk: Trunk) -> None:
-    """Of one experiment in which all states are."""
     head, rows = trunk.read()
     at = head.index("Spitze_x [mm]")
     for row in rows:
@@ -180,7 +179,6 @@ def test_markers_too_are_taken_from_the_straight_robot(straight: str, trunk: Tru
 
 
 def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: Trunk) -> None:
-    """Its tip sags, and each trial's first reading has its own noise: their mean counts."""
     trunk.robot.write_text(ROBOT.replace("gravity: [0, 0, 9.81]", "gravity: [1, 0, 0]"))
     sag = Predictor(lab.load_robot(trunk.robot))(np.zeros(3)).tip[0]
     assert sag[0] > 0.002
@@ -201,7 +199,6 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
 def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     gravity: tuple[float, float, float], trunk: Trunk
 ) -> None:
-    """A soft robot that hangs, whose readings `straight: at rest` moves to where the model stands."""
     soft = ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
     hangs, stated = soft.replace("107 kPa", "73 kPa"), f"gravity: {list(gravity)}"
     trunk.robot.write_text(hangs)
