@@ -211,9 +211,8 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
         alone = sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
-        s.text(
-            f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{sentences.by_itself(alone)}."
-        )
+        itself = sentences.by_itself(alone)
+        s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{itself}.")
 
 
 def _mm(value: float) -> str:
