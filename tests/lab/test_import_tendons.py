@@ -138,8 +138,7 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
     head, rows = trunk.read()
     names = ["T_N/N", "T_E/N", "T_S/N"]
     trunk.write([head[0], *names, *head[4:]], rows)
-    text, _ = trunk.guessed()
-    columns = yaml.safe_load(text)["columns"]
+    columns = yaml.safe_load(text := trunk.guessed()[0])["columns"]
     assert [columns[f"p{k}"] for k in (1, 2, 3)] == [{"column": name, "unit": "N"} for name in names]
     assert "T_N/N, T_E/N, T_S/N are taken as tendons 1 to 3" in text
     trunk.write([*head[:4], "load cell [N]", *head[4:]], [[*row[:4], cell(0.1), *row[4:]] for row in rows])

@@ -97,9 +97,8 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
 
 
 def test_the_file_of_an_own_protocol_is_asked_for(virtual_lab: VirtualLab, tmp_path: Path) -> None:
-    broken = Broken(
-        tmp_path / "my runs" / "sine.journal", Progress("c", "sine", (), {}), 0, Table.of(()), {}, "protocol: sine\n", True, b""
-    )
+    journal, progress = tmp_path / "my runs" / "sine.journal", Progress("c", "sine", (), {})
+    broken = Broken(journal, progress, 0, Table.of(()), {}, "protocol: sine\n", True, b"")
     with pytest.raises(ConfigError, match=r"give that file too: lab run sine\.py --resume '.*my runs/sine\.journal' --rig"):
         run_verb.job_again(broken, virtual_lab.rig)
 
