@@ -1,1 +1,1 @@
-"""The gap between model and measurement: where it lies, which effect causes it, how far it shrinks."""
+"""Locate the gap between model and measurement, name the effect that causes it, and state how far it shrinks."""

@@ -1,4 +1,4 @@
-"""What a diagnosis proposes next: which experiments are shown, and the command that runs one."""
+"""Experiments proposed by a diagnosis, and the command that runs one."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from .plain import typed
 FIRST = 6
 """Experiments shown."""
 NOTHING = "No experiment on this rig is expected to distinguish the remaining candidates better."
-SETTLED = "Nothing: robot and model agree, and no experiment on this rig is expected to show a gap."
+SETTLED = "Nothing: robot and model agree, and no experiment on this rig is expected to reveal a gap."
 
 
 def worth_doing(d: Diagnosis) -> Diagnosis:
-    """Return the answer without experiments that are expected to tell nothing."""
+    """Return the answer without uninformative experiments."""
     return replace(d, next_experiment=tuple(p for p in d.next_experiment if p.expected_bits >= LEAST_BITS))
 
 
 def nothing_next(d: Diagnosis) -> str:
-    """Say why nothing is proposed."""
+    """State why nothing is proposed."""
     return SETTLED if d.attribute.verdict == "none" else NOTHING
 
 
 def command(p: Proposal, protocols: Path | None) -> str:
-    """Return what to type to run a proposed experiment, RIG.yaml for the rig; its file is in `protocols`, by default next."""
+    """Return the command that runs a proposed experiment, with RIG.yaml for the rig; its file is in `protocols`, by default "
+    "next."""
     return typed("lab", "run", (protocols or Path("next")) / f"{p.id}.yaml", "--rig", "RIG.yaml")

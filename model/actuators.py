@@ -10,22 +10,22 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 PULL_AREA = 1e-4
-"""m^2: the tension T of a tendon stands in tables as the pressure T / 1 cm^2, so that 10 N are 100 kPa."""
+"""m^2: tables hold the tension T of a tendon as the pressure T / 1 cm^2, so 1 N is 10 kPa."""
 
 
 @dataclass(frozen=True)
 class Words:
-    """How people speak of what bends a robot, and the unit in which they read what drives it."""
+    """Words for a robot's actuators, and the unit in which people read their pressure or tension."""
 
     kind: str
     """The table of robot.yaml."""
     unit: str
     pascal: float
-    """Of one such unit, as tables hold it."""
+    """Size of that unit in tables."""
     digits: int
     """Decimals that matter."""
     by_rig: bool
-    """Whether a rig can drive them; else a person does, state by state."""
+    """Whether a rig can drive them; otherwise a person does."""
     actuator: str
     actuators: str
     pressure: str

@@ -54,7 +54,6 @@ def test_no_room_grows() -> None:
 
 
 def test_no_two_files_of_tests_have_one_name() -> None:
-    """A process that has imported the one refuses the other."""
     names = [p.name for p in (ROOT / "tests").rglob("*.py") if p.name not in ("conftest.py", "__init__.py")]
     assert sorted(names) == sorted(set(names))
 

@@ -1,4 +1,4 @@
-"""Which effect: search, posterior probabilities, model criticism, and the decision."""
+"""Attribute the gap to effects: search, posterior probabilities, model criticism, and the decision."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .size import sizes
 
 @dataclass(frozen=True)
 class Attribution:
-    """What was found: probabilities of all hypotheses, the fits that stand for them, and how far to trust them."""
+    """The result: probabilities of all hypotheses, their fits, and the criticism."""
 
     prepared: Prepared
     posterior: EffectPosterior
@@ -42,13 +42,13 @@ class Attribution:
     decision: Decision
     distinguishability: Distinguishability
     budget: Budget
-    """What each effect carries of the gap."""
+    """Each effect's part of the gap."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
 
     @property
     def asking(self) -> tuple[StageError, ...]:
-        """Stages that ask for an error of their own."""
+        """Stages that need an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
     def tense(self, fitted: Mapping[str, float] | None) -> Mapping[int, float]:
@@ -72,7 +72,7 @@ class Attribution:
 
 @dataclass(frozen=True)
 class Begun:
-    """What leads in one campaign, while relatives of it are fitted beside this process."""
+    """The leading hypotheses of one campaign, while their relatives are fitted in other processes."""
 
     weighed: WeighedCauses
     calibrated: Fit

@@ -1,4 +1,4 @@
-"""What calibration changes: the area factor, the numbers of robot.yaml it may stand for, and another simulator's difference."""
+"""The calibration: the area factor, numbers of robot.yaml that may have caused it, and another simulator's difference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is named, and how probable that is; knows no rod."""
+"""Decide which effects are named, with their probability, without using the rod."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Verdict = Literal["effect", "none", "unknown"]
 
 
 class SizeLike(Protocol):
-    """What is asked of a fitted size (`answer.size.Size`)."""
+    """Required attributes of a fitted size (`answer.size.Size`)."""
 
     @property
     def effect(self) -> str: ...
@@ -35,11 +35,11 @@ class Decision:
     outside: float = 0.0
     """Probability of a cause outside the catalogue."""
     enough: bool = True
-    """Whether the table holds what it takes to name a cause."""
+    """Whether the table suffices to name a cause."""
     too_small: tuple[str, ...] = ()
     """Effects that lead but are not named, as probably nothing stands out."""
     relatives: tuple[str, ...] = ()
-    """Causes outside the catalogue that do the same to these readings (`criticism.relatives`)."""
+    """Causes outside the catalogue with the same signature in these readings (`criticism.relatives`)."""
     second: Mapping[str, float] = field(default_factory=dict)
     """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
 

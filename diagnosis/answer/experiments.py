@@ -1,4 +1,4 @@
-"""What to do next: experiments that the rig could do, and which tells the remaining candidates apart best for its time.
+"""Propose experiments that the rig can do, and rank them by how well they separate the candidates for their time.
 
 Each is a bending or elongation run with one thing changed, short enough to be worth its time: three spine lengths, three
 pressures, two repeats. Its expected information is the mutual information, in bits, between candidate and outcome, by drawing
@@ -41,7 +41,7 @@ TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
-    """Experiments that the campaign does not hold yet; what they would tell is not known."""
+    """Experiments that the campaign lacks, not yet ranked."""
     pressures_used = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
     pressures = _three(pressures_used, s.pressure_gap)
@@ -91,7 +91,7 @@ def _other_chambers(chambers: list[int], count: int, s: Campaign) -> list[int]:
 
 
 def _recorded(s: Campaign) -> dict[str, bool]:
-    """Which experiments the campaign holds already."""
+    """Experiments that the campaign already holds."""
     trials = s.trials
     vacuum = trials.get("vacuum", 0.0)[trials.spine_length > 0.01]
     return {

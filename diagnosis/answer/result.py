@@ -270,7 +270,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Absorbed:
-    """What an area factor for each spine length would hide, on unseen states."""
+    """The part of the gap that an area factor for each spine length would hide, on unseen states."""
 
     how: str
     one_mm: float
@@ -322,7 +322,7 @@ class Change:
     sizes: Mapping[str, float]
     """Fitted change of the parameters of the leading hypothesis, in their units."""
     effects: tuple[str, ...] = ()
-    """What is told to have changed; () where it is too probable that nothing did."""
+    """The reported change; () if it is too probable that nothing changed."""
 
 
 @dataclass(frozen=True)
@@ -348,7 +348,7 @@ class Diagnosis(Shown):
     change: Change | None = None
     """Since a reference campaign, where one was given."""
     calibration: Calibration | None = None
-    """What calibration changed; None in answers of earlier versions."""
+    """The calibration; None in answers of earlier versions."""
     simulator: Simulator | None = None
     """What takes the rod's place; None: nothing does."""
     fitted: FittedRobot | None = None

@@ -312,8 +312,8 @@ def _closing(d: Diagnosis) -> str:
             return f"On unseen states {after} mm remain; calibration alone leaves {before} mm, near the noise floor."
         if share < 0:
             return f"This cause makes the prediction of unseen states worse: {before} mm without it, {after} mm with it."
-        clause = "" if alone is None else f", {percent(alone)} % by the cause itself and the rest by tolerances of other effects"
-        return f"With the cause, {after} mm remain on unseen states: {percent(share)} % of the reducible gap is closed{clause}."
+        closed = f"{percent(share)} % of the reducible gap is closed{by_itself(alone)}"
+        return f"With the cause, {after} mm remain on unseen states: {closed}."
     nearest = _named(d.detail["best_hypothesis"], d)
     if not nearest or share is None:
         return ""
@@ -326,6 +326,11 @@ def _closing(d: Diagnosis) -> str:
         f"The nearest effect is {nearest}. It closes {percent(share)} % of the reducible gap on unseen states, but the remaining "
         "errors are not noise."
     )
+
+
+def by_itself(alone: float | None) -> str:
+    """The share of the gap that the cause itself closes (see `closed_alone`); empty if that is nearly all."""
+    return "" if alone is None else f", {percent(alone)} % by the cause itself and the rest by tolerances of other effects"
 
 
 def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:

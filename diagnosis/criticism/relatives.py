@@ -110,7 +110,7 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         replace(CATALOGUE["chamber_gain"], tolerated=False, shown=by_chambers, seen_best_in="inflate other chambers"),
         _relative(
             "shared_pressure", "actuation", "leaks between neighbouring chambers",
-            "hold a gauge to a vented chamber while its neighbour is inflated",
+            "measure the pressure in a vented chamber while its neighbour is inflated",
             Law(before=_shared_pressure), Parameter("share", "1", 0.15, -0.5, 0.5)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
@@ -132,7 +132,7 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             "mount_creeps", "boundary", "a mount that turns during the campaign", AGAIN,
             Law(before=_mount_creeps), Parameter("x", "rad", ANGLE, -0.2, 0.2), Parameter("y", "rad", ANGLE, -0.2, 0.2)),
         _relative(
-            "body_length", "boundary", "another length of the body", "measure the body",
+            "body_length", "boundary", "a different length of the body", "measure the body",
             Law(before=_body_length), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
         _relative(
             "camera_scale", "measurement", "the scale of the cameras", "let the cameras read a rod of known length",
@@ -146,5 +146,5 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             *(Parameter(a, "rad", ANGLE / math.sqrt(3), -0.3, 0.3) for a in "xyz")),
     )
 })  # fmt: skip
-"""By id; `seen_best_in` is what tells it from others. Unequal chambers are one where they are not in the catalogue, since states
-like these cannot tell them from the others' effects."""
+"""By id; `seen_best_in` distinguishes it from others. Unequal chambers are a relative if they are not in the catalogue, because "
+"these states cannot show them."""

@@ -1,4 +1,4 @@
-"""What an edit is: one way in which robot.yaml or a table is wrong, with its prior and its few parameters."""
+"""Edits: possible mistakes in robot.yaml or a table, each with its prior and few parameters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..data.campaign import tip_masses
 from ..findings import Finding, finding
 
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
-"""What every hypothesis calibrates within `EDIT_USUAL`: logarithms of factors, rad, robot lengths."""
+"""Calibrated in every hypothesis within `EDIT_USUAL`: logarithms of factors, rad, robot lengths."""
 AREA, MODULUS, AZIMUTH, GRAVITY, ORIGIN = 0, 1, 2, slice(3, 5), slice(5, 8)
 WIDEST = float(np.log(20))
 """Of the logarithms of area factor and modulus where one of them is what is wrong."""
@@ -26,7 +26,7 @@ FORCE = ("force_x", "force_y", "force_z")
 
 @dataclass(frozen=True)
 class Variants:
-    """v variants of what a robot.yaml and a table of n states say, from which rods and tips follow."""
+    """v variants of a robot.yaml and a table of n states, from which rods and tips follow."""
 
     robot: Robot
     table: Table
@@ -114,7 +114,7 @@ class Variants:
         return made.moved(-theta[:, None, ORIGIN] * self.robot.length)
 
     def written(self) -> tuple[Robot, Table]:
-        """Robot and table of the first variant; what is as described stays as it is."""
+        """Robot and table of the first variant; unchanged parts are kept."""
         given, robot, columns = Variants.of(self.robot, self.table), self.robot, dict[str, Array]()
         changed = {name: values[0] for name, values in self.arrays(ROD + SEEN).items()
                    if not np.array_equal(values[0], getattr(given, name)[0], equal_nan=True)}  # fmt: skip
@@ -161,7 +161,7 @@ def stating(code: str, short: str, **values: Any) -> Says:
 
 @dataclass(frozen=True)
 class Edit:
-    """One way in which a description is wrong. Edits of one `kind` are about the same thing and exclude each other."""
+    """One possible mistake in a description. Edits of one `kind` concern the same quantity and exclude each other."""
 
     kind: str
     prior: float

@@ -1,4 +1,4 @@
-"""The list of edits: what can be wrong in a robot.yaml or a table, how probable that is beforehand, and how a person reads it.
+"""The list of edits: possible mistakes in a robot.yaml or a table, with prior probabilities and messages.
 
 Priors are shares of the descriptions that are wrong, by a rough count of those that other laboratories sent; of an edit that
 exists for each chamber, pair or trial, the share is divided by their number.
@@ -33,7 +33,7 @@ EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
 PRESSURES, LENGTHS = ({round(1 / unit.per_si, 6): unit.name for unit in units} for units in (PRESSURE_UNITS, LENGTH_UNITS))
 LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items()}
-"""Times that positions must be larger -> what they are in."""
+"""Factor by which positions are too small -> their unit."""
 PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
 """The same of all columns of pressure."""
 UNITS = PRESSURES | dict.fromkeys((6.895, 1 / 6.895), "psi")
@@ -50,7 +50,7 @@ FRAMES = [
 
 
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
-    """The edits that this robot and table can have; `near`: the robot as it is described."""
+    """Return the edits that apply to this robot and table; `near`: the robot as described."""
     of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
     return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
 
@@ -279,7 +279,7 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 
 
 def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
-    """What is to do, and orientations (.., 4) with it: the plainest first."""
+    """Remedies and the resulting orientations (.., 4), the simplest first."""
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     none = np.array([1.0, 0.0, 0.0, 0.0])

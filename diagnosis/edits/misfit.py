@@ -1,4 +1,4 @@
-"""How far the rod is from the tips under edits of robot and table: one robust misfit, fitted and weighed for all of them.
+"""The robust misfit between rod and tips under edits of robot and table.
 
     min sum_i rho(|y_i - rod(theta)_i|^2 / s^2) + sum_k (theta_k / w_k)^2,    rho(z) = 2 (sqrt(1 + z) - 1),
 
@@ -41,8 +41,8 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""What it leaves open is loaded in `LOADS`, all of it at once; a rod that needs finer steps, or is close to buckling, counts as
-one that does not stand."""
+"""Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps, or is close to buckling, counts "
+"as unsolved."""
 LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of all loads, from each to the next."""
 OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
@@ -53,7 +53,7 @@ BATCH = 20_000
 AREAS = np.log([1.0, 3.0, 1 / 3, 9.0, 1 / 9])
 """Logarithms of area factors with which a fit may begin."""
 COSTLY = (AZIMUTH, 3, 4)
-"""Numbers of the calibration that a first comparison of edits leaves: they need rods of their own and change little."""
+"""Calibration numbers that a first comparison of edits keeps fixed: they need new rods and change little."""
 MOST = 60
 """States that are compared."""
 AMBIENT = (75e3, 107e3)
@@ -141,7 +141,7 @@ class Sample:
 
     @cached_property
     def described(self) -> Variants:
-        """What is written down."""
+        """The reported values."""
         made = Variants.of(self.robot, self.table)
         known = made.markers if made.markers.shape[2] == len(self.robot.markers) else made.markers[:, :, :0]
         norm = np.linalg.norm(made.orientation, axis=-1, keepdims=True)

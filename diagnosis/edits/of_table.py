@@ -1,6 +1,6 @@
-"""Edits of a table as a whole: columns that hold another quantity, and points that were taken for each other or along other axes.
+"""Edits of a whole table: columns with another quantity, swapped points, and points along other axes.
 
-A map may put a robot at rest where its model stands (`straight`), so axes are also exchanged about the places at rest.
+A map may move a robot at rest to its model (`straight`), so axes are also swapped about the places at rest.
 """
 
 from __future__ import annotations

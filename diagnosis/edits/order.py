@@ -1,4 +1,4 @@
-"""Where tips go against where the chambers push them: whether another order of the chambers can be the cause at all."""
+"""Compare the tips' motion with the chambers' push: can another order of the chambers be the cause?"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..data.campaign import Campaign
 from ..findings import Finding, finding
 
 ORDER = "chamber_order"
-"""The effect that exchanges chambers."""
+"""The effect that swaps chambers."""
 ELSEWHERE, ENOUGH = np.cos(np.radians(45.0)), 0.05
 """Cosine of the angle between push and tip from which a state contradicts the order, and the share of states that do."""
 

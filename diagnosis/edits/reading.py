@@ -1,4 +1,4 @@
-"""What is wrong in a table or its robot.yaml as they are read, judged by the list of edits.
+"""Find mistakes in a table or its robot.yaml when they are read, by the list of edits.
 
 A table that is not in SI units and in the base's frame is refused; what else is far better is asked about. Units of force and
 deflection in stiffness trials are judged by the beam F = 3 E I d / L^3:
@@ -43,7 +43,7 @@ FOLLOWS = 0.9
 
 @dataclass(frozen=True)
 class Reading:
-    """What to say about a table: column, value, what it looks like, what to write."""
+    """Findings about a table: column, value, probable meaning, remedy."""
 
     refused: tuple[str, ...]
     asked: tuple[str, ...]

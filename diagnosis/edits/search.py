@@ -1,4 +1,4 @@
-"""Which edits of robot.yaml and table make the rod far better: tried alone and in pairs, before anything is diagnosed.
+"""Find edits of robot.yaml and table that improve the rod's fit greatly, alone and in pairs, before the diagnosis.
 
 The diagnosis is local: around a description that is far off, each of its hypotheses is wrong. So the edits of the list are
 weighed against the robot as described, and those that are probable are made first. What the diagnosis names itself (a weight, a
@@ -41,7 +41,7 @@ STILL = Edit("still", 0.1, apply=_unloaded, left=True)
 
 @dataclass(frozen=True)
 class Edited:
-    """The robot and the states around which a diagnosis is made, and what was changed."""
+    """The robot and the states for the diagnosis, with the changes made."""
 
     robot: Robot
     states: Campaign
@@ -56,7 +56,7 @@ class Edited:
 
     @property
     def concerns(self) -> list[Finding]:
-        """What a person has to know and to check; nothing where nothing was changed."""
+        """Findings for a person to check; empty if nothing was changed."""
         before_mm, after_mm = self.before * 1e3, self.after * 1e3
         changes = list(self.changes)
         return [finding("refitted_first", before_mm=before_mm, after_mm=after_mm, changes=changes)] if changes else []
@@ -68,13 +68,13 @@ class Edited:
 
     @property
     def named(self) -> str:
-        """What was changed, or how many things, in a few words; empty where nothing was."""
+        """The changes, or their number, in a few words; empty if there are none."""
         names = [str(c.values["short"]) for c in self.numbers]
         return f"{len(names)} numbers of robot.yaml" if len(names) > 1 else "".join(names)
 
     @property
     def headline(self) -> str:
-        """The mistake that is no number of robot.yaml, in a line; empty where there is none."""
+        """The mistake that is not a number of robot.yaml, in a line; empty if there is none."""
         first = next((c for c in self.changes if not c.code.startswith(("refitted", "reordered"))), None)
         return "" if first is None else f"{first.text[0].upper()}{first.text[1:].partition(':')[0]}."
 
@@ -84,7 +84,7 @@ class Edited:
         return any(c.code == "refitted_to_limit" for c in self.changes)
 
     def detail(self) -> dict[str, object]:
-        """For the answer's JSON."""
+        """Plain values for the answer's JSON."""
         adjusted = [{"code": c.code, **c.values, "at_bound": c.code == "refitted_to_limit"} for c in self.numbers]
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
         order = next((c.text for c in self.changes if c.code == "reordered"), None)
@@ -102,7 +102,7 @@ class Edited:
 
 
 def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) -> Edited:
-    """Make the edits that are far better; a robot that is near its data, or has effects of its own, comes back as it is.
+    """Make the edits that fit far better. A robot that is near its data, or has its own effects, is returned unchanged.
 
     `effects`: those that are weighed afterwards. Where the one that exchanges chambers is among them and they were inflated
     on several sides, another order that it knows is taken for that, as an effect of the robot.

@@ -27,7 +27,7 @@ SMALL = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "s": (1e3, "ms"), "kg": (1e3, "
 """Unit -> factor and unit in which a person reads a residual."""
 LEAST_SHARE = 0.02
 """Share of the noise floor below which a tolerated cause does nothing."""
-NONE_NEXT = "No candidates were given: with inputs that could be measured next, the most telling are listed here."
+NONE_NEXT = "No candidates were given. Give inputs that could be measured next to see the most informative ones here."
 
 
 def save(answer: Answer, folder: str | Path) -> Path:
@@ -68,9 +68,9 @@ def write(answer: Answer, path: Path, title: str, source: str) -> Path:
         )
         section.table(*shares(answer))
         for group in answer.cannot_tell_apart:
-            section.text(f"These data cannot tell apart: {', '.join(with_id(effect, answer.names) for effect in group)}.")
+            section.text(f"These data cannot distinguish: {', '.join(with_id(effect, answer.names) for effect in group)}.")
         if answer.goes_with:
-            section.text(f"What no listed cause explains varies with {answer.goes_with}.")
+            section.text(f"The error that no listed cause explains varies with {answer.goes_with}.")
         sizes = [size for size in answer.sizes if size.role == "size"]
         rows = [
             [size.key, f"{size.value:.4g} {size.unit}".rstrip(), f"{size.sd:.2g}", f"{size.nominal:.4g}",

@@ -154,13 +154,13 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
     first = d.next_experiment[0]
     text = f"{first.do} ({first.cost_min:.0f} min)"
     if not d.words.by_rig:
-        return f"{text}: {to_apply(first.protocol, d.words)}; lab import reads what you measure.", ""
+        return f"{text}: {to_apply(first.protocol, d.words)}; import the table that you measure.", ""
     return f"{text}.", command(first, protocols)
 
 
 STEPS = {
     "calibration": "calibration with one {area_factor}",
-    "simulator": "the simulator taken back to the rod",
+    "simulator": "the simulator replaced by the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "systematic residual",
     "irregular": "unsystematic residual above the noise floor",
@@ -173,7 +173,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     """Write the waterfall as figure and table, what a calibration hides, and the share closed; `length`: m, the robot's."""
     w = d.waterfall
     if w is None:
-        s.text("A single trial: nothing can be left out of the fit, so how far the gap shrinks on unseen data is unknown.")
+        s.text("A single trial: none can be left out of the fit, so the gap on unseen data is unknown.")
         return
     with_numbers = {"calibration": f"{STEPS['calibration']} and the numbers calibrated first"}
     labels = {**STEPS, **(with_numbers if "first_calibration" in d.detail else {})}
@@ -181,7 +181,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, d.names) if x.effect else steps[x.step] for x in w.steps], length, folder),
         f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
-        "is what the step takes; whiskers: 95 % interval, from drawing trials anew (bootstrap) and adding causes in every order.",
+        "is the error that the step removes; whiskers: 95 % interval, by bootstrap over trials with causes added in every order.",
     )
     model = "model" if d.simulator is None else d.simulator.name
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
@@ -194,14 +194,14 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         ]
         for x in w.steps
     ]
-    s.table(("step", "takes, mm rms", "95 %", "leaves, mm rms"), rows)
+    s.table(("step", "removes, mm rms", "95 %", "remaining, mm rms"), rows)
     if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
     if w.absorbed is not None:
         a = w.absorbed
-        cause = "" if a.cause_mm is None else f"; one {d.words.area_factor} and what is named leave {a.cause_mm:.2f} mm"
+        cause = "" if a.cause_mm is None else f"; one {d.words.area_factor} and the named cause leave {a.cause_mm:.2f} mm"
         s.text(
-            f"What a calibration hides ({a.how}, unseen states): one {d.words.area_factor} leaves {a.one_mm:.2f} mm, one "
+            f"Error that a calibration hides ({a.how}, unseen states): one {d.words.area_factor} leaves {a.one_mm:.2f} mm, one "
             f"for each spine length {a.per_length_mm:.2f} mm{cause}."
         )
     if d.shrink is not None:
@@ -211,8 +211,8 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
         alone = sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
-        by_itself = "" if alone is None else f", {percent(alone)} % by itself and the rest by tolerances of other effects"
-        s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{by_itself}.")
+        itself = sentences.by_itself(alone)
+        s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{itself}.")
 
 
 def _mm(value: float) -> str:
@@ -231,9 +231,9 @@ def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:
     """Write how both models do on a campaign that was not fitted; `spine`: by spine length, too."""
     s.text(statement)
     s.text(
-        "Both models were fitted to the diagnosed campaign alone; what differs from trial to trial, such as re-growing and "
-        "re-jamming, is set to its expected value. The interval is a bootstrap over the trials of this campaign"
-        f"{', within each spine length' if spine else ''}."
+        "Both models were fitted to the diagnosed campaign alone; differences between trials, such as re-growing and re-jamming, "
+        f"are set to their expected value. The interval is a bootstrap over the trials of this "
+        f"campaign{', within each spine length' if spine else ''}."
     )
     rows = [
         [f"{100 * x.value:.0f} cm", str(x.n), f"{x.before_mm:.2f}", f"{x.after_mm:.2f}"]
@@ -249,8 +249,8 @@ def _where(s: PageSection, d: Diagnosis, folder: Path) -> None:
     s.figure(
         draw.gap_map(d, explained(d), folder),
         f"Gap of all states by {d.words.actuators} {d.words.inflated}{_lengths(d)} and {d.words.pressure}, in-sample, on one "
-        "colour scale; models are those of an average trial, while the numbers on top of the page also fit what single trials "
-        "differ by",
+        "colour scale. Models are those of an average trial; the numbers at the top of the page also fit differences between "
+        "trials",
     )
     s.figure(
         draw.loops(d, explained(d), folder),
@@ -317,8 +317,8 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         s.figure(
             draw.unseen_tips(d, explained(d), folder),
             "Measured tip and three models on the way up, along the bending direction, on unseen states: each is predicted by "
-            f"fits that did not see it. Below: by how much the models {CALIBRATED} and {explained(d)} miss the tip, in any "
-            "direction; grey: noise floor",
+            f"fits that did not see it. Below: tip error of the models {CALIBRATED} and {explained(d)}, in any direction; grey: "
+            "noise floor",
         )
     s.figure(
         draw.posterior(d.attribute.ranking, d.attribute.cannot_tell_apart, d.names, folder / "posterior.svg"),
@@ -326,7 +326,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         + ("; *: these data cannot distinguish it from another" if d.attribute.cannot_tell_apart else ""),
     )
     if d.budget:
-        words = {"named": "named", "present": "also present", "unseen": "could not be seen in these data"}
+        words = {"named": "named", "present": "also present", "unseen": "invisible in these data"}
         rows = [
             [with_id(c.effect, d.names), f"{c.mm:.2f}", f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}", words[c.role]] for c in d.budget
         ]
@@ -361,8 +361,8 @@ def _sizes(s: PageSection, d: Diagnosis, folder: Path) -> None:
     sizes = d.detail["sizes"]
     s.figure(
         draw.sizes([{**x, "name": plain_name(x["name"], d.names)} for x in sizes], folder, d.words),
-        "Size of what is named, in-sample: posterior of the problem linearised at the fit, cut at the physical bounds (red); "
-        "dashed: its median; 90 % shaded. First the physically possible range, then close up",
+        "Size of the named cause, in-sample: posterior linearised at the fit, cut at the physical bounds (red); dashed: median; "
+        "90 % shaded. Left: the physically possible range; right: enlarged",
     )
     s.table(("size", "median", "90 %", "bounds"), [_size(x, d) for x in sizes])
     for each in d.detail["by_actuator"]:
@@ -434,13 +434,13 @@ def alike(s: PageSection, d: Diagnosis) -> None:
         if separation[a][b] < tied
     )
     s.text(
-        f"T is the chi-square lost when the second effect is fitted where the first acts, at its fitted size if it is probable, "
-        f"else at its usual one. Below {tied:g} these data would take the first for the second, though not always the second for "
-        f"the first; an effect whose T against no effect is below {tied:g} cannot be seen in them."
+        f"T is the chi-square lost if the second effect is fitted where the first acts, at its fitted size if it is probable, "
+        f"else at its usual one. Below {tied:g} these data mistake the first for the second, though not always the second for "
+        f"the first. An effect with T below {tied:g} against no effect is invisible in these data."
     )
     s.table(("effect", "taken for", "T"), [[*(with_id(e, d.names) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
     hidden = [with_id(effects[i], d.names) for i in range(len(effects)) if i not in seen]
-    s.text(f"Cannot be seen: {', '.join(hidden)}." if hidden else "Every effect could be seen.")
+    s.text(f"Invisible effects: {', '.join(hidden)}." if hidden else "Every effect is visible.")
 
 
 def _confounding(s: PageSection, d: Diagnosis, folder: Path) -> None:
@@ -458,12 +458,10 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
     shown = d.next_experiment[:FIRST]
     separating = any(p.separates for p in shown)
     if not separating:
-        s.text(
-            f"{_rivals(d)} Each experiment tests the answer in states that were not measured: take the quickest that you can do."
-        )
+        s.text(f"{_rivals(d)} Each experiment tests the answer in new states: choose the quickest that you can do.")
     by_rig = d.words.by_rig
     if protocols is None:
-        s.text(f"lab diagnose writes these {'protocols' if by_rig else 'states'} to files with the option --protocols next.")
+        s.text(f"With the option --protocols next, lab diagnose writes these {'protocols' if by_rig else 'states'} to files.")
     rows = [
         [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
          CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]

@@ -50,7 +50,7 @@ def draw(imported: Imported, robot: Robot, path: Path) -> None:
     planes.colorbar(dots, ax=panels.tolist(), label=f"highest {words.axis}")
     named = f"{len(shown)} of {len(groups)} groups" if len(shown) < len(groups) else "each group"
     planes.suptitle(
-        f"Tip from the side, and along z for {named} of {words.actuators}; arrow: where they bend it", fontsize="medium"
+        f"Tip from the side, and along z for {named} of {words.actuators}; arrow: expected bending direction", fontsize="medium"
     )
     save(figure, path)
 

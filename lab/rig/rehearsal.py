@@ -53,7 +53,7 @@ from .limits import bodies, wiring
 
 RATE = 100.0
 """Samples of each stream in a rig second."""
-AT_DESK = "; at the desk set-points are reached at once, and the tip hangs straight"
+AT_DESK = "; in a rehearsal set-points are reached at once, and the robot never moves"
 ZERO: Vector6 = (0.0,) * 6
 SPECIMEN_STIFFNESS = 300.0
 """N/m of the stand's specimen: a push is felt in its first steps, and far below any limit in its last."""

@@ -96,7 +96,7 @@ def show(answer: Answer) -> None:
 
     out.print(answer.statement)
     note(answer.notes)
-    titles = ("How far the gap shrinks", "What the data support", "What to measure next, most telling first")
+    titles = ("How far the gap shrinks", "What the data support", "What to measure next, most informative first")
     for title, (head, rows) in zip(titles, (steps(answer), shares(answer), proposals(answer)), strict=True):
         sheet = Sheet(*head, title=title, title_justify="left")
         for row in rows:

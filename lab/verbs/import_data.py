@@ -150,10 +150,12 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
     def show() -> None:
         for reason, keys in grouped(proposed).items():
             out.print(f"{', '.join(keys):24s} {reason}")
-        note(f"check: {text}" for text in checks)
+        note(f"check: {text}" for text in checks if text not in proposed.doubts)
+        if proposed.doubts:
+            points = counted(len(proposed.doubts), "point")
+            note([f"{points} to check, listed under `unconfirmed` in {folder / MAP}: delete each once settled"])
         if result is not None:
-            look = f"look at {folder / PICTURE} and {folder / MAP}, delete each guess of `unconfirmed` once settled, then:"
-            out.print(f"{states} states; {look}", soft_wrap=True)
+            out.print(f"{counted(states, 'state')}; look at {folder / PICTURE} and {folder / MAP}, then:", soft_wrap=True)
         out.print(typed("lab", "import", *inputs, "--map", folder / MAP, "--out", "CASE"), soft_wrap=True)
 
     return Result({"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks, "states": states}, show)

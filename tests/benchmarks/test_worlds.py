@@ -107,7 +107,6 @@ def test_forms_of_an_effect_move_the_tip_about_alike_and_yet_no_two_do_the_same(
 
 @pytest.mark.parametrize("effect", FORMS)
 def test_an_effect_of_no_size_is_absent(effect: str) -> None:
-    """Also beside a lane that has it: then its law is asked for both."""
     name = list(FORMS[effect])[0]
     spines, sizes = np.array([0.1, 0.1]), np.array([0.0, 0.5])
     with_it = walk(lanes(spines, {effect: sizes}, PLACES), physics({effect: name}), UP_AND_DOWN[:3], segments=8).tip

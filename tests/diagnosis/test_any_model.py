@@ -93,13 +93,11 @@ def test_errors_that_last_over_rows_are_no_cause() -> None:
 
 
 def test_repeats_of_a_swing_are_held_out_together() -> None:
-    """Else one that follows no listed law would be predicted by its own repeat."""
     answer = swung(4, repeats=3, wind=0.4)
     assert answer.verdict == "unknown" and answer.steps[1].unseen.floors > answer.steps[1].seen.floors  # type: ignore[union-attr]
 
 
 def test_a_swing_whose_beginning_is_calibrated_is_held_out_in_parts() -> None:
-    """No other swing shows where it begins."""
 
     def begun(theta: Values, inputs: pd.DataFrame) -> Array:
         return pendulum({**STILL, **theta}, inputs.assign(start=inputs["trial"].map(lambda trial: theta[f"start_{trial}"])))

@@ -165,6 +165,5 @@ def test_thrust_that_the_side_walls_balance_is_named(catalogue: Catalogue) -> No
 
 @few_and_all
 def test_thrust_in_walls_that_it_hardly_stretches_is_named_alone(catalogue: Catalogue) -> None:
-    """Without a shape for it, a marker out of place is named, of which the thrust is none."""
     thrust = {"chamber_thrust__share": 0.6, "chamber_thrust__borne": 0.9, "chamber_thrust__growth": -0.4}
     assert answer({**catalogue, **THRUST}, **thrust).attribute.effects == ("chamber_thrust",)

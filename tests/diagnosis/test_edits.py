@@ -181,7 +181,6 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
 
 
 def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
-    """Told another modulus, the diagnosis names what it names of the robot as it is."""
     options = Options(experiments=False, catalogue=ONE)
     there = replace(case, robot=softer(ROBOT, 2.4))
     found = diagnose(there, options)
@@ -379,7 +378,6 @@ HANGING = robot_from_dict({
 
 
 def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_from_a_strong_bend() -> None:
-    """Many rods have to be loaded in steps; of those that hang, none is lost, and one that nothing moves explains nothing."""
     told = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
     judged = judge(told, campaign(read(HANGING)))
     assert judged is not None and judged.chosen is not None
@@ -389,7 +387,6 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
 
 
 def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
-    """A rod that cannot stand is off by more than one that does not move at all; neither moves as these tips do."""
     told, table = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), read(HANGING)
     aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 3, 3))
     odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (3, 1)))
@@ -414,7 +411,6 @@ def test_rods_that_do_not_stand_are_not_taken_for_readings_that_repeat() -> None
 
 
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
-    """A tip that is too low may be either; a marker at mid-length is not as far off where the body is longer."""
     marked = FINGER.model_copy(update={"markers": (0.06, 0.12)})
     p = {}
     for robot, described in ((FINGER, longer(FINGER)), (marked, longer(marked))):

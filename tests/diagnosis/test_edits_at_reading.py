@@ -86,7 +86,7 @@ SILENT = Reading((), ())
         (pressures(1 / 6894.76), ["pressures must be 6895 times as large", "look like psi"]),
         pytest.param(pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"],
                      marks=pytest.mark.long),
-        (pressures(1.0, 84_000.0), ["absolute", "take 83"]),
+        (pressures(1.0, 84_000.0), ["absolute", "subtract 83"]),
         (pressures(1e-3, 101_325.0), ["look like kPa", "absolute"]),
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "frame in map.yaml", "z: -z"]),

@@ -79,7 +79,6 @@ def test_fitting_again_begins_without_what_is_fitted(fitted: Fitted, campaign: M
 
 
 def test_what_the_data_say_nothing_of_is_said_to_be_undetermined(fitted: Fitted, campaign: Measured) -> None:
-    """Each pressure is read at rest, so nothing tells how fast the material follows."""
     assert all(p.determined for p in fitted.parameters.values())
     found = fit_effects(campaign, ["chamber_azimuth", "viscoelastic"])
     assert not found.parameters["viscoelastic.spine"].determined and found.parameters["chamber_azimuth.angle"].determined

@@ -81,7 +81,6 @@ def test_what_explains_the_data_alone_is_found_from_a_pair_that_leads() -> None:
 
 
 def test_effects_are_added_one_by_one_without_tolerances_whatever_the_margin(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tolerances take the place of a second effect, and alone no effect of two promises anything."""
     monkeypatch.setattr("diagnosis.judgement.SEARCH_MARGIN", -1e9)
     search = Search(toy_problem(5, {"play": 1.0, "turned": -0.9}))
     search.run()

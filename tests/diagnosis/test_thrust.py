@@ -66,7 +66,6 @@ def test_what_robot_yaml_states_or_the_data_do_not_ask_for_is_left(turned: Measu
 
 
 def test_the_noise_floor_is_the_same_whatever_the_description() -> None:
-    """Repeats that stand at other pressures differ by more than noise, and a wrong model does not know by how much."""
     case = measured(3, 3, FEW)
     rng, rows = np.random.default_rng(3), list(case.table.rows)
     for i, r in enumerate(rows):

@@ -238,7 +238,6 @@ def test_no_zero_is_taken_of_a_sensor_that_shows_no_force(opened: FT300S, fake: 
 
 
 def test_a_zero_ends_with_the_connection(opened: FT300S) -> None:
-    """The sensor may have been without power since, or be another one."""
     opened.zero(20)
     opened.open()
     assert opened.latest().zero == (0.0,) * 6

@@ -233,7 +233,6 @@ def test_close_ends_the_threads_and_may_be_called_twice(motive: Motive) -> None:
 
 
 def test_keep_alive_is_sent_sparingly(motive: Motive) -> None:
-    """The client alone would send one with every look at its socket."""
     motive.opened()
     timing.sleep(0.7)
     wait_until(lambda: motive.fake.keep_alives >= 1)
@@ -298,7 +297,6 @@ def test_a_client_that_the_server_has_forgotten_connects_again(motive: Motive) -
 
 @pytest.mark.parametrize("version", [(4, 1), (3, 1)])
 def test_a_server_that_is_started_again_is_found_again(motive: Motive, version: tuple[int, int]) -> None:
-    """With a count that begins anew, another bitstream, and other numbers of its bodies."""
     mocap, plant = motive.opened(markers=("M1", "M2")), motive.plant
     motive.frames(50)
     before, lost = motive.samples[-1].frame, mocap.lost
@@ -325,7 +323,6 @@ def test_a_take_that_motive_plays_is_not_the_present(motive: Motive) -> None:
 
 
 def test_another_bitstream_set_in_motive_is_followed(motive: Motive) -> None:
-    """By another client of a multicast group, for instance: nothing falls silent meanwhile."""
     mocap, fake, samples = motive.seen(), motive.fake, motive.samples
     for version in ((4, 2), (3, 0), (2, 9), (4, 1)):
         fake.version, begun = version, fake.frame
@@ -351,7 +348,6 @@ def test_a_name_is_followed_to_its_new_number(motive: Motive) -> None:
 
 @pytest.mark.parametrize("flagged", [True, False])
 def test_a_body_that_is_gone_from_motive_is_named_and_may_come_back(motive: Motive, flagged: bool) -> None:
-    """Whether or not the frame that says so has arrived."""
     mocap, tip = motive.seen(), motive.fake.bodies[0]
     tip.name, tip.number = "Tip2", 99
     if flagged:

@@ -106,7 +106,6 @@ def test_a_refusal_or_another_address_is_a_bad_reply(
 
 
 def test_a_refusal_is_no_fault_of_the_line(opened: Opened, fake: PfeifferFake) -> None:
-    """A gauge without a correction factor is asked for it again and again."""
     fake.correction = None
     gauge = opened()
     for _ in range(15 * HEALTH_EVERY):

@@ -115,7 +115,6 @@ def test_the_beam_s_stiffness_rows_hold_what_the_weights_add_to_its_own_sag(tmp_
 
 
 def test_a_hand_s_force_is_turned_from_the_tip_s_axes_into_the_base_s(tmp_path: Path) -> None:
-    """Load1 rests; Load2 is bent a quarter about -x and pushed back along its tip, then along the sensor's x."""
     files = tmp_path / "loads"
     files.mkdir()
     sensor, glued = np.array([0.014514, 0.0, 0.0]), Rotation.from_rotvec([0.0, np.pi, 0.0])

@@ -135,7 +135,7 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--simulator pielastica: is not known, .*pyelastica"):
+    with pytest.raises(ConfigError, match="--simulator pielastica: is unknown, .*pyelastica"):
         simulator("pielastica", ROBOT)
     for text, told in (
         ("x = 1", "has no SIMULATOR"),
@@ -181,7 +181,7 @@ def test_the_command_diagnoses_the_gap_of_a_simulator(tmp_path: Path, monkeypatc
     assert found["simulator"]["name"] == "euler" and found["locate"]["numerical_error_mm"] is None
     assert [s["step"] for s in found["waterfall"]["steps"]][:2] == ["calibration", "simulator"]
     page = (tmp_path / "out.html").read_text()
-    assert "euler, <a" in page and "the simulator taken back to the rod" in page and "Euler integration" not in page
+    assert "euler, <a" in page and "the simulator replaced by the rod" in page and "Euler integration" not in page
     assert "no equilibrium in the measured states" not in page
     for more in (["--baseline", "p.csv"], ["--reference", place], ["--holdout", place]):
         cli(*asked, *more, code=2)

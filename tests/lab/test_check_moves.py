@@ -101,11 +101,11 @@ def test_a_sound_rig_passes_and_is_remembered_as_long_as_its_file_stays(
     assert not isinstance(last(rig, load_rig(rig)), str)
     short = settings("spine_lengths=[0]", "pressures=[50 kPa]", "unload=false")
     run = ["run", "bending", "--rig", rig, "--out", tmp_path, *short]
-    assert "not confirmed" not in cli(*run, code=SOUND).out
+    assert "unverified" not in cli(*run, code=SOUND).out
     (first,) = tmp_path.glob("*.mcap")
     assert Recording.open(first).metadata["check"]["moved"].startswith("20")
-    rig.write_text(rig.read_text().replace("units: [A, B", "units: [B, A"))
-    assert "are not confirmed: instruments or stand of" in cli(*run, code=SOUND).out
+    rig.write_text(rig.read_text().replace("units:\n    - A\n    - B", "units:\n    - B\n    - A"))
+    assert "are unverified: instruments or stand of" in cli(*run, code=SOUND).out
     (second,) = set(tmp_path.glob("*.mcap")) - {first}
     assert Recording.open(second).metadata["check"]["moved"] == "no"
 
@@ -194,7 +194,7 @@ def test_adapters_that_come_back_with_exchanged_names_are_refused_until_the_rig_
     check()
     plugged.exchange(first, instruments["valve"]["port"])
     asked = len(fakes.lines["pressure1"].requests)
-    found = r"is the USB adapter 0403:6014 serial number FT\d+, needed 0403:6014 serial number FT\d+ as before"
+    found = r"is the USB adapter 0403:6014 serial number FT\d+, not 0403:6014 serial number FT\d+ as before"
     refused = check(1)
     assert re.search(f"pressure: at {first} {found}", refused) and "valve" not in refused  # which has a number of its own
     assert len(fakes.lines["pressure1"].requests) == asked

@@ -40,7 +40,6 @@ def test_check_finds_every_instrument(virtual_lab: VirtualLab, cli: Cli) -> None
 def test_check_tells_an_instrument_that_opens_and_sends_nothing(
     virtual_lab: VirtualLab, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The cameras' network ends after they have been found: an instrument without a sample is not ok."""
     opened, mocap = Rig.open_all, virtual_lab.fakes.mocap
     assert mocap is not None
 

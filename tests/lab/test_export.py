@@ -106,7 +106,7 @@ def test_no_folder_of_a_recording_is_a_link(tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "elsewhere" / "kept").write_text(PRECIOUS)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "b-run").symlink_to(tmp_path / "elsewhere")
-    assert "holds b-run, which would stay there" in cli("export", *files, "--out", tmp_path / "out", code=2).flat_err
+    assert "holds b-run, which would remain" in cli("export", *files, "--out", tmp_path / "out", code=2).flat_err
     cli("export", *files, "--out", tmp_path / "out", "--replace")
     assert not (tmp_path / "out" / "b-run").is_symlink()
     assert [path.name for path in (tmp_path / "elsewhere").iterdir()] == ["kept"]

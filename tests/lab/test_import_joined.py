@@ -76,10 +76,7 @@ def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli
     proposed = cli("import", *files, "--guess", "--robot", ROBOT, "--out", tmp_path / "map")
     assert "check: mocap.csv, joined by their clocks" in proposed.flat_err
     said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case")
-    assert (
-        "check: mocap.csv, joined by their clocks" in said.flat_err
-        and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
-    )
+    assert "check: mocap.csv, joined by" in said.flat_err and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
 
 
 @pytest.mark.parametrize("late", [2.4, -2.4])
@@ -108,14 +105,9 @@ def test_files_with_dates_belong_together_that_have_time_in_common_and_others_ar
 @pytest.mark.parametrize(
     ("time", "head", "by", "says"),
     [
-        (day, "Date", 7200.0, r"do not overlap in time: .*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
-        (day, "Date", 86400.0 * 30, r"do not overlap in time: .* if both started together .*offset: -2592000"),
-        (
-            lambda t: f"{t:.3f}",
-            "Time [s]",
-            500.0,
-            r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) do not overlap",
-        ),
+        (day, "Date", 7200.0, r"do not overlap in time.*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
+        (day, "Date", 86400.0 * 30, r"do not overlap in time.* if both started together .*offset: -2592000"),
+        (lambda t: f"{t:.3f}", "Time [s]", 500.0, r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) do not"),
     ],
 )
 def test_files_without_a_time_in_common_are_refused_with_the_remedy(
@@ -225,7 +217,6 @@ def test_values_under_their_names_in_rows_of_their_own_are_columns(tmp_path: Pat
 
 
 def test_columns_that_are_blank_for_other_reasons_stay_as_they_are(tmp_path: Path) -> None:
-    """Blocks of rows, and single cells, are no streams that take turns."""
     lines = [",".join((*TIP, *PRESSURES[1:]))]
     for k, r in enumerate(ROWS):
         tip = ",".join(f"{v:.3f}" for v in r[4:]) if k % 9 else ",,"

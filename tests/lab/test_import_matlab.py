@@ -340,7 +340,6 @@ def test_a_c3d_file_whose_frames_hold_nothing_is_refused(tmp_path: Path) -> None
 
 
 def test_headings_of_two_lines_name_marker_and_axis(tmp_path: Path) -> None:
-    """As Vicon writes them: the name above the first of three axes, units below."""
     lines = [
         "Trajectories",
         "50",

@@ -76,7 +76,6 @@ def test_markers_in_another_order_in_one_file_are_asked_about_whatever_is_mounte
 
 
 def test_a_tip_behind_the_base_in_one_file_is_asked_about(tmp_path: Path) -> None:
-    """Of which base and tip are two markers, and only their difference is read."""
 
     def of_two(k: int, cells: list[str], turned: bool) -> list[str]:
         base, end = ["0.5", "0.5", "10"], [cells[4], cells[5], f"{float(cells[6]) + 10:.3f}"]

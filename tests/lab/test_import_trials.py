@@ -137,7 +137,6 @@ def test_a_table_that_never_rests_has_the_trials_of_its_columns(tmp_path: Path) 
 
 
 def test_trials_that_follow_each_other_at_rest_are_kept(tmp_path: Path) -> None:
-    """Weights hung on the robot between two sweeps, each a run of its own."""
     levels = (0, 350, 0, 0, 0, 0)
     content = table(levels, lambda s, r, g, i, k: (str(10 * s + max(i - 1, 1)),), ("run",), repeats=1, groups=((1,), (2,)))
     made = by_map(tmp_path, content, trials={"change": ["run"]})

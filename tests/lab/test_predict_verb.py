@@ -219,18 +219,17 @@ def test_the_effects_of_the_fakes_are_a_table(cli: Cli) -> None:
 
 
 def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"holds no trials\.csv"):
+    with pytest.raises(ConfigError, match=r"has no trials\.csv"):
         lab.case(tmp_path)
     (tmp_path / "table.csv").write_text("p1,x\n0,1\n")
     with pytest.raises(ConfigError, match=r"make a case of it, beginning with: lab import .*table\.csv --guess"):
         lab.case(tmp_path / "table.csv")
     (tmp_path / "my case").mkdir()
-    parts = [tmp_path / "my case" / name for name in ("robot.yaml", "trials.csv")]
-    for part in parts:
-        part.touch()
-    for part in parts:
+    for name in ("robot.yaml", "trials.csv"):
+        (tmp_path / "my case" / name).touch()
+    for name in ("robot.yaml", "trials.csv"):
         with pytest.raises(ConfigError, match=r"is part of a case; give its folder: .*my case$"):
-            lab.case(part)
+            lab.case(tmp_path / "my case" / name)
     (tmp_path / "robot.yaml").touch()
     with pytest.raises(ConfigError, match="a robot.yaml goes with --robot"):
         lab.case(tmp_path / "robot.yaml")

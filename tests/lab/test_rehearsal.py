@@ -99,7 +99,6 @@ def test_each_protocol_reads_what_it_plans(protocol: object, values: list[str], 
 
 
 def test_a_robot_without_a_spine_needs_no_line_about_one(tmp_path: Path, cli: Cli) -> None:
-    """The experiment of the tutorial, on a rig with regulators and cameras alone."""
     tutorial = (ROOT / "docs/tutorials/your-rig.md").read_text()
     (code,) = re.findall(r"```python\n# compare_chambers.py\n(.*?)```", tutorial, re.DOTALL)
     own = tmp_path / "compare_chambers.py"

@@ -191,7 +191,6 @@ def test_what_was_read_is_attached_whatever_the_files_hold_by_then(
 
 @pytest.mark.parametrize("asked", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_closed_terminal_ends_a_run_as_a_signal_to_end_does(asked: bool, real_lab: VirtualLab, tmp_path: Path) -> None:
-    """While a state is read, and while the person is asked to prepare the rig."""
     freed(real_lab)
     rig = real_lab.rig.with_name("at_terminal.yaml")
     rig.write_text(yaml.safe_dump({**yaml.safe_load(real_lab.rig.read_text()), "operator": "console"}))

@@ -157,7 +157,6 @@ def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
 
 
 def test_a_bending_stiffness_may_say_how_well_it_is_known(tmp_path: Path) -> None:
-    """In place of a modulus, whose uncertainty counts for the material that it replaces."""
     text = re.sub(r"(?m)^youngs_modulus: .*$", "youngs_modulus: 200 GPa +- 30 %", paper_robot().read_text())
     (tmp_path / "robot.yaml").write_text(f"bending_stiffness: 0.115 N m^2 +- 15 %\n{text}".replace("# shear", "#"))
     assert load(tmp_path / "robot.yaml", Robot).uncertainty.stated == pytest.approx({"youngs_modulus": 0.15})

@@ -25,7 +25,6 @@ def apart(robot: Robot, states: States) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_example_is_up_to_three_millimetres_from_the_rod(paper_robot: Robot) -> None:
-    """From rest to the strongest bend, with and without a known force."""
     spine = np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.2, 0.0, 0.1])
     pressure = np.zeros((8, 9))
     pressure[:, [8, 0, 1]] = np.array([0.0, 250e3, 250e3, 250e3, 120e3, 60e3, 250e3, 0.0])[:, None]

@@ -267,7 +267,6 @@ def test_a_limit_is_named_with_the_option_that_lifts_it(tmp_path: Path, monkeypa
 # ------------------------------------------------------------------ tolerance
 @pytest.mark.parametrize("features", [frozenset({"chunks"}), frozenset()], ids=["chunks", "no chunks"])
 def test_zeros_behind_what_was_written_cost_nothing(tmp_path: Path, features: frozenset[str]) -> None:
-    """As a file system leaves them after a loss of power."""
     data = build(INPUTS["everything"], features, chunk_size=60)
     kept = data[: data.index(struct.pack("<BQ", 15, 4))]
     (tmp_path / "a.mcap").write_bytes(kept + bytes(100_000))

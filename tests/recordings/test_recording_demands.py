@@ -327,7 +327,6 @@ def test_states_at_rest_are_compared_body_by_body(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("stamped", "says"), [(0.1, ""), (0.0002, "the tip jumped by 90 mm")])
 def test_frames_that_a_busy_computer_hands_over_together_are_no_jump(stamped: float, says: str) -> None:
-    """Moving at 0.9 m/s; what counts is when they were taken."""
     samples = np.zeros(3, [("t", "f8"), ("device_time", "f8"), ("position", "f8", 3), ("markers", "f8", (0, 3))])
     samples["t"], samples["device_time"] = [1.0, 1.2, 1.2002], [0.9, 1.0, 1.0 + stamped]
     samples["position"][:, 0] = [0.0, 0.09, 0.18]

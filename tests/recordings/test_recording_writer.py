@@ -129,7 +129,6 @@ def test_a_sink_fills_up_markers_and_never_raises(tmp_path: Path) -> None:
 
 
 def test_many_producers_at_once_lose_nothing_and_keep_each_stream_in_order(tmp_path: Path) -> None:
-    """Of /vacuum there are two: what comes late is dropped, and counted."""
     recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
     values = {"/vacuum": lambda k: (k,), "/valve": lambda k: (k % 2 == 0,), "/force": lambda k: ((k,) * 6, (0,) * 6)}
 

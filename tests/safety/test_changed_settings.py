@@ -54,7 +54,6 @@ def test_a_unit_of_measure_changed_while_inflated_lands_the_rig(house: House, ri
 
 
 def test_one_changed_during_a_ramp_is_sent_at_most_one_more_pressure(house: House, rig: Rig) -> None:
-    """The answer to that one shows the jump; how high the pressure is by then depends on how fast the fakes run."""
     with pytest.raises(InstrumentError):
         for step in range(1, 400):
             rig.actuators.pressure.set((200.0 * step,) * 3)

@@ -141,7 +141,6 @@ def test_a_guard_whose_program_ends_while_it_starts_ends_without_a_traceback(sma
 @pytest.mark.long
 @pytest.mark.real
 def test_a_computer_that_stood_still_condemns_nobody(house: House, tmp_path: Path) -> None:
-    """A paused virtual machine: program and guard wake together, after longer than both wait for each other."""
     house.change(without=("arm", "force"), limits={"max_age": 10.0, "max_hidden": 10.0}, safe={"heartbeat": 0.8})
     house.change_instrument("spine", watchdog=2.5)  # the servo's own patience
     program = house.start(tmp_path, "spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]")
@@ -176,7 +175,6 @@ def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(
 def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(
     small: House, rig: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Landed anew, by a process that finds the rig inflated: who does not answer is named, the others do not wait for it."""
     monkeypatch.setattr(new_guard, "REACH_WITHIN", 3.0)
     inflate(rig, small)
     os.kill(rig.actuators.pid, signal.SIGKILL)

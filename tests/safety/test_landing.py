@@ -226,7 +226,6 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
 
 
 def test_an_instrument_that_is_confirmed_after_the_report_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its line is opened anew with each attempt."""
     monkeypatch.setattr(landing, "LEAST_TIME", 0.2)
     back, late = timing.Event(), []
 

@@ -184,7 +184,6 @@ def test_no_sound_chamber_is_accused_in_any_sweep(
 def test_no_sound_chamber_is_accused_that_is_read_seldom_and_told_often(
     seed: int, tau: float, commands: int, levels: list[float]
 ) -> None:
-    """Several set-points between two readings, of which the readings show but the last."""
     monitor, rng, p, t = LimitMonitor(RIG), random.Random(seed), 0.0, 0.0
     told = itertools.cycle(levels)
     for _ in range(80):
@@ -218,7 +217,6 @@ def test_a_slow_regulator_is_sound_when_rig_yaml_says_how_slow() -> None:
 def test_a_channel_that_stops_following_is_told_in_time_whatever_ramps(
     rate: float, period: float, others: float, start: float, seed: int, level: float
 ) -> None:
-    """Blocked at what it holds from `start` on, while the other two are ramped up and down without a pause."""
     monitor, rng = LimitMonitor(RIG), random.Random(seed)
     mine, theirs = sweep(rate, (level,), 8.0), sweep(others, (100e3,), 0.1)
     sound, other = chamber(mine, 0.25, period, 100.0, seed), chamber(theirs, 0.25, period, 100.0, seed)
@@ -246,7 +244,6 @@ def test_of_two_channels_that_do_not_follow_the_one_that_holds_too_much_decides(
 
 @pytest.mark.parametrize("failure", ["burst", "stuck"])
 def test_a_channel_that_fails_in_a_sweep_of_the_others_is_told_in_time(house: House, failure: str) -> None:
-    """Channel 1 bursts where it is held, or its regulator's reading stands still while it is ramped as well."""
     house.change(without=("arm", "force", "mocap"))
     rig = load_rig(house.rig)
     heard: list[Any] = []

@@ -189,7 +189,6 @@ def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeyp
 
 @pytest.mark.real
 def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The guard was killed while the line was out, and the program has nothing more to do."""
     monkeypatch.setattr(new_guard, "REACH_WITHIN", 0.5)  # of the program; its rescue goes on for longer
     with small.opened() as rig:
         inflate(rig, small)

@@ -160,7 +160,6 @@ def test_all_who_ask_while_it_lands_get_the_answer_of_one_landing() -> None:
 
 
 def test_an_answer_that_never_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One byte after the other, each in time."""
     monkeypatch.setattr(door, "WHO_WITHIN", 0.3)
     listening = door._bound("a")
     assert listening is not None
@@ -183,7 +182,6 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the path is longer than an address may be."""
     folder = tmp_path / ("long" * 40)
     folder.mkdir()
     rig = folder / "rig.yaml"
@@ -444,7 +442,6 @@ os.kill(os.getpid(), signal.SIGKILL)
     "day", [d if d in ("gone", MOVED, READ_ONLY) else pytest.param(d, marks=pytest.mark.long) for d in BAD_DAYS]
 )
 def test_what_a_crash_left_behind_is_landed(own_folder: House, day: str) -> None:
-    """Program and guard are killed at the same moment; then the rig's files are spoilt."""
     done = subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
     assert done.returncode == -signal.SIGKILL and until(lambda: own_folder.highest() > 10e3)
     place = spoilt(day, own_folder.rig)
@@ -459,7 +456,6 @@ def test_what_a_crash_left_behind_is_landed(own_folder: House, day: str) -> None
 def test_all_rigs_are_landed_that_are_in_use_or_were_left_unsafe(
     own_folder: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A prefix and a folder of its own: the rigs of other tests are left alone."""
     monkeypatch.setattr(door, "PREFIX", f"softlab-test-all/{os.getpid()}/")
     monkeypatch.setattr(last_used, "FOLDER", tmp_path)
     assert main(["safe", "--all"]) == 0 and "No rig" in capsys.readouterr().out
@@ -536,7 +532,6 @@ def test_names_of_a_path_are_those_of_what_it_leads_to(tmp_path: Path) -> None:
 
 
 def test_names_of_an_instrument_are_those_of_what_its_address_leads_to(house: House, tmp_path: Path) -> None:
-    """However it is spelt; two that are different share none."""
 
     def names(instrument: str, **table: str) -> frozenset[str]:
         rig = load_rig(house.rig)

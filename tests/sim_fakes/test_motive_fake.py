@@ -85,7 +85,6 @@ def test_requests_without_content_may_end_with_the_zero_byte_of_the_makers_sampl
 
 @pytest.mark.long
 def test_an_independent_client_hears_frames_for_longer_than_a_client_is_remembered(host: Host) -> None:
-    """The package `natnet`, written by others."""
     client = pytest.importorskip("natnet").NatNetClient(
         server_ip_address=host.fake.host, local_ip_address="127.0.0.1", use_multicast=False
     )
@@ -131,7 +130,6 @@ os._exit(0)  # its threads wait for ever
 
 @pytest.mark.long
 def test_the_makers_sample_hears_frames_of_the_bitstream_that_it_asks_for(host: Host) -> None:
-    """The package `natnetsdk`."""
     pytest.importorskip("natnetsdk")
     words = [sys.executable, "-c", MAKERS_SAMPLE, host.fake.host]
     said = subprocess.run(words, capture_output=True, text=True, timeout=60)

@@ -154,7 +154,6 @@ def test_a_move_during_an_asynchronous_stop_is_two_threads_at_one_arm() -> None:
 
 
 def test_cycles_that_a_late_host_makes_up_count_by_the_time_they_took() -> None:
-    """Of cycles of 8 ms: 22 in half the time, and one that the host did not run for long, are less than 0.1 s of a client's."""
     controller = playing(speed=20.0)
     command(controller, WATCHDOG, [10.0])
     controller.write("input_int_register_0", 0)

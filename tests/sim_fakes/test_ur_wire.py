@@ -83,7 +83,6 @@ def test_an_unknown_variable_and_a_rate_above_the_cycle_are_not_accepted(process
 
 
 def test_the_rate_is_the_top_rate_over_a_whole_number(process: UrProcess, client: Client) -> None:
-    """80 Hz of 125 come as 125, and what is slower than 1 Hz not at all."""
     for asked, cycles in ((80.0, 1), (125.0 / 3, 3), (60.0, 2)):
         assert client.ask("O", struct.pack(">d", asked) + b"timestamp")[0] == 1
         assert client.ask("S") == b"\x01"

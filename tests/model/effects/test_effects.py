@@ -251,7 +251,6 @@ def test_a_robot_without_spine_or_with_other_chambers_has_the_same_catalogue(pap
 
 
 def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot) -> None:
-    """Against the differential equation itself, ramps and holds one after the other."""
     tau, rate, hold = 1.5, 25e3, 1.0
     design = design_from_columns(
         paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")

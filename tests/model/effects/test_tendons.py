@@ -100,7 +100,6 @@ def test_friction_bends_the_body_as_its_law_does_all_along(pulled: Robot, cuts: 
 
 
 def test_the_bend_on_the_way_to_each_place_is_that_of_a_body_that_hangs_under_its_weight(pulled: Robot) -> None:
-    """From the curvature at the tip and its mean alone."""
     robot = robot_from_dict({**pulled.model_dump(), "gravity": (0.0, 0.0, 9.81), "tip_mass": 0.01})
     model = ForwardModel.of_single_states(robot).at(conditions(robot, 0.0, [[20.0 / PULL_AREA, 0.0, 0.0]]), np.zeros(0))
     arcs = np.linspace(0.0, robot.length, 1 + 4 * PLACES)

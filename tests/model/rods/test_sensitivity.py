@@ -140,7 +140,6 @@ def test_every_output_agrees_with_converged_differences_along_random_directions(
 
 
 def test_a_rod_without_a_spine_knows_what_a_spine_would_do() -> None:
-    """Its inner element is stiffer and has no length."""
     none = robots(1, 150e3, 0.0)
     none.field("bend_stiffness")[:, 0] *= 3.0
     along = direction(none, length=(1.0, -1.0))
