@@ -29,7 +29,7 @@ from diagnosis.judgement import CAUSE_PROBABILITY
 from lab.verbs.diagnose_arm import diagnose_poses
 from model.arm import load_arm
 
-from .blind.metrics import carries_enough, counted
+from .blind.metrics import HALF, carries_enough, counted
 from .blind.workers import spread
 from .ur5 import read
 
@@ -154,7 +154,9 @@ class SecondArm:
 
     def slopes(self, errors: Mapping[str, Array], sizes: Mapping[str, Any]) -> tuple[Array, list[tuple[str, Array]]]:
         """(3 n, k) by every value of the errors `sizes` that has one, at `errors`, and which those are."""
-        moves = [(name, STEP * row) for name, own in sizes.items() for row, size in zip(np.eye(len(own)), own, strict=True) if size]
+        moves = [
+            (name, STEP * row) for name, own in sizes.items() for row, size in zip(np.eye(len(own)), own, strict=True) if size
+        ]
         at = self.positions(errors)
         moved = [self.positions({**errors, name: errors.get(name, 0.0) + move}) - at for name, move in moves]
         return np.transpose([m.ravel() for m in moved]) / STEP, moves
@@ -191,8 +193,12 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """By mm (`benchmarks.blind.metrics`); of a cause outside the list that nothing is named."""
-        return self.verdict != "effect" if self.kind == "outside" else carries_enough(self.named, self.carries, 1.0)
+        """By mm: what carries most, or half as much, is named, and nothing that carries less than a floor; none, where nothing
+        carries two floors, as in `benchmarks.blind.metrics`; of a cause outside the list nothing is named."""
+        if self.kind == "outside" or not self.named:
+            return not self.named and (self.kind == "outside" or carries_enough((), self.carries, 1.0))
+        carried = [self.carries.get(name, 0.0) for name in self.named]
+        return min(carried) >= 1.0 and max(carried) >= HALF * max(self.carries.values())
 
     @property
     def sure(self) -> bool:

@@ -21,7 +21,7 @@ from ..arrays import Array
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
-from ..inference.budget import BudgetPart, weighed
+from ..inference.budget import BudgetPart, Naming, weighed
 from ..inference.cross_validation import CrossValidation
 from ..inference.cross_validation import Model as Refitted
 from ..inference.discrepancy import by_channel
@@ -36,11 +36,12 @@ from .model import Predict
 from .relatives import alike, related
 from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats, series
+from .together import together
 
 FOLDS = 5
 """Parts in which a table without groups is held out."""
-COMPARABLE = 0.1
-"""Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
+NAMING = Naming(comparable=0.1, outstanding=judgement.LEAST_NAMED_FLOORS)
+"""Several causes of a machine act at once: all are named that carry a noise floor."""
 LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
 """Share of the squared gap left on unseen rows, and plausible sizes, above which a cause is doubted."""
 LEAST_LEFT, OUTSTANDING = 3.0, 5.0
@@ -94,7 +95,7 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, COMPARABLE)
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, NAMING, together)
         self._calibrated, self._fits = b.calibrated, {NONE: b.calibrated}
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
@@ -108,7 +109,7 @@ class _Diagnosis:
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
-        before, after = (b.rms(residual).tolist() for residual in unseen)
+        before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
         closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
@@ -120,7 +121,7 @@ class _Diagnosis:
             decision = replace(decision, verdict="unknown", probability=most, outside=most)
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
         as_well = alike(among, decision.effects, best)
-        why = self._doubts(decision, before[0], after[0], as_well)
+        why = self._doubts(decision, before[0], corrected[0], as_well)
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
         elif decision.verdict == "none":
@@ -168,8 +169,8 @@ class _Diagnosis:
         return {effect: moves[effect].by_output for effect in sorted(moves, key=lambda e: -moves[e].floors)}
 
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
-        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows;
-        `as_well`: relatives that do the same."""
+        """Why the decision is not certain; `before` and `after` all corrections: noise floors left on unseen
+        rows; `as_well`: relatives that do the same."""
         b, why = self._b, list[str]()
         lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
         if d.verdict != "effect":
@@ -255,8 +256,8 @@ class _Diagnosis:
         return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
 
     def _held_out(self) -> tuple[list[Array], str]:
-        """Residuals (n,) of the calibrated model and of what the best hypothesis names, nothing else, on rows that their fits did
-        not see, and how."""
+        """Residuals (n,) of the calibrated model, of what the best hypothesis names, nothing else, and of that with all others
+        within their tolerance, on rows that their fits did not see, and how."""
         b, w = self._b, self._w
         whole = next((x for x in (series(b.table), b.table.group) if x.any()), None)
         if whole is not None and not b.apart:
@@ -269,9 +270,11 @@ class _Diagnosis:
         else:
             # the first part is in every fit, as it alone says where the series begins
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
+        named = self._p.mask(w.best.named)
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(self._p.prior(self._p.mask(w.best.named), 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 

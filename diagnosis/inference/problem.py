@@ -215,10 +215,11 @@ class FitParameters:
 
         The narrow prior of a one-sided effect has the mean and variance of a size uniform up to a limit. Shape parameters
         keep their full prior; `effect_size`, see `Linear`, narrows it where the problem was linearised at a larger size than
-        the limit, so that they do no more than they can at the limit.
+        the limit, so that they do no more than they can at the limit. What may be named at a smaller size is tolerated less.
         """
         side = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
-        mean, sd = spike * ONE_WAY_MEAN * side, spike * np.where(side == 0, 1.0, ONE_WAY_SD)
+        narrow = spike * (self.least_named / LEAST_NAMED_SIZE)
+        mean, sd = narrow * ONE_WAY_MEAN * side, narrow * np.where(side == 0, 1.0, ONE_WAY_SD)
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)

@@ -81,7 +81,7 @@ def diagnose_poses(
     forward = ArmForward(model)
     answer = diagnose_model(
         forward, poses[kept], dict.fromkeys(POSITION, "m"),
-        [Cause(c.id, c.parameters, c.stage, c.says) for c in causes], calibration,
+        [Cause(c.id, c.parameters, c.stage, c.says, c.exact) for c in causes], calibration,
         repeat="repeat" if "repeat" in poses else None, candidates=candidates,
     )  # fmt: skip
     return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), forward
