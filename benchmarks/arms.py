@@ -53,6 +53,8 @@ KINDS = ("one", "two", "one", "none", "one", "outside")
 """In turn."""
 SIZES, SHARE = (1.0, 10.0), 0.2
 """Noise floors that a hidden cause carries, and share of the poses that are measured."""
+APART = 1.0
+"""Noise floors by which it differs from what any other cause of the list can do in its place; else it is drawn anew."""
 PLAUSIBLE, STEP, ROUNDS = 1e-3, 1e-5, 4
 """rad and m: prior of every error in the fit of the measured arm, steps of differences; and steps of that fit."""
 MASSES = 0.1
@@ -217,19 +219,28 @@ def judged(number: int, seed: int, path: Path, q: Array, residual: Array) -> Jud
     basis = np.linalg.qr(of_places)[0]
     nowhere, floor = arm.positions(errors), float(np.sqrt(np.mean(mirrored**2)))
 
-    def carried(name: str, values: Array) -> float:
-        moved = (arm.positions({**errors, name: values}) - nowhere).ravel()
-        return float(np.sqrt(np.mean((moved - basis @ (basis.T @ moved)) ** 2))) / floor
+    def moved(name: str, values: Array) -> Array:
+        """Displacements (3 n,) that no base or tool makes, in noise floors."""
+        own = (arm.positions({**errors, name: values}) - nowhere).ravel()
+        return np.asarray(own - basis @ (basis.T @ own)) / floor
 
+    alike = {n: np.linalg.qr(arm.slopes(errors, {n: s} | PLACES)[0])[0] for n, (s, _) in HIDDEN.items()}
     listed = OUTSIDE if kind == "outside" else {name: sizes for name, (sizes, _) in HIDDEN.items()}
-    hidden = {}
-    for name in rng.choice([*listed], {"one": 1, "two": 2, "none": 0, "outside": 1}[kind], replace=False).tolist():
+    hidden: dict[str, Array] = {}
+    while len(hidden) < {"one": 1, "two": 2, "none": 0, "outside": 1}[kind]:
+        name = str(rng.choice([n for n in listed if n not in hidden]))
         values = rng.normal(0, 1, len(listed[name])) * listed[name]
         if rng.random() < 0.5:  # one part alone
             values = values * (np.arange(len(values)) % 6 == rng.choice(np.flatnonzero(values)) % 6)
         values = PLAUSIBLE * values / np.abs(values).max()
-        hidden[name] = values * np.exp(rng.uniform(*np.log(SIZES))) / carried(name, values)
-    carries = {HIDDEN[n][1] if n in HIDDEN else n: carried(n, values) for n, values in hidden.items()}
+        once = moved(name, values)
+        size = np.exp(rng.uniform(*np.log(SIZES))) / np.sqrt(np.mean(once**2))
+        beyond = [once - b @ (b.T @ once) for n, b in alike.items() if n != name]
+        if size * np.sqrt(min(np.mean(left**2) for left in beyond)) > APART:
+            hidden[name] = size * values
+    carries = {
+        HIDDEN[n][1] if n in HIDDEN else n: float(np.sqrt(np.mean(moved(n, values) ** 2))) for n, values in hidden.items()
+    }
     names = [f"q{k}" for k in range(1, q.shape[1] + 1)]
     poses = pd.DataFrame(np.hstack([q[chosen], arm.positions(errors | hidden) + mirrored]), columns=[*names, "x", "y", "z"])
     began = time.process_time()

@@ -22,6 +22,8 @@ from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
+TIMES_PLAUSIBLE = (1.0, 3.0, 10.0)
+"""Times its stated plausible size that a cause may be expected to have."""
 NONLINEAR = 0.3
 """Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
 
@@ -57,6 +59,11 @@ class Built:
     """Whether an output has too few repeats to show its noise."""
     lasting: tuple[str, ...] = ()
     """Outputs whose errors seem to last, by what the richest model leaves of them."""
+
+    @property
+    def stated(self) -> Array:
+        """(k,) plausible size of each parameter, as stated."""
+        return np.array([p.sd for p in self.parameters])
 
     @property
     def sd(self) -> Array:
@@ -137,7 +144,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
     )
     built = replace(built, begun=tuple(_begun(built)))
-    return _with_discrepancy(_with_estimate(built, estimated) if estimated.any() else built)
+    return _with_discrepancy(_with_sizes(_with_estimate(built, estimated) if estimated.any() else built))
 
 
 def _answered(table: Table, at_nominal: Array) -> Table:
@@ -269,6 +276,26 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     return NoiseEstimate(np.maximum(sd, least), share, memory, np.maximum(floor, least))
 
 
+def _with_sizes(b: Built) -> Built:
+    """With causes as large as they would have to be to act alone: plausible sizes are guesses, and a cause that they miss by far
+    would otherwise lose to another."""
+    p, white = b.problem.parameters, b.problem.noise.whiten
+    slope = b.response.T / b.stated
+    gap, *columns = p.beyond_calibration(
+        white(np.column_stack([b.problem.observed - b.calibrated.predicted, b.response.T])), white(slope)
+    ).T
+    sd = p.sd.copy()
+    for effect in p.ids:
+        own = [i for i, e in enumerate(p.effects) if e == effect]
+        value, vector = np.linalg.eigh(np.array([[columns[i] @ columns[j] for j in own] for i in own]))
+        along, value = (vector.T @ [columns[i] @ gap for i in own]) ** 2, np.maximum(value, 0.0)
+        gain = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in TIMES_PLAUSIBLE]
+        best = int(np.argmax(gain))
+        if gain[best] > gain[0] + judgement.SEPARATED_EVIDENCE and all(b.parameters[i].linear for i in own):
+            sd[own] *= TIMES_PLAUSIBLE[best]
+    return replace(b, problem=replace(b.problem, parameters=replace(p, sd=sd)))
+
+
 def _with_discrepancy(b: Built) -> Built:
     """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
     problem, p = b.problem, b.problem.parameters
@@ -276,7 +303,7 @@ def _with_discrepancy(b: Built) -> Built:
     draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
     value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
     basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
-    white = b.response.T / p.sd / b.sd[b.output][:, None]
+    white = b.response.T / b.stated / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))
     least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))

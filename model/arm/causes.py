@@ -87,7 +87,7 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     frame = each(("base", axes, 0.01, "m"), ("base", turns, 0.01, "rad"))
     lengths = each(("a", inner, 0.001, "m"), ("d", [k for k in inner if k not in parallel], 0.001, "m"))
     twists = each(("alpha", inner, 0.001, "rad"), ("beta", parallel, 0.001, "rad"))
-    mount = each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 1e-4, "rad"))
+    mount = each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 5e-4, "rad"))
     causes = (
         ArmCause("base_frame", frame, "boundary", "the base stands elsewhere than stated", exact=True),
         ArmCause(
