@@ -53,8 +53,9 @@ KINDS = ("one", "two", "one", "none", "one", "outside")
 """In turn."""
 SIZES, SHARE = (1.0, 10.0), 0.2
 """Noise floors that a hidden cause carries, and share of the poses that are measured."""
-APART = 1.0
-"""Noise floors by which it differs from what any other cause of the list can do in its place; else it is drawn anew."""
+APART, TRIES = 1.0, 100
+"""Noise floors by which it differs from what any other cause of the list can do in its place, else it is drawn anew; draws until
+another cause is taken."""
 PLAUSIBLE, STEP, ROUNDS = 1e-3, 1e-5, 4
 """rad and m: prior of every error in the fit of the measured arm, steps of differences; and steps of that fit."""
 MASSES = 0.1
@@ -208,6 +209,11 @@ class Judged:
         return self.verdict == "effect" and self.probability > CAUSE_PROBABILITY
 
 
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def judged(number: int, seed: int, path: Path, q: Array, residual: Array) -> Judged:
     """Draw an arm, measure it and diagnose it."""
     rng, kind = np.random.default_rng([seed, number]), KINDS[number % len(KINDS)]
@@ -217,7 +223,7 @@ def judged(number: int, seed: int, path: Path, q: Array, residual: Array) -> Jud
     errors = {name: PLAUSIBLE * rng.normal(0, sizes) for name, sizes in PLACES.items()}
     of_places, _ = arm.slopes(errors, PLACES)
     basis = np.linalg.qr(of_places)[0]
-    nowhere, floor = arm.positions(errors), float(np.sqrt(np.mean(mirrored**2)))
+    nowhere, floor = arm.positions(errors), rms(mirrored)
 
     def moved(name: str, values: Array) -> Array:
         """Displacements (3 n,) that no base or tool makes, in noise floors."""
@@ -225,22 +231,27 @@ def judged(number: int, seed: int, path: Path, q: Array, residual: Array) -> Jud
         return np.asarray(own - basis @ (basis.T @ own)) / floor
 
     alike = {n: np.linalg.qr(arm.slopes(errors, {n: s} | PLACES)[0])[0] for n, (s, _) in HIDDEN.items()}
+
+    def drawn(name: str, sizes: list[float]) -> Array | None:
+        """Values of an error that no other cause of the list can stand in for."""
+        for _ in range(TRIES):
+            values = rng.normal(0, 1, len(sizes)) * sizes
+            if rng.random() < 0.5:  # one part alone
+                values = values * (np.arange(len(values)) % 6 == rng.choice(np.flatnonzero(values)) % 6)
+            values = PLAUSIBLE * values / np.abs(values).max()
+            once = moved(name, values)
+            size = np.exp(rng.uniform(*np.log(SIZES))) / max(rms(once), 1e-3)
+            if size * min(rms(once - b @ (b.T @ once)) for n, b in alike.items() if n != name) > APART:
+                return np.asarray(size * values)
+        return None
+
     listed = OUTSIDE if kind == "outside" else {name: sizes for name, (sizes, _) in HIDDEN.items()}
     hidden: dict[str, Array] = {}
     while len(hidden) < {"one": 1, "two": 2, "none": 0, "outside": 1}[kind]:
         name = str(rng.choice([n for n in listed if n not in hidden]))
-        values = rng.normal(0, 1, len(listed[name])) * listed[name]
-        if rng.random() < 0.5:  # one part alone
-            values = values * (np.arange(len(values)) % 6 == rng.choice(np.flatnonzero(values)) % 6)
-        values = PLAUSIBLE * values / np.abs(values).max()
-        once = moved(name, values)
-        size = np.exp(rng.uniform(*np.log(SIZES))) / np.sqrt(np.mean(once**2))
-        beyond = [once - b @ (b.T @ once) for n, b in alike.items() if n != name]
-        if size * np.sqrt(min(np.mean(left**2) for left in beyond)) > APART:
-            hidden[name] = size * values
-    carries = {
-        HIDDEN[n][1] if n in HIDDEN else n: float(np.sqrt(np.mean(moved(n, values) ** 2))) for n, values in hidden.items()
-    }
+        if (values := drawn(name, listed[name])) is not None:
+            hidden[name] = values
+    carries = {HIDDEN[n][1] if n in HIDDEN else n: rms(moved(n, values)) for n, values in hidden.items()}
     names = [f"q{k}" for k in range(1, q.shape[1] + 1)]
     poses = pd.DataFrame(np.hstack([q[chosen], arm.positions(errors | hidden) + mirrored]), columns=[*names, "x", "y", "z"])
     began = time.process_time()
@@ -264,7 +275,7 @@ def main() -> None:
     residual = left_by_all(SecondArm(yaml.safe_load(options.arm.read_text()), q), at)
     judge = partial(judged, seed=options.seed, path=options.arm, q=q, residual=residual)
     arms = list(spread(judge, range(options.n), options.workers, "arms"))
-    table, console = Table("", f"{options.n} arms, floor {1e3 * np.sqrt(np.mean(residual**2)):.4f} mm"), Console()
+    table, console = Table("", f"{options.n} arms, floor {1e3 * rms(residual):.4f} mm"), Console()
     for arm in arms if options.each else []:
         hidden = ", ".join(f"{name} {floors:.1f}" for name, floors in arm.carries.items()) or "nothing"
         mark = "right" if arm.right else "WRONG"

@@ -17,7 +17,7 @@ import pandas as pd
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
 from ..answer.distinguishability import distinguishability
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
@@ -131,6 +131,7 @@ class _Diagnosis:
             decision = replace(decision, probability=most, outside=most)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
+        at_fit = b.model.values(fitted.theta)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
@@ -147,14 +148,14 @@ class _Diagnosis:
             verdict=decision.verdict, effects=decision.effects, probability=decision.probability, outside=decision.outside,
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
-            calibration=self._values(fitted.theta, "calibration"), cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
+            calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"}, cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
             outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
-            values=self._corrected(),
+            corrected=lambda: b.model.values(self._every().theta),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
 
@@ -233,15 +234,11 @@ class _Diagnosis:
                 out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
         return tuple(out)
 
-    def _corrected(self) -> dict[str, float]:
-        """Every parameter by its key, fitted without a free form, of the most probable causes and all others within tolerance."""
-        leading, p = self._w.leading, self._p
-        prior = p.prior(p.mask(leading.named), leading.grid_point.spike)
-        theta = fit(self._b.problem, prior, 0.0, leading.fit.theta, FREE_ROUNDS).theta
-        return {own.key: own.nominal + x for own, x in zip(self._b.parameters, theta.tolist(), strict=True)}
-
-    def _values(self, theta: Array, group: str) -> dict[str, tuple[float, str]]:
-        return {p.key: (p.nominal + float(x), p.unit) for p, x in zip(self._b.parameters, theta, strict=True) if p.group == group}
+    def _every(self) -> Fit:
+        """All causes and the calibration fitted within their plausible sizes."""
+        return fit(
+            self._b.problem, self._p.prior(np.ones(len(self._p.scale), bool), 0.0), 0.0, self._w.best.fit.theta, FREE_ROUNDS
+        )
 
     def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
         """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
@@ -279,29 +276,52 @@ class _Diagnosis:
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 
     def _proposed(self, ranked: EffectPosterior, candidates: pd.DataFrame) -> tuple[Experiment, ...]:
-        """Rows (or, where the model integrates, groups) of the candidates on which leading hypotheses differ most."""
+        """Rows (or, where the model integrates, groups) of the candidates that tell most about what the model predicts of all."""
         leading = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and q > judgement.RIVAL_WORTH_SEPARATING][:MOST_COMPARED]
         if len(leading) < 2:
             others = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and h not in dict(leading)]
             leading += others[: 2 - len(leading)]
-        model = self._b.model.of(candidates)
+        b, model, every = self._b, self._b.model.of(candidates), self._every().theta
         weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
-        predicted = np.array([model.table(self._fitted_of(h)) for h, _ in leading]) / self._b.sd
-        mean = np.tensordot(weight / weight.sum(), predicted, 1)
-        square = np.tensordot(weight / weight.sum(), ((predicted - mean) ** 2).sum(axis=-1), 1)
+        sd = np.tile(b.sd, len(candidates))[:, None]
+        predicted = np.transpose([model.table(self._fitted_of(h)).ravel() for h, _ in leading]) / sd
+        between = (predicted - (predicted @ weight / weight.sum())[:, None]) * np.sqrt(weight / weight.sum())
+        known = b.problem.noise.whiten(b.problem.forward.linearise(every)[1] * self._p.sd)
+        uncertain = np.linalg.cholesky(np.linalg.inv(np.eye(known.shape[1]) + known.T @ known))
+        columns = np.hstack([between, model.linearise(every)[1] * self._p.sd / sd @ uncertain])
         labels = pd.Series(candidates.index)
-        if not self._b.by_row and self._b.table.group_name in candidates.columns:
-            labels = candidates[self._b.table.group_name]
-        worth = pd.Series(square).groupby(labels.to_numpy()).sum().sort_values(ascending=False)
+        if not b.by_row and b.table.group_name in candidates.columns:
+            labels = candidates[b.table.group_name]
+        rows = {at: np.repeat(labels.to_numpy() == at, len(b.sd)) for at in labels.unique()}
         names = tuple(" + ".join(h) or "none" for h, _ in leading)
         first = candidates.groupby(labels.to_numpy()).first()
         return tuple(
-            Experiment(at if isinstance(at, str) else int(at), float(x), names, first.loc[at].to_dict())
-            for at, x in worth[:MOST_PROPOSED].items()
+            Experiment(
+                at if isinstance(at, str) else int(at), float((columns[rows[at]] ** 2).sum()), names, first.loc[at].to_dict()
+            )
+            for at in _most_telling(columns, rows)
         )
 
     def _fitted_of(self, named: Hypothesis) -> Array:
         return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
+
+
+def _most_telling(columns: Array, rows: Mapping[Any, Mask]) -> list[Any]:
+    """Labels of candidates that, measured one after the other, most reduce the sum over all values of the squared error of their
+    prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each label."""
+    squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
+    for _ in range(min(MOST_PROPOSED, len(rows))):
+        best: tuple[float, Any, Array] = (-np.inf, None, covariance)
+        for at in (at for at in rows if at not in chosen):
+            own = columns[rows[at]]
+            across = own @ covariance
+            half = np.linalg.solve(np.linalg.cholesky(across @ own.T + np.eye(len(own))), across)
+            gain = float(np.sum((half @ squares) * half))
+            if gain > best[0]:
+                best = gain, at, half
+        chosen.append(best[1])
+        covariance = covariance - best[2].T @ best[2]
+    return chosen
 
 
 def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:

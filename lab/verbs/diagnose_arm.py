@@ -98,7 +98,7 @@ def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
     )
     return (
         f"{len(poses)} poses of {path}, which were not fitted: mean distance {before:.3g} mm as described, {after:.3g} mm with "
-        f"what is named, {whole:.3g} mm with all causes within their tolerance."
+        f"what is named, {whole:.3g} mm with all causes as large as the poses make them."
     )
 
 

@@ -19,7 +19,7 @@ Geometry after Hayati and Mirmirani (1985); sag, lost motion and gear errors as 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -43,6 +43,8 @@ HARMONICS = 32
 GEAR = 3e-4
 """rad: plausible size of such an error with one period a turn; with h periods 1 / h of it. An arc minute, as makers of strain
 wave gears state; the decrease was chosen on one measured arm."""
+REMEMBERED = 4
+"""Tables of poses whose torques and harmonics are kept, as fits ask for the same ones again."""
 POSES = 256
 """Poses over which gravity's torques are compared."""
 
@@ -117,6 +119,8 @@ class ArmModel:
     """An arm with all its causes."""
 
     arm: Arm
+    _known: dict[bytes, _Poses] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Poses that were asked for last, by their angles."""
 
     @cached_property
     def causes(self) -> tuple[ArmCause, ...]:
@@ -206,14 +210,23 @@ class ArmModel:
                 f"inputs: row {row}, {names[joint]} = {q[row, joint]:g} rad: must be finite and at most {LARGEST_ANGLE:g} rad; "
                 "leave the row out, or give rad in place of deg"
             )
+        before = {name: inputs[f"{name}_before"].to_numpy(float) for name in names if f"{name}_before" in inputs}
+        key = b"".join(values.tobytes() for values in (q, *before.values()))
+        if key not in self._known:
+            if len(self._known) == REMEMBERED:
+                self._known.pop(next(iter(self._known)))
+            self._known[key] = self._seen(q, before)
+        return self._known[key]
+
+    def _seen(self, q: Array, before: Mapping[str, Array]) -> _Poses:
+        """Poses of angles q (n, joints) after those of some joints before the move, rad."""
         torques, moment = gravity_torques(self.arm, q)
         bounds = np.maximum(greatest_torques(self.arm), 1e-12)
         errors: dict[str, tuple[int, Array]] = {}
-        for i, (name, angle) in enumerate(zip(names, q.T, strict=True)):
+        for i, (name, angle) in enumerate(zip(self.arm.joints, q.T, strict=True)):
             k = i + 1
-            before = inputs[f"{name}_before"].to_numpy(float) if f"{name}_before" in inputs else angle
             errors |= {f"zero_{k}": (i, np.ones(len(q))), f"sag_{k}": (i, torques[:, i] / bounds[i])}
-            errors[f"lost_{k}"] = i, np.nan_to_num(np.sign(angle - before))
+            errors[f"lost_{k}"] = i, np.nan_to_num(np.sign(angle - before.get(name, angle)))
             for h in range(1, HARMONICS + 1):
                 errors |= {f"gear{h}_sin_{k}": (i, np.sin(h * angle)), f"gear{h}_cos_{k}": (i, np.cos(h * angle))}
         return _Poses(q, moment / bounds[0], errors)
