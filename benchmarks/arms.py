@@ -53,6 +53,8 @@ KINDS = ("one", "two", "one", "none", "one", "outside")
 """In turn."""
 SIZES, SHARE = (1.0, 10.0), 0.2
 """Noise floors that a hidden cause carries, and share of the poses that are measured."""
+LARGEST, MOST = {"gear_once": 1e-3, "gear_twice": 1e-3, "gear_thrice": 1e-3, "scale": 1e-3}, 5e-3
+"""rad, m or 1: largest value of an error, and of all others, that an arm may have."""
 APART, TRIES = 1.0, 100
 """Noise floors by which it differs from what any other cause of the list can do in its place, else it is drawn anew; draws until
 another cause is taken."""
@@ -99,7 +101,7 @@ class SecondArm:
         return frames
 
     def places(self, theta: Array, bent: Mapping[int, Array], points: Mapping[int, Array]) -> dict[int, Array]:
-        """Link -> (n, 3) of the point behind it that is `points` (3,) in its frame at q = 0; D_k (4, 4) of links that are bent."""
+        """Link -> (n, 3) of the point behind it that is `points` (3,) in its frame; D_k (4, 4) of links that are bent."""
         out, pose = {}, np.broadcast_to(np.eye(4), (len(theta), 4, 4))
         for k, frame in enumerate(self.home[:-1]):
             axis = frame[:3, 2]
@@ -241,7 +243,8 @@ def judged(number: int, seed: int, path: Path, q: Array, residual: Array) -> Jud
             values = PLAUSIBLE * values / np.abs(values).max()
             once = moved(name, values)
             size = np.exp(rng.uniform(*np.log(SIZES))) / max(rms(once), 1e-3)
-            if size * min(rms(once - b @ (b.T @ once)) for n, b in alike.items() if n != name) > APART:
+            small = kind == "outside" or size * np.abs(values).max() <= LARGEST.get(name, MOST)
+            if small and size * min(rms(once - b @ (b.T @ once)) for n, b in alike.items() if n != name) > APART:
                 return np.asarray(size * values)
         return None
 

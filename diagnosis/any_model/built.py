@@ -22,7 +22,7 @@ from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
-TIMES_PLAUSIBLE = (1.0, 3.0, 10.0)
+TIMES_PLAUSIBLE = (3.0, 10.0, 30.0)
 """Times its stated plausible size that a cause may be expected to have."""
 NONLINEAR = 0.3
 """Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
@@ -277,23 +277,34 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
 
 
 def _with_sizes(b: Built) -> Built:
-    """With causes as large as they would have to be to act alone: plausible sizes are guesses, and a cause that they miss by far
-    would otherwise lose to another."""
+    """With causes larger than their plausible sizes, which are guesses, where nothing else of a plausible size explains the data:
+    one after the other, the cause by which they become most probable, with all others acting."""
     p, white = b.problem.parameters, b.problem.noise.whiten
-    slope = b.response.T / b.stated
-    gap, *columns = p.beyond_calibration(
-        white(np.column_stack([b.problem.observed - b.calibrated.predicted, b.response.T])), white(slope)
-    ).T
-    sd = p.sd.copy()
-    for effect in p.ids:
-        own = [i for i, e in enumerate(p.effects) if e == effect]
-        value, vector = np.linalg.eigh(np.array([[columns[i] @ columns[j] for j in own] for i in own]))
-        along, value = (vector.T @ [columns[i] @ gap for i in own]) ** 2, np.maximum(value, 0.0)
-        gain = [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in TIMES_PLAUSIBLE]
-        best = int(np.argmax(gain))
-        if gain[best] > gain[0] + judgement.SEPARATED_EVIDENCE and all(b.parameters[i].linear for i in own):
-            sd[own] *= TIMES_PLAUSIBLE[best]
+    sd, plain = p.sd.copy(), white(b.response.T / b.stated)
+    gap = white(b.problem.observed - b.calibrated.predicted)
+    own = {e: np.array([x == e for x in p.effects]) for e in p.ids}
+    open_ = [e for e in p.ids if all(x.linear for x, chosen in zip(b.parameters, own[e], strict=True) if chosen)]
+    while open_:
+        columns = plain * sd
+        gram = columns.T @ columns
+        left = gram - gram @ np.linalg.solve(np.eye(len(gram)) + gram, gram)
+        pulled = columns.T @ gap
+        pulled -= gram @ np.linalg.solve(np.eye(len(gram)) + gram, pulled)
+        gains = {(e, s): _wider(left[np.ix_(own[e], own[e])], pulled[own[e]], s) for e in open_ for s in TIMES_PLAUSIBLE}
+        effect, times = max(gains, key=lambda key: gains[key])
+        if gains[effect, times] < judgement.SEPARATED_EVIDENCE:
+            break
+        sd[own[effect]] *= times
+        open_.remove(effect)
     return replace(b, problem=replace(b.problem, parameters=replace(p, sd=sd)))
+
+
+def _wider(left: Array, pulled: Array, times: float) -> float:
+    """Log evidence gained where a cause's sizes (m,) may be `times` as large; left = C^T K^-1 C and pulled = C^T K^-1 y of its
+    columns C, scaled to plausible sizes, and the data's covariance K and deviations y."""
+    value, vector = np.linalg.eigh(left)
+    value, more = np.maximum(value, 0.0), times**2 - 1
+    return 0.5 * float(((vector.T @ pulled) ** 2 * more / (1 + more * value)).sum() - np.log1p(more * value).sum())
 
 
 def _with_discrepancy(b: Built) -> Built:

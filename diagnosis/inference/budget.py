@@ -51,6 +51,9 @@ class Naming(NamedTuple):
     """Noise floors that an effect must carry to be named although no hypothesis names it."""
 
 
+USUAL = Naming()
+
+
 @dataclass(frozen=True)
 class Budget:
     """Draws of what effects carry, from the posterior over hypotheses and their sizes."""
@@ -121,7 +124,9 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Arra
     ]
 
 
-def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming = Naming()) -> Budget:
+def budget(
+    problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming = USUAL
+) -> Budget:  # fmt: skip
     """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap;
     `naming`: when they are named."""
     p = problem.parameters
@@ -229,7 +234,7 @@ class WeighedCauses:
 
 def weighed(
     problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = (),
-    naming: Naming = Naming(), beyond: Callable[[Search], Sequence[Candidate]] = lambda _: (),
+    naming: Naming = USUAL, beyond: Callable[[Search], Sequence[Candidate]] = lambda _: (),
 ) -> WeighedCauses:  # fmt: skip
     """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`; `beyond`
     returns hypotheses that the search does not follow."""
