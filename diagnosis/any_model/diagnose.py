@@ -236,10 +236,12 @@ class _Diagnosis:
         return tuple(out)
 
     def _every(self) -> Fit:
-        """All causes and the calibration fitted within their plausible sizes."""
-        return fit(
-            self._b.problem, self._p.prior(np.ones(len(self._p.scale), bool), 0.0), 0.0, self._w.best.fit.theta, FREE_ROUNDS
-        )
+        """All causes and the calibration fitted within their plausible sizes. Where rows are answered by themselves, what lasts
+        over them is no matter: others will be measured in another order."""
+        b, every = self._b, self._p.prior(np.ones(len(self._p.scale), bool), 0.0)
+        if b.by_row:
+            b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
+        return fit(b.problem, every, 0.0, self._w.best.fit.theta, FREE_ROUNDS)
 
     def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
         """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
