@@ -22,7 +22,7 @@ from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
-TIMES_PLAUSIBLE = (3.0, 10.0, 30.0)
+TIMES_PLAUSIBLE = (1.0, 3.0, 10.0, 30.0)
 """Times its stated plausible size that a cause may be expected to have."""
 NONLINEAR = 0.3
 """Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
@@ -166,7 +166,10 @@ def _answers_by_row(model: Model, plausible: Array) -> bool:
     turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
     # at nominal a model may rest, so that the order shows at plausible sizes alone
     for theta in (np.zeros(len(plausible)), plausible):
-        expected, answer = model.table(theta), turned.table(theta)[::-1]
+        try:
+            expected, answer = model.table(theta), turned.table(theta)[::-1]
+        except BadCase:  # times that run backwards, say
+            return False
         if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
             return False
     return True
@@ -277,34 +280,35 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
 
 
 def _with_sizes(b: Built) -> Built:
-    """With causes larger than their plausible sizes, which are guesses, where nothing else of a plausible size explains the data:
-    one after the other, the cause by which they become most probable, with all others acting."""
+    """With causes larger than their plausible sizes, which are guesses, where that makes the data most probable: cause after cause
+    is added, each in the size by which it explains most."""
     p, white = b.problem.parameters, b.problem.noise.whiten
-    sd, plain = p.sd.copy(), white(b.response.T / b.stated)
-    gap = white(b.problem.observed - b.calibrated.predicted)
+    sd, columns = p.sd.copy(), white(b.response.T / b.stated * p.sd)
+    gram, pulled = columns.T @ columns, columns.T @ white(b.problem.observed - b.calibrated.predicted)
     own = {e: np.array([x == e for x in p.effects]) for e in p.ids}
-    open_ = [e for e in p.ids if all(x.linear for x, chosen in zip(b.parameters, own[e], strict=True) if chosen)]
-    while open_:
-        columns = plain * sd
-        gram = columns.T @ columns
-        left = gram - gram @ np.linalg.solve(np.eye(len(gram)) + gram, gram)
-        pulled = columns.T @ gap
-        pulled -= gram @ np.linalg.solve(np.eye(len(gram)) + gram, pulled)
-        gains = {(e, s): _wider(left[np.ix_(own[e], own[e])], pulled[own[e]], s) for e in open_ for s in TIMES_PLAUSIBLE}
+    left_out, active = [*p.ids], ~p.of_effect
+    while left_out:
+        scale = (sd / p.sd)[active]
+        across = gram[:, active] * scale
+        taken = across @ np.linalg.inv(np.eye(len(scale)) + scale[:, None] * across[active])
+        left, apart = gram - taken @ across.T, pulled - taken @ (scale * pulled[active])
+        gains = {(e, s): _gain(left[np.ix_(own[e], own[e])], apart[own[e]], s) for e in left_out for s in TIMES_PLAUSIBLE}
         effect, times = max(gains, key=lambda key: gains[key])
         if gains[effect, times] < judgement.SEPARATED_EVIDENCE:
             break
-        sd[own[effect]] *= times
-        open_.remove(effect)
+        if all(x.linear for x, chosen in zip(b.parameters, own[effect], strict=True) if chosen):
+            sd[own[effect]] *= times
+        left_out.remove(effect)
+        active = active | own[effect]
     return replace(b, problem=replace(b.problem, parameters=replace(p, sd=sd)))
 
 
-def _wider(left: Array, pulled: Array, times: float) -> float:
-    """Log evidence gained where a cause's sizes (m,) may be `times` as large; left = C^T K^-1 C and pulled = C^T K^-1 y of its
-    columns C, scaled to plausible sizes, and the data's covariance K and deviations y."""
+def _gain(left: Array, pulled: Array, times: float) -> float:
+    """Log evidence gained by a cause of `times` its plausible sizes (m,): left = C^T K^-1 C and pulled = C^T K^-1 y of its columns
+    C, at plausible sizes, and the data's covariance K and deviations y."""
     value, vector = np.linalg.eigh(left)
-    value, more = np.maximum(value, 0.0), times**2 - 1
-    return 0.5 * float(((vector.T @ pulled) ** 2 * more / (1 + more * value)).sum() - np.log1p(more * value).sum())
+    value, square = np.maximum(value, 0.0), times**2
+    return 0.5 * float(((vector.T @ pulled) ** 2 * square / (1 + square * value)).sum() - np.log1p(square * value).sum())
 
 
 def _with_discrepancy(b: Built) -> Built:
