@@ -36,7 +36,7 @@ from .files.config import ConfigError, check, load, read_yaml
 from .files.inputs import Case, case_of, read_case
 from .files.own_effects import catalogue, stated_by
 from .files.rig_file import load_rig
-from .mujoco_model import mujoco_model as mujoco_model
+from .mujoco_adapter import mujoco_model as mujoco_model
 from .rig.assembly import Rig
 
 Place = str | Path

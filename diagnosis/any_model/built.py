@@ -280,8 +280,8 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
 
 
 def _with_sizes(b: Built) -> Built:
-    """With causes larger than their plausible sizes, which are guesses, where that makes the data most probable: cause after cause
-    is added, each in the size by which it explains most."""
+    """With causes larger than their plausible sizes, which are guesses, where that makes the data most probable: causes are added
+    one by one, each in the size by which it explains most."""
     p, white = b.problem.parameters, b.problem.noise.whiten
     sd, columns = p.sd.copy(), white(b.response.T / b.stated * p.sd)
     gram, pulled = columns.T @ columns, columns.T @ white(b.problem.observed - b.calibrated.predicted)
@@ -304,8 +304,8 @@ def _with_sizes(b: Built) -> Built:
 
 
 def _gain(left: Array, pulled: Array, times: float) -> float:
-    """Log evidence gained by a cause of `times` its plausible sizes (m,): left = C^T K^-1 C and pulled = C^T K^-1 y of its columns
-    C, at plausible sizes, and the data's covariance K and deviations y."""
+    """Log evidence gained by a cause of `times` its plausible sizes (m,): left = C^T K^-1 C and pulled = C^T K^-1 y of its
+    columns C, at plausible sizes, and the data's covariance K and deviations y."""
     value, vector = np.linalg.eigh(left)
     value, square = np.maximum(value, 0.0), times**2
     return 0.5 * float(((vector.T @ pulled) ** 2 * square / (1 + square * value)).sum() - np.log1p(square * value).sum())

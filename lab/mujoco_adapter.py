@@ -23,8 +23,8 @@ from diagnosis.errors import BadCase
 NEVER_NEGATIVE = ("armature", "damping", "density", "frictionloss", "mass", "stiffness", "timeconst")
 """Fields whose bound is 0 where none is stated."""
 Stated = Sequence[Any]
-"""(kind, name, field, plausible size, unit), perhaps with two bounds (.., low, high). Kind: joint, geom, body, actuator, tendon or
-another element of MjSpec, or "option" with an empty name; field: of that element, such as `frictionloss` or `gainprm[0]`."""
+"""(kind, name, field, plausible size, unit), perhaps with two bounds (.., low, high). Kind: joint, geom, body, actuator, tendon
+or another element of MjSpec, or "option" with an empty name; field: of that element, such as `frictionloss`, `gainprm[0]`."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ def mujoco_model(
     name -> fields that are wrong if it acts, see `Stated`; `calibration`: fields that are fitted in every hypothesis; `time`: the
     column of times in s; `start`: column -> joint that begins each group there. Raises `BadCase`.
 
-    >>> m = mujoco_model("arm.xml", {"torque": "motor"}, {"angle": "encoder"}, {"friction": [("joint", "elbow", "damping", 0.1, "N m s")]})
+    >>> friction = {"friction": [("joint", "elbow", "frictionloss", 0.1, "N m")]}
+    >>> m = mujoco_model("arm.xml", {"torque": "motor"}, {"angle": "encoder"}, friction)
     >>> lab.diagnose_model(m.predict, data, {"angle": "rad"}, m.causes, m.calibration)
     """
     try:
