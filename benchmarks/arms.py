@@ -277,12 +277,14 @@ def main() -> None:
     q = inputs.to_numpy()[:, :6]
     residual = left_by_all(SecondArm(yaml.safe_load(options.arm.read_text()), q), at)
     judge = partial(judged, seed=options.seed, path=options.arm, q=q, residual=residual)
-    arms = list(spread(judge, range(options.n), options.workers, "arms"))
-    table, console = Table("", f"{options.n} arms, floor {1e3 * rms(residual):.4f} mm"), Console()
-    for arm in arms if options.each else []:
-        hidden = ", ".join(f"{name} {floors:.1f}" for name, floors in arm.carries.items()) or "nothing"
-        mark = "right" if arm.right else "WRONG"
-        console.print(f"{mark} {hidden}: {arm.verdict} {' '.join(arm.named)} {arm.probability:.2f} {arm.seconds:.1f} s")
+    arms, console = list[Judged](), Console()
+    for arm in spread(judge, range(options.n), options.workers, "arms"):
+        arms.append(arm)
+        if options.each:
+            hidden = ", ".join(f"{name} {floors:.1f}" for name, floors in arm.carries.items()) or "nothing"
+            mark = "right" if arm.right else "WRONG"
+            console.print(f"{mark} {hidden}: {arm.verdict} {' '.join(arm.named)} {arm.probability:.2f} {arm.seconds:.1f} s")
+    table = Table("", f"{options.n} arms, floor {1e3 * rms(residual):.4f} mm")
     listed = [arm for arm in arms if arm.kind != "outside"]
     table.add_row("right by mm", counted([a.right for a in listed]))
     for kind in dict.fromkeys(a.kind for a in listed):

@@ -24,6 +24,9 @@ FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
 TIMES_PLAUSIBLE = (1.0, 3.0, 10.0, 30.0)
 """Times its stated plausible size that a cause may be expected to have."""
+STRAY, MOST_STRAYS = 15.0, 0.05
+"""Median distances from the richest model beyond which a value is a mistake of reading, ten standard deviations of noise; and the
+largest share of an output's values that are."""
 NONLINEAR = 0.3
 """Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
 
@@ -145,6 +148,22 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     )
     built = replace(built, begun=tuple(_begun(built)))
     return _with_discrepancy(_with_sizes(_with_estimate(built, estimated) if estimated.any() else built))
+
+
+def without_strays(b: Built) -> Table | None:
+    """The table without single values that are `STRAY` times farther from the richest model than the median; None where there are
+    none."""
+    p = b.problem.parameters
+    fitted = fit(b.problem, p.prior(np.ones(len(p.scale), bool), 0.0), 0.0, b.calibrated.theta, FREE_ROUNDS)
+    missed = np.abs(b.by_row_and_output(b.problem.observed - fitted.predicted))
+    far: Mask = missed > STRAY * np.nanmedian(missed, axis=0)
+    far &= far.mean(axis=0) <= MOST_STRAYS
+    if not far.any():
+        return None
+    rows: Mask = np.asarray(far.any(axis=1))
+    text = f"{int(far.sum())} values lie {STRAY:g} times farther from the richest model than the median"
+    note = f"{text} and are ignored: {rows_in_words(rows)}"
+    return replace(b.table, measured=np.where(far, np.nan, b.table.measured), notes=(*b.table.notes, note))
 
 
 def _answered(table: Table, at_nominal: Array) -> Table:

@@ -30,7 +30,7 @@ from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
-from .built import FREE_ROUNDS, Built, build
+from .built import FREE_ROUNDS, Built, build, without_strays
 from .cause import Cause, parameters
 from .model import Predict
 from .relatives import alike, related
@@ -72,6 +72,8 @@ def diagnose_model(
     table = read(data, outputs, group, repeat)
     made = parameters(causes, calibration or {})
     built = build(predict, table, list(causes), made)
+    if (rest := without_strays(built)) is not None:
+        built = build(predict, rest, list(causes), made)
     seen = [c for c in causes if c.name in built.problem.parameters.ids]
     return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
 
