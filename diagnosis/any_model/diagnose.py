@@ -304,14 +304,14 @@ class _Diagnosis:
             Experiment(
                 at if isinstance(at, str) else int(at), float((columns[rows[at]] ** 2).sum()), names, first.loc[at].to_dict()
             )
-            for at in _most_telling(columns, rows)
+            for at in most_telling(columns, rows)
         )
 
     def _fitted_of(self, named: Hypothesis) -> Array:
         return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
 
 
-def _most_telling(columns: Array, rows: Mapping[Any, Mask]) -> list[Any]:
+def most_telling(columns: Array, rows: Mapping[Any, Mask]) -> list[Any]:
     """Labels of candidates that, measured one after the other, most reduce the sum over all values of the squared error of their
     prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each label."""
     squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
