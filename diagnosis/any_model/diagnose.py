@@ -311,11 +311,11 @@ class _Diagnosis:
         return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
 
 
-def most_telling(columns: Array, rows: Mapping[Any, Mask]) -> list[Any]:
-    """Labels of candidates that, measured one after the other, most reduce the sum over all values of the squared error of their
-    prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each label."""
+def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PROPOSED) -> list[Any]:
+    """Labels of `count` candidates that, measured one after the other, most reduce the sum over all values of the squared error of
+    their prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each."""
     squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
-    for _ in range(min(MOST_PROPOSED, len(rows))):
+    for _ in range(min(count, len(rows))):
         best: tuple[float, Any, Array] = (-np.inf, None, covariance)
         for at in (at for at in rows if at not in chosen):
             own = columns[rows[at]]
