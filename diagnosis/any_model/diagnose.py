@@ -312,8 +312,8 @@ class _Diagnosis:
 
 
 def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PROPOSED) -> list[Any]:
-    """Labels of `count` candidates that, measured one after the other, most reduce the sum over all values of the squared error of
-    their prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each."""
+    """Labels of `count` candidates that, measured one after the other, most reduce the sum over all values of the squared error
+    of their prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each."""
     squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
     for _ in range(min(count, len(rows))):
         best: tuple[float, Any, Array] = (-np.inf, None, covariance)
