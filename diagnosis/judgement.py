@@ -17,6 +17,8 @@ import numpy as np
 PRIOR_OF_NUMBER = {0: 0.12, 1: 0.66, 2: 0.16, 3: 0.012}
 """Prior share of hypotheses that name this many effects; the remainder, 0.048, is a cause outside the catalogue. One cause is
 the usual case; chosen before any score was taken."""
+PRIOR_OF_MORE = 0.075
+"""Factor of that share for each further effect, as from two to three."""
 TOLERATED_SIZES = np.array([0.0, 0.08, 0.16])
 """Standard deviation of every effect that a hypothesis does not name, plausible sizes; equally probable. Small effects act on
 every robot."""

@@ -10,6 +10,7 @@
     diagnose(case)                where the gap lies, and which effect causes it
     diagnose_model(predict, ..)   which of your causes explains the gap of any model
     Cause(name, parameters)       such a cause
+    mujoco_model(spec, ..)        such a model of MuJoCo
     save(answer, folder)          its page and its JSON
     open_rig(path)                the instruments of a rig.yaml, connected
     run(rig, protocol, **keys)    run an experiment; returns the recording
@@ -34,12 +35,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .api import (  # noqa: I001
-        Case, Cause, case, compare, diagnose, diagnose_model, fit, inverse, load_robot, open_rig, predict, read, run, save,
+        Case, Cause, case, compare, diagnose, diagnose_model, fit, inverse, load_robot, mujoco_model, open_rig, predict, read,
+        run, save,
     )  # fmt: skip
 
 __all__ = [
-    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "inverse", "load_robot", "open_rig", "predict",
-    "read", "run", "save",
+    "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "inverse", "load_robot", "mujoco_model", "open_rig",
+    "predict", "read", "run", "save",
 ]  # fmt: skip
 
 

@@ -31,10 +31,14 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
 
     from .comparison import Comparison
     from .files.inputs import Case as Case
+    from .mujoco_adapter import mujoco_model as mujoco_model
     from .rig.assembly import Rig
 
 Place = str | Path
-HOMES = {"Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model"}
+HOMES = {
+    "Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model",
+    "mujoco_model": "lab.mujoco_adapter",
+}  # fmt: skip
 """Names that stand here and are made elsewhere."""
 
 

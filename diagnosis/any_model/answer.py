@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any
 
 from model.shown import Shown
@@ -74,7 +75,8 @@ class Experiment:
     at: int | str
     """Row of the candidates, counted from 0, or group where the model integrates over groups."""
     squared_difference: float
-    """Expected squared difference between the predictions of the hypotheses, in noise floors squared."""
+    """Expected squared difference between the predictions of the hypotheses at the sizes that they may have, in noise floors
+    squared."""
     separates: tuple[str, ...]
     inputs: Mapping[str, Any] = field(default_factory=dict)
     """Of that row; the first of a group."""
@@ -119,12 +121,17 @@ class Answer(Shown):
     """Every cause as a sentence."""
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
-    values: Mapping[str, float] = field(default_factory=dict)
-    """Every parameter of the best model, in which causes that are not named act within their tolerance: what corrects most."""
+    corrected: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
+    """Returns `values`, which take a fit of their own."""
     residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
     relatives: tuple[str, ...] = ()
     """Relatives of the causes that explain the data as well, in words."""
+
+    @cached_property
+    def values(self) -> Mapping[str, float]:
+        """Every parameter, with all causes as large as the data and their plausible sizes make them: what corrects most."""
+        return self.corrected()
 
     @property
     def certain(self) -> bool:
@@ -172,15 +179,13 @@ class Answer(Shown):
         """Plain data for JSON: the keys of diagnosis.json where they apply, residuals in each output's unit."""
         plain = asdict(self)
         attribute = {k: plain[k] for k in ("verdict", "effects", "probability", "ranking", "cannot_tell_apart", "doubts")}
-        rest = {
-            k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "values", "notes")
-        }
+        rest = {k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "notes")}
         data = {"rows": self.rows, "outputs": plain["outputs"], "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
         return {
             **words,
             "data": data,
             "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives},
-            "notes": self.notes,
+            "values": dict(self.values),
             **rest,
         }

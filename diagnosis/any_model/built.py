@@ -22,6 +22,11 @@ from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
+TIMES_PLAUSIBLE = (1.0, 3.0, 10.0, 30.0)
+"""Times its stated plausible size that a cause may be expected to have."""
+STRAY, MOST_STRAYS = 15.0, 0.05
+"""Median distances from the richest model beyond which a value is a mistake of reading, ten standard deviations of noise; and the
+largest share of an output's values that are."""
 NONLINEAR = 0.3
 """Share by which what a parameter does at its plausible size may miss a straight line, beyond which fits begin there too."""
 
@@ -57,6 +62,11 @@ class Built:
     """Whether an output has too few repeats to show its noise."""
     lasting: tuple[str, ...] = ()
     """Outputs whose errors seem to last, by what the richest model leaves of them."""
+
+    @property
+    def stated(self) -> Array:
+        """(k,) plausible size of each parameter, as stated."""
+        return np.array([p.sd for p in self.parameters])
 
     @property
     def sd(self) -> Array:
@@ -137,7 +147,23 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
     )
     built = replace(built, begun=tuple(_begun(built)))
-    return _with_discrepancy(_with_estimate(built, estimated) if estimated.any() else built)
+    return _with_discrepancy(_with_sizes(_with_estimate(built, estimated) if estimated.any() else built))
+
+
+def without_strays(b: Built) -> Table | None:
+    """The table without single values that are `STRAY` times farther from the richest model than the median; None where there are
+    none."""
+    p = b.problem.parameters
+    fitted = fit(b.problem, p.prior(np.ones(len(p.scale), bool), 0.0), 0.0, b.calibrated.theta, FREE_ROUNDS)
+    missed = np.abs(b.by_row_and_output(b.problem.observed - fitted.predicted))
+    far: Mask = missed > STRAY * np.nanmedian(missed, axis=0)
+    far &= far.mean(axis=0) <= MOST_STRAYS
+    if not far.any():
+        return None
+    rows: Mask = np.asarray(far.any(axis=1))
+    text = f"{int(far.sum())} values lie {STRAY:g} times farther from the richest model than the median"
+    note = f"{text} and are ignored: {rows_in_words(rows)}"
+    return replace(b.table, measured=np.where(far, np.nan, b.table.measured), notes=(*b.table.notes, note))
 
 
 def _answered(table: Table, at_nominal: Array) -> Table:
@@ -159,7 +185,10 @@ def _answers_by_row(model: Model, plausible: Array) -> bool:
     turned = model.of(model.inputs.iloc[::-1].reset_index(drop=True))
     # at nominal a model may rest, so that the order shows at plausible sizes alone
     for theta in (np.zeros(len(plausible)), plausible):
-        expected, answer = model.table(theta), turned.table(theta)[::-1]
+        try:
+            expected, answer = model.table(theta), turned.table(theta)[::-1]
+        except BadCase:  # times that run backwards, say
+            return False
         if not np.allclose(answer, expected, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(expected)), equal_nan=True):
             return False
     return True
@@ -269,6 +298,38 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     return NoiseEstimate(np.maximum(sd, least), share, memory, np.maximum(floor, least))
 
 
+def _with_sizes(b: Built) -> Built:
+    """With causes larger than their plausible sizes, which are guesses, where that makes the data most probable: causes are added
+    one by one, each in the size by which it explains most."""
+    p, white = b.problem.parameters, b.problem.noise.whiten
+    sd, columns = p.sd.copy(), white(b.response.T / b.stated * p.sd)
+    gram, pulled = columns.T @ columns, columns.T @ white(b.problem.observed - b.calibrated.predicted)
+    own = {e: np.array([x == e for x in p.effects]) for e in p.ids}
+    left_out, active = [*p.ids], ~p.of_effect
+    while left_out:
+        scale = (sd / p.sd)[active]
+        across = gram[:, active] * scale
+        taken = across @ np.linalg.inv(np.eye(len(scale)) + scale[:, None] * across[active])
+        left, apart = gram - taken @ across.T, pulled - taken @ (scale * pulled[active])
+        gains = {(e, s): _gain(left[np.ix_(own[e], own[e])], apart[own[e]], s) for e in left_out for s in TIMES_PLAUSIBLE}
+        effect, times = max(gains, key=lambda key: gains[key])
+        if gains[effect, times] < judgement.SEPARATED_EVIDENCE:
+            break
+        if all(x.linear for x, chosen in zip(b.parameters, own[effect], strict=True) if chosen):
+            sd[own[effect]] *= times
+        left_out.remove(effect)
+        active = active | own[effect]
+    return replace(b, problem=replace(b.problem, parameters=replace(p, sd=sd)))
+
+
+def _gain(left: Array, pulled: Array, times: float) -> float:
+    """Log evidence gained by a cause of `times` its plausible sizes (m,): left = C^T K^-1 C and pulled = C^T K^-1 y of its
+    columns C, at plausible sizes, and the data's covariance K and deviations y."""
+    value, vector = np.linalg.eigh(left)
+    value, square = np.maximum(value, 0.0), times**2
+    return 0.5 * float(((vector.T @ pulled) ** 2 * square / (1 + square * value)).sum() - np.log1p(square * value).sum())
+
+
 def _with_discrepancy(b: Built) -> Built:
     """With the discrepancy, the form of laws' errors, and the least size of a cause: that of one noise floor."""
     problem, p = b.problem, b.problem.parameters
@@ -276,12 +337,12 @@ def _with_discrepancy(b: Built) -> Built:
     draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
     value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
     basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
-    white = b.response.T / p.sd / b.sd[b.output][:, None]
+    white = b.response.T / b.stated / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))
     least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
     whole = replace(
         problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
-        parameters=replace(p, least=tuple(least.tolist())),
+        parameters=replace(p, least=tuple(least.tolist()), narrow=True),
     )  # fmt: skip
     return replace(b, problem=whole)

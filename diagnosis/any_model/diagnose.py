@@ -17,11 +17,11 @@ import pandas as pd
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
 from ..answer.distinguishability import distinguishability
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
-from ..inference.budget import BudgetPart, weighed
+from ..inference.budget import BudgetPart, Naming, weighed
 from ..inference.cross_validation import CrossValidation
 from ..inference.cross_validation import Model as Refitted
 from ..inference.discrepancy import by_channel
@@ -30,17 +30,18 @@ from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
-from .built import FREE_ROUNDS, Built, build
+from .built import FREE_ROUNDS, Built, build, without_strays
 from .cause import Cause, parameters
 from .model import Predict
 from .relatives import alike, related
 from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats, series
+from .together import together
 
 FOLDS = 5
 """Parts in which a table without groups is held out."""
-COMPARABLE = 0.1
-"""Share of what the largest cause carries that another of a plausible size must carry to be named with it."""
+NAMING = Naming(comparable=0.1, outstanding=judgement.LEAST_NAMED_FLOORS)
+"""Several causes of a machine act at once: all are named that carry a noise floor."""
 LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
 """Share of the squared gap left on unseen rows, and plausible sizes, above which a cause is doubted."""
 LEAST_LEFT, OUTSTANDING = 3.0, 5.0
@@ -71,6 +72,8 @@ def diagnose_model(
     table = read(data, outputs, group, repeat)
     made = parameters(causes, calibration or {})
     built = build(predict, table, list(causes), made)
+    if (rest := without_strays(built)) is not None:
+        built = build(predict, rest, list(causes), made)
     seen = [c for c in causes if c.name in built.problem.parameters.ids]
     return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
 
@@ -94,7 +97,7 @@ class _Diagnosis:
         white = np.zeros(len(b.row)) + 1 / b.sd[b.output]
         every = [np.arange(len(b.row)), *(np.flatnonzero(b.output == i) for i in range(len(b.sd)))]
         parts = [BudgetPart(rows, white[rows], 1.0, len(rows)) for rows in every]
-        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, COMPARABLE)
+        self._w = weighed(b.problem, parts[: 1 if len(parts) == 2 else None], SINGLE_THREAD, b.begun, NAMING, together)
         self._calibrated, self._fits = b.calibrated, {NONE: b.calibrated}
 
     def answer(self, candidates: pd.DataFrame | None) -> Answer:
@@ -108,7 +111,7 @@ class _Diagnosis:
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
-        before, after = (b.rms(residual).tolist() for residual in unseen)
+        before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
         closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
@@ -120,7 +123,7 @@ class _Diagnosis:
             decision = replace(decision, verdict="unknown", probability=most, outside=most)
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
         as_well = alike(among, decision.effects, best)
-        why = self._doubts(decision, before[0], after[0], as_well)
+        why = self._doubts(decision, before[0], corrected[0], as_well)
         if decision.verdict == "effect":
             decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
         elif decision.verdict == "none":
@@ -130,6 +133,7 @@ class _Diagnosis:
             decision = replace(decision, probability=most, outside=most)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
+        at_fit = b.model.values(fitted.theta)
         left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
@@ -146,14 +150,15 @@ class _Diagnosis:
             verdict=decision.verdict, effects=decision.effects, probability=decision.probability, outside=decision.outside,
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
-            calibration=self._values(fitted.theta, "calibration"), cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
+            calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
+            cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
             outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
-            values=self._corrected(),
+            corrected=lambda: b.model.values(self._every().theta),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
 
@@ -168,8 +173,8 @@ class _Diagnosis:
         return {effect: moves[effect].by_output for effect in sorted(moves, key=lambda e: -moves[e].floors)}
 
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
-        """Why the decision is not certain; `before` and `after` what is named: noise floors left on unseen rows;
-        `as_well`: relatives that do the same."""
+        """Why the decision is not certain; `before` and `after` all corrections: noise floors left on unseen
+        rows; `as_well`: relatives that do the same."""
         b, why = self._b, list[str]()
         lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
         if d.verdict != "effect":
@@ -226,21 +231,19 @@ class _Diagnosis:
             count += p.group == "effect"
             if c is not None and p.source in named and p.group == "effect":
                 mean, spread = float(c.weighed.averaged_mean[count]), float(c.weighed.averaged_sd[count])
-                value = mean * p.sd if fitted is None else float(fitted.theta[i])
-                sd, determined = judgement.SIZE_SD_FACTOR * spread * p.sd, spread < judgement.UNDETERMINED_SHARE
+                value = mean * self._p.sd[i] if fitted is None else float(fitted.theta[i])
+                sd, determined = judgement.SIZE_SD_FACTOR * spread * self._p.sd[i], spread < judgement.UNDETERMINED_SHARE
                 certain = determined and abs(mean) > judgement.SIZE_CERTAIN_SD * judgement.SIZE_SD_FACTOR * spread
                 out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
         return tuple(out)
 
-    def _corrected(self) -> dict[str, float]:
-        """Every parameter by its key, fitted without a free form, of the most probable causes and all others within tolerance."""
-        leading, p = self._w.leading, self._p
-        prior = p.prior(p.mask(leading.named), leading.grid_point.spike)
-        theta = fit(self._b.problem, prior, 0.0, leading.fit.theta, FREE_ROUNDS).theta
-        return {own.key: own.nominal + x for own, x in zip(self._b.parameters, theta.tolist(), strict=True)}
-
-    def _values(self, theta: Array, group: str) -> dict[str, tuple[float, str]]:
-        return {p.key: (p.nominal + float(x), p.unit) for p, x in zip(self._b.parameters, theta, strict=True) if p.group == group}
+    def _every(self) -> Fit:
+        """All causes and the calibration fitted within their plausible sizes. Where rows are answered by themselves, what lasts
+        over them is no matter: others will be measured in another order."""
+        b, every = self._b, self._p.prior(np.ones(len(self._p.scale), bool), 0.0)
+        if b.by_row:
+            b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
+        return fit(b.problem, every, 0.0, self._w.best.fit.theta, FREE_ROUNDS)
 
     def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
         """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
@@ -255,8 +258,8 @@ class _Diagnosis:
         return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
 
     def _held_out(self) -> tuple[list[Array], str]:
-        """Residuals (n,) of the calibrated model and of what the best hypothesis names, nothing else, on rows that their fits did
-        not see, and how."""
+        """Residuals (n,) of the calibrated model, of what the best hypothesis names, nothing else, and of that with all others
+        within their tolerance, on rows that their fits did not see, and how."""
         b, w = self._b, self._w
         whole = next((x for x in (series(b.table), b.table.group) if x.any()), None)
         if whole is not None and not b.apart:
@@ -269,36 +272,61 @@ class _Diagnosis:
         else:
             # the first part is in every fit, as it alone says where the series begins
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
+        named = self._p.mask(w.best.named)
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(self._p.prior(self._p.mask(w.best.named), 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 
     def _proposed(self, ranked: EffectPosterior, candidates: pd.DataFrame) -> tuple[Experiment, ...]:
-        """Rows (or, where the model integrates, groups) of the candidates on which leading hypotheses differ most."""
+        """Rows (or, where the model integrates, groups) of the candidates that tell most about what the model predicts of all."""
         leading = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and q > judgement.RIVAL_WORTH_SEPARATING][:MOST_COMPARED]
         if len(leading) < 2:
             others = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and h not in dict(leading)]
             leading += others[: 2 - len(leading)]
-        model = self._b.model.of(candidates)
+        b, model, every = self._b, self._b.model.of(candidates), self._every().theta
         weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
-        predicted = np.array([model.table(self._fitted_of(h)) for h, _ in leading]) / self._b.sd
-        mean = np.tensordot(weight / weight.sum(), predicted, 1)
-        square = np.tensordot(weight / weight.sum(), ((predicted - mean) ** 2).sum(axis=-1), 1)
+        sd = np.tile(b.sd, len(candidates))[:, None]
+        predicted = np.transpose([model.table(self._fitted_of(h)).ravel() for h, _ in leading]) / sd
+        between = (predicted - (predicted @ weight / weight.sum())[:, None]) * np.sqrt(weight / weight.sum())
+        known = b.problem.noise.whiten(b.problem.forward.linearise(every)[1] * self._p.sd)
+        uncertain = np.linalg.cholesky(np.linalg.inv(np.eye(known.shape[1]) + known.T @ known))
+        columns = np.hstack([between, model.linearise(every)[1] * self._p.sd / sd @ uncertain])
         labels = pd.Series(candidates.index)
-        if not self._b.by_row and self._b.table.group_name in candidates.columns:
-            labels = candidates[self._b.table.group_name]
-        worth = pd.Series(square).groupby(labels.to_numpy()).sum().sort_values(ascending=False)
+        if not b.by_row and b.table.group_name in candidates.columns:
+            labels = candidates[b.table.group_name]
+        rows = {at: np.repeat(labels.to_numpy() == at, len(b.sd)) for at in labels.unique()}
         names = tuple(" + ".join(h) or "none" for h, _ in leading)
         first = candidates.groupby(labels.to_numpy()).first()
         return tuple(
-            Experiment(at if isinstance(at, str) else int(at), float(x), names, first.loc[at].to_dict())
-            for at, x in worth[:MOST_PROPOSED].items()
+            Experiment(
+                at if isinstance(at, str) else int(at), float((columns[rows[at]] ** 2).sum()), names, first.loc[at].to_dict()
+            )
+            for at in most_telling(columns, rows)
         )
 
     def _fitted_of(self, named: Hypothesis) -> Array:
         return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
+
+
+def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PROPOSED) -> list[Any]:
+    """Labels of `count` candidates that, measured one after the other, most reduce the sum over all values of the squared error
+    of their prediction: columns (n, k) times independent standard normals, measured with an error of 1; `rows` (n,) of each."""
+    squares, covariance, chosen = columns.T @ columns, np.eye(columns.shape[1]), list[Any]()
+    for _ in range(min(count, len(rows))):
+        best: tuple[float, Any, Array] = (-np.inf, None, covariance)
+        for at in (at for at in rows if at not in chosen):
+            own = columns[rows[at]]
+            across = own @ covariance
+            half = np.linalg.solve(np.linalg.cholesky(across @ own.T + np.eye(len(own))), across)
+            gain = float(np.sum((half @ squares) * half))
+            if gain > best[0]:
+                best = gain, at, half
+        chosen.append(best[1])
+        covariance = covariance - best[2].T @ best[2]
+    return chosen
 
 
 def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:

@@ -17,8 +17,9 @@ each draw that names all of the answer counts for it, whatever else it names.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -40,6 +41,18 @@ DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
 """Added to the diagonal of correlations, which may be singular; least variance."""
+
+
+class Naming(NamedTuple):
+    """When draws name an effect."""
+
+    comparable: float = COMPARABLE
+    """Share of what the largest effect carries that another of no small size must carry to be named with it."""
+    outstanding: float = OUTSTANDING_FLOORS
+    """Noise floors that an effect must carry to be named although no hypothesis names it."""
+
+
+USUAL = Naming()
 
 
 @dataclass(frozen=True)
@@ -111,15 +124,16 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Colu
 
 
 def budget(
-    problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], comparable: float = COMPARABLE
-) -> Budget:
+    problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming = USUAL
+) -> Budget:  # fmt: skip
     """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap;
-    `comparable`: share of what the largest carries that another of no small size must carry to be named with it."""
+    `naming`: when they are named."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
     weights = shares(candidates, len(p.ids)).tolist()
     carry = _Carrying(problem, where)
+    least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
     metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
     for c, w in zip(candidates, weights, strict=True):
         if w < 1e-3:
@@ -133,7 +147,7 @@ def budget(
         with_tolerances = c.grid_point.spike > 0.0
         form_error += [float(KNOWN.form_errors.max()) if with_tolerances else c.grid_point.form_error] * DRAWS
         tolerant += [with_tolerances] * DRAWS
-        named.append(_names(in_floors, size, np.isin(p.ids, c.named), comparable))
+        named.append(_names(in_floors, size >= least_size, np.isin(p.ids, c.named), naming))
     total = np.array(weight)
     share = total / total.sum()
     return Budget(
@@ -190,12 +204,13 @@ def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
     return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
 
 
-def _names(floors: Array, size: Array, own: Mask, comparable: float = COMPARABLE) -> Mask:
-    """(d, e) which effects draws name, of floors they carry (d, e), plausible sizes (d, e) and their hypothesis' own (e,)."""
-    least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, OUTSTANDING_FLOORS), np.arange(len(floors)), floors.argmax(axis=1)
+def _names(floors: Array, large: Mask, own: Mask, naming: Naming) -> Mask:
+    """(d, e) which effects draws name, of floors they carry (d, e), whether they are of no small size (d, e) and their
+    hypothesis' own (e,)."""
+    least, draws, largest = np.where(own, LEAST_NAMED_FLOORS, naming.outstanding), np.arange(len(floors)), floors.argmax(axis=1)
     most = floors[draws, largest]
-    share = np.where(size >= LEAST_NAMED_SIZE, comparable, COMPARABLE)
-    named = (floors >= np.maximum(least, share * most[:, None])) & (own | (size >= LEAST_NAMED_SIZE))
+    share = np.where(large, naming.comparable, COMPARABLE)
+    named = (floors >= np.maximum(least, share * most[:, None])) & (own | large)
     named[draws, largest] = True
     named[most < least[largest]] = False
     return np.asarray(named)
@@ -218,13 +233,15 @@ class WeighedCauses:
 
 def weighed(
     problem: Problem, where: Sequence[BudgetPart], executor: Executor, begun: Sequence[tuple[Hypothesis, Array]] = (),
-    comparable: float = COMPARABLE,
+    naming: Naming = USUAL, beyond: Callable[[Search], Sequence[Candidate]] = lambda _: (),
 ) -> WeighedCauses:  # fmt: skip
-    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`, `comparable`:
-    see `budget`."""
+    """Search the hypotheses of a problem and rank them; `where` effects carry the gap, `begun`: see `Search.run`; `beyond`
+    returns hypotheses that the search does not follow."""
     search = Search(problem, executor=executor)
-    whole = posterior(search.run(begun), len(problem.parameters.ids))
-    carried = budget(problem, where, search.tried, comparable)
+    within = search.run(begun)
+    more = beyond(search)
+    whole = posterior([*within, *more], len(problem.parameters.ids))
+    carried = budget(problem, where, [*search.tried, *more], naming)
     known = by_what_is_carried(carried, whole)
     leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
     return WeighedCauses(search, whole, known, carried, leading, best)

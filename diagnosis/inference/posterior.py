@@ -15,7 +15,7 @@ from math import comb, log
 import numpy as np
 
 from ..arrays import Array
-from ..judgement import CREDIBLE_SHARE, PRIOR_OF_NUMBER, TEMPERATURE
+from ..judgement import CREDIBLE_SHARE, PRIOR_OF_MORE, PRIOR_OF_NUMBER, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -61,7 +61,8 @@ class EffectPosterior:
 
 def hypothesis_prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""
-    return PRIOR_OF_NUMBER.get(len(named), 0.0) / comb(effects, len(named))
+    most = min(len(named), max(PRIOR_OF_NUMBER))
+    return PRIOR_OF_NUMBER[most] * PRIOR_OF_MORE ** (len(named) - most) / comb(effects, len(named))
 
 
 def log_weight(named: Hypothesis, log_evidence: float, effects: int) -> float:

@@ -136,6 +136,8 @@ class FitParameters:
     """(k,) prior standard deviation, for an effect its plausible scale; of what repeats show, not that of `infos`."""
     least: tuple[float, ...] = ()
     """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
+    narrow: bool = False
+    """What may be named at a smaller size than `LEAST_NAMED_SIZE` is tolerated less, and is of no small size from there on."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
@@ -243,7 +245,8 @@ class FitParameters:
         the limit, so that they do no more than they can at the limit.
         """
         side = np.zeros(len(self.low)) if self.changes else (self.low >= 0).astype(float) - (self.high <= 0)
-        mean, sd = spike * ONE_WAY_MEAN * side, spike * np.where(side == 0, 1.0, ONE_WAY_SD)
+        narrow = spike * self.least_named / LEAST_NAMED_SIZE if self.narrow else np.full(len(self.low), spike)
+        mean, sd = narrow * ONE_WAY_MEAN * side, narrow * np.where(side == 0, 1.0, ONE_WAY_SD)
         narrowing = np.maximum(effect_size / (LIMIT * spike), 1.0) if effect_size is not None and spike > 0 else 1.0
         mean, variance = np.where(self.sizes, mean, 0.0), np.where(self.sizes, sd**2, float(spike > 0) / narrowing**2)
         mean, variance = np.where(self.tolerable, mean, 0.0), np.where(self.tolerable, variance, 0.0)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from rich.table import Table as Sheet
 
 from diagnosis.any_model import Cause, diagnose_model
@@ -32,35 +33,22 @@ def diagnose_arm(
     if len(inputs) > 1:
         raise ConfigError(f"{inputs[1]}: poses of an arm are one table; join the tables into one")
     poses, notes, place = read_poses(inputs[0], arm)
-    try:
-        own, kept, misplaced = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
-        model = ArmModel(own)
-        causes, calibration, left_out = weighed(model, int(kept.sum()))
-    except BadCondition as e:
-        raise ConfigError(f"{inputs[0]}: {e}") from e
-    notes = (*notes, *misplaced, *left_out)
-    next_ = poses_within(arm, RANDOM_POSES)
+    next_, named = None, None
     if candidates is not None:
-        next_, left_out, place = read_poses(candidates, arm, measured=False)
+        next_, left_out, named = read_poses(candidates, arm, measured=False)
         notes += left_out
-    if next_ is None:
+    elif (next_ := poses_within(arm, RANDOM_POSES)) is None:
         notes += (f"no poses are proposed: give --candidates, or limits_deg of every link in {robot.name}",)
     else:
-        if candidates is None:
-            notes += ("poses are proposed within the joints' limits alone: check each for collisions before the arm moves",)
-        # what was read with the poses, an approach say, is as if each stood where it is
-        joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
-        next_ = next_.assign(**{before: next_[joint] for before, joint in joints.items() if before not in next_})
-    forward = ArmForward(model)
-    with Screen("weighing hypotheses"):
-        answer = diagnose_model(
-            forward, poses[kept], dict.fromkeys(POSITION, "m"),
-            [Cause(c.id, c.parameters, c.stage, c.says) for c in causes], calibration,
-            repeat="repeat" if "repeat" in poses else None, candidates=next_,
-        )  # fmt: skip
+        notes += ("poses are proposed within the joints' limits alone: check each for collisions before the arm moves",)
+    try:
+        with Screen("weighing hypotheses"):
+            answer, forward = diagnose_poses(arm, poses, next_, place)
+    except BadCondition as e:
+        raise ConfigError(f"{inputs[0]}: {e}") from e
     answer = replace(answer, notes=(*notes, *answer.notes))
-    if candidates is not None:  # by their lines in the file
-        answer = replace(answer, next_experiment=tuple(replace(p, at=place(int(p.at))) for p in answer.next_experiment))
+    if named is not None:  # by their lines in the file
+        answer = replace(answer, next_experiment=tuple(replace(p, at=named(int(p.at))) for p in answer.next_experiment))
     unseen = "" if holdout is None else _held_out(answer, forward, arm, holdout)
     from ..pages.answer_page import write, write_json  # what draws takes a third of the start, and only a page needs it
 
@@ -75,6 +63,30 @@ def diagnose_arm(
     return Result()
 
 
+def diagnose_poses(
+    arm: Arm, poses: pd.DataFrame, candidates: pd.DataFrame | None = None, place: Callable[[int], str] = "row {}".format
+) -> tuple[Answer, ArmForward]:
+    """The causes that move an arm's point, and its model with base and tool where the poses show them.
+
+    `poses`: joint angles q1 .. (rad), measured x, y, z (m), perhaps repeat; `candidates`: angles that could be measured next;
+    `place` names a row. Raises `BadCondition` where the poses cannot be the arm's own.
+    """
+    own, kept, misplaced = placed(arm, poses, poses[[*POSITION]].to_numpy(), place)
+    model = ArmModel(own)
+    causes, calibration, left_out = weighed(model, int(kept.sum()))
+    if candidates is not None:
+        # what was read with the poses, an approach say, is as if each stood where it is
+        joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
+        candidates = candidates.assign(**{b: candidates[joint] for b, joint in joints.items() if b not in candidates})
+    forward = ArmForward(model)
+    answer = diagnose_model(
+        forward, poses[kept], dict.fromkeys(POSITION, "m"),
+        [Cause(c.id, c.parameters, c.stage, c.says, c.exact) for c in causes], calibration,
+        repeat="repeat" if "repeat" in poses else None, candidates=candidates,
+    )  # fmt: skip
+    return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), forward
+
+
 def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
     """Error of the description and of the answer on poses that no fit saw."""
     poses, notes, _ = read_poses(path, arm)
@@ -86,7 +98,7 @@ def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
     )
     return (
         f"{len(poses)} poses of {path}, which were not fitted: mean distance {before:.3g} mm as described, {after:.3g} mm with "
-        f"what is named, {whole:.3g} mm with all causes within their tolerance."
+        f"what is named, {whole:.3g} mm with all causes as large as the poses make them."
     )
 
 

@@ -199,6 +199,14 @@ def test_a_relative_that_does_as_well_is_doubt_and_one_that_does_better_takes_th
     assert answer.effects == ("gear",) and answer.certain and answer.relatives == ()
 
 
+def test_single_values_far_from_every_model_hide_no_cause() -> None:
+    strayed = posed(2, zero=0.012)
+    strayed.loc[[3, 11], "x"] += [0.4, -0.3]
+    answer = of_arm(strayed)
+    assert answer.effects == ("elbow",) and answer.certain
+    assert any("2 values lie 15 times farther" in note and "rows 3, 11" in note for note in answer.notes)
+
+
 def test_what_is_doubted_is_no_more_probable_than_four_fifths() -> None:
     answer = of_arm(posed(2, zero=0.06))
     assert answer.effects == ("elbow",) and answer.probability <= 0.8 and not answer.certain

@@ -12,6 +12,7 @@ from diagnosis.inference.budget import Budget
 from diagnosis.inference.fit import Fit
 from diagnosis.inference.posterior import EffectPosterior
 from diagnosis.inference.prepare import parts, prepare
+from diagnosis.judgement import LEAST_NAMED_SIZE
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT
@@ -51,7 +52,7 @@ def test_what_carries_a_good_part_of_the_largest_and_a_floor_is_named(
     floors: tuple[float, ...], second: float, hypothesis: tuple[str, ...], expected: tuple[str, ...]
 ) -> None:
     size = np.array([1.0, second, 0.1]) * (second > 0)
-    (which,) = module._names(np.array([floors]), size[None], np.isin(EFFECTS, hypothesis))
+    (which,) = module._names(np.array([floors]), size[None] >= LEAST_NAMED_SIZE, np.isin(EFFECTS, hypothesis), module.USUAL)
     assert tuple(np.array(EFFECTS)[which]) == expected
 
 
