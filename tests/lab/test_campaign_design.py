@@ -219,7 +219,7 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path) -> None:
     twice = "campaign: a\nprotocols:\n- protocol: bending\n  conditions: {tip_mass: [50 g, 50 g]}\n"
     assert "lists a value twice" in refused(tmp_path, twice)[0]
     taken = "campaign: a\nprotocols: [{protocol: bending}]\nlabels: {block: x}\n"
-    assert "block: is given by the campaign itself" in refused(tmp_path, taken)[0]
+    assert "block: is set by the campaign itself" in refused(tmp_path, taken)[0]
 
 
 def test_the_limits_of_all_runs_are_told_at_once_and_nothing_is_written(tmp_path: Path, cli: Cli) -> None:
