@@ -215,11 +215,11 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path) -> None:
     (line,) = refused(tmp_path, "campaign: a b\nprotocols: [{protocol: bending}]\n")
     assert line.startswith(":1: campaign = 'a b'")
     both = "campaign: a\nprotocols:\n- protocol: bending\n  parameters: {tip_mass: 50 g}\n  conditions: {tip_mass: [50 g]}\n"
-    assert "tip_mass: stands in parameters and in conditions" in refused(tmp_path, both)[0]
+    assert "tip_mass: is in both parameters and conditions" in refused(tmp_path, both)[0]
     twice = "campaign: a\nprotocols:\n- protocol: bending\n  conditions: {tip_mass: [50 g, 50 g]}\n"
     assert "lists a value twice" in refused(tmp_path, twice)[0]
     taken = "campaign: a\nprotocols: [{protocol: bending}]\nlabels: {block: x}\n"
-    assert "block: is given by the campaign itself" in refused(tmp_path, taken)[0]
+    assert "block: is set by the campaign itself" in refused(tmp_path, taken)[0]
 
 
 def test_the_limits_of_all_runs_are_told_at_once_and_nothing_is_written(tmp_path: Path, cli: Cli) -> None:

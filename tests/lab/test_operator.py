@@ -134,7 +134,7 @@ def test_nobody_there_is_told_with_what_to_do(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ("tcp://127.0.0.1:4000", "anybody on this computer could connect there; write console, or unix:/FOLDER"),
+        ("tcp://127.0.0.1:4000", "anybody on this computer could connect to it; write console, or unix:/FOLDER"),
         ("unix:operator.sock", "unix:/FOLDER"),
         ("unix:/" + "a" * 200, "shorter than 108 bytes"),
         ("", "write console"),

@@ -42,7 +42,7 @@ def test_a_wrong_one_fails_before_anything_is_connected(tmp_path: Path, capsys: 
     assert main(["plan", str(tmp_path / "zzz.py"), "--rig", RIG]) == 2
     assert capsys.readouterr().err == f"{tmp_path / 'zzz.py'}: no such file\n"
     assert main(["plan", str(tmp_path / "mine_.py"), "--rig", RIG]) == 2
-    assert capsys.readouterr().err == f"{tmp_path / 'mine_.py'}: no such file; do you mean {path}?\n"
+    assert capsys.readouterr().err == f"{tmp_path / 'mine_.py'}: no such file; did you mean {path}?\n"
     assert main(["plan", "bendin", "--rig", RIG]) == 2
     assert "must be one of stiffness, bending, elongation, cycles, arm_accuracy, or a protocol file" in capsys.readouterr().err
 

@@ -110,7 +110,7 @@ def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
     )
     settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
     assert house.lab(tmp_path, "bending", *settings) == 1
-    assert "gauge: its reading has been the same to the last digit" in capsys.readouterr().err
+    assert "gauge: its reading has been frozen to the last digit" in capsys.readouterr().err
 
 
 def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(house: House, tmp_path: Path) -> None:
