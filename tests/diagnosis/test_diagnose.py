@@ -77,7 +77,7 @@ def test_the_same_campaign_gives_the_same_text_and_linear_algebra_has_one_thread
 def test_nothing_is_named_where_nothing_was_repeated(catalogue: Catalogue) -> None:
     d = diagnose(measured(1, 3, FEW, chamber_azimuth__angle=np.radians(8)), quick(catalogue))
     assert d.attribute.verdict == "unknown" and d.attribute.effects == ()
-    assert "nothing was repeated" in d.data.noise_from
+    assert "no state was repeated" in d.data.noise_from
     assert any("no cause is named" in c for c in d.concerns) and d.attribute.conclusion == "too little data"
 
 

@@ -106,7 +106,7 @@ def test_files_with_dates_belong_together_that_have_time_in_common_and_others_ar
     ("time", "head", "by", "says"),
     [
         (day, "Date", 7200.0, r"do not overlap in time.*'logger.csv': \{source: \{offset: -7200\}\}.* or join them in time"),
-        (day, "Date", 86400.0 * 30, r"do not overlap in time.* if both started together .*offset: -2592000"),
+        (day, "Date", 86400.0 * 30, r"do not overlap in time.* if both started together.*offset: -2592000"),
         (lambda t: f"{t:.3f}", "Time [s]", 500.0, r"mocap.csv \(0 .. 89.95 s\) and logger.csv \(500 .. 589.95 s\) do not"),
     ],
 )

@@ -91,7 +91,7 @@ def test_a_run_that_fails_leaves_what_is_known_and_the_line_to_go_on_with(
     (line,) = [line for line in out.splitlines() if line.startswith("go on with: lab investigate ")]
     (experiment,) = [p.name[3:] for p in why.iterdir() if p.is_dir()]
     assert "--no-hands" in line and f"--without rate --without {experiment} --set" in line and "watch it at http://" in out
-    assert "1 usable samples" in err and json.loads((why / "investigation.json").read_text())["ended"].startswith("broken")
+    assert "1 usable samples" in err and json.loads((why / "investigation.json").read_text())["ended"].startswith("stopped early")
     assert {"investigation.html", "diagnosis.html"} <= {p.name for p in why.iterdir()}
 
 

@@ -86,7 +86,7 @@ def test_a_waveform_is_sent_and_recorded_and_its_plan_is_short(
     own.write_text(WAVE)
     assert main(["plan", str(own), "--rig", str(rig), "--rehearse"]) == 0
     told = capsys.readouterr().out
-    assert "   2     0.5 s  wave, 16 times" in told and told.count("wave, ") == 1
+    assert "   2     0.5 s  wave (16 times)" in told and told.count("wave (") == 1
     assert main(["run", str(own), "--rig", str(rig), "--out", str(tmp_path)]) in (0, 3)
     (file,) = tmp_path.glob("*.mcap")
     setpoints = Recording.open(file).stream("/pressure")["setpoint"]
