@@ -42,6 +42,10 @@ FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 2, 4, 30
 """Steps of a search from a new point, with derivatives by what is named alone taken anew; steps of each further one, with all
 derivatives; most steps of a hypothesis that is searched by itself."""
 
+UNKEPT, MOST_UNKEPT = 1e5, 4
+"""Log evidence by which a search may fall short of what its linear problem promised, and searches in a row that may, until none
+is followed: near a robot that snaps to other equilibria no linear problem holds, and each search takes seconds."""
+
 
 class Standing(NamedTuple):
     """How far a search has come: goes with each candidate to other processes, which have the search as it began."""
@@ -110,8 +114,8 @@ class Search:
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
 
     def _search(self) -> None:
-        searched, share, taken_apart = 0, 0.0, set[Key]()
-        while True:
+        searched, share, taken_apart, unkept = 0, 0.0, set[Key](), 0
+        while unkept < MOST_UNKEPT:
             do, chosen = self._searched_on, self._most_promising()
             if not chosen:
                 best = max(self._tried.values(), key=_evidence)
@@ -119,8 +123,9 @@ class Search:
                     break
                 taken_apart.add((best.named, best.with_tolerances))
                 do, chosen = self._taken_apart, [best]
-            for found in self._map(do, chosen):
+            for begun, found in zip(chosen, self._map(do, chosen), strict=True):
                 self._add(found)
+                unkept = unkept + 1 if begun.laplace_log_evidence - found[0].log_evidence > UNKEPT else 0
             searched += len(chosen)
             share = max(share, searched / (searched + len(self._queue) + 1))
             self._executor.progress(str(DiagnosisStep.HYPOTHESES), share)

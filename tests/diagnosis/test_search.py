@@ -8,13 +8,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from diagnosis import judgement
 from diagnosis.data.noise import Noise
 from diagnosis.inference.evidence import NONE, Hypothesis
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
 from diagnosis.inference.problem import Problem
-from diagnosis.inference.search import Search
+from diagnosis.inference.search import MOST_UNKEPT, Search
 from tests.diagnosis.toy import IDS, Grid, ToyForward, parameter, parameters, toy_problem
 
 
@@ -88,6 +89,13 @@ def test_effects_are_added_one_by_one_without_tolerances_whatever_the_margin(mon
     assert ("play", "turned") in searched and {len(named) for named in searched} == {0, 1, 2, 3}
 
 
+def test_no_search_is_followed_where_no_linear_problem_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = Search(toy_problem(3, {"play": 0.8}))
+    monkeypatch.setattr("diagnosis.inference.search.UNKEPT", -np.inf)
+    search.run()
+    assert sum(c.turns > 0 for c in search.tried) <= MOST_UNKEPT + judgement.SEARCHED_AT_ONCE + 2  # none, twice
+
+
 class _Snapping(ToyForward):
     """States are lost where an effect goes beyond half its scale, and have no derivative a little before."""
 
@@ -125,7 +133,11 @@ def test_a_step_that_no_trial_finds_is_given_up_at_the_first_state_without_equil
     assert asked == {(True, False), (False, True)}
 
 
-def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline() -> None:
+@pytest.mark.parametrize("halvings", [6, 1])
+def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline_or_for_that(
+    halvings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("diagnosis.inference.fit.HALVINGS", halvings)
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
     prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
