@@ -132,7 +132,7 @@ class FakeRig:
         known: Mapping[str, Fake] = OWN,
     ) -> None:
         """`effects`: id -> size of what the virtual robot does beyond the paper's assumptions. `spine`: the length unit's
-        driver. `others`: key of rig.yaml -> driver of arm, force, valve, gauge and mocap where it is not the usual one.
+        driver, "" for none. `others`: key of rig.yaml -> driver of arm, force, valve, gauge and mocap if not the usual one.
         `without`: keys of rig.yaml that are left out; without `spine`, valve and gauge are too. `sensors`: name -> driver of
         sensors of the lab's own. `known`: the fakes that there are, by the name of their driver. Three of nine chambers share
         a channel.
@@ -152,6 +152,7 @@ class FakeRig:
         self.tables: dict[str, Callable[[], dict[str, Any]]] = {}
         """What rig.yaml says of each."""
         drivers = {**USUAL, **(others or {}), "spine": spine, "pressure": self.regulators.driver}
+        without = {*without, *(() if spine else ("spine",))}
         for role in ("arm", *(r for r in SEEDS if r != "arm")):
             if role not in without and not ("spine" in without and role in OF_SPINE):
                 self._plug(role, role, drivers[role], seed + SEEDS[role])

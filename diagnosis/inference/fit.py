@@ -27,8 +27,8 @@ FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
 never taken anew: where those do not lead down, others do."""
 LEAST_GAIN, HALVINGS = 0.02, 6
-"""A step that lowers the cost by less is the last; times that a start without equilibrium is moved half way to the baseline, before
-it is moved there."""
+"""A step that lowers the cost by less is the last; times that a start without equilibrium is moved half way to the baseline,
+before it is moved there."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 

@@ -61,6 +61,16 @@ class Prediction(Shown):
     """(n,) whether a pressure is below 0 or above the robot's `max_pressure`, by more than `PRESSURE_NOISE`: nothing was
     measured there. None from `campaign`."""
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """(n, 3) m: as an array a prediction is its tips."""
+        return np.array(self.tip, dtype)
+
+    def __len__(self) -> int:
+        return len(self.tip)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.tip[key]
+
     @property
     def converged(self) -> NDArray[np.bool_]:
         """(n,) whether the rod has a trusted equilibrium."""

@@ -10,6 +10,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commands import Cli, run_there
 from virtual_lab import VirtualLab
@@ -80,6 +81,7 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     case = lab.case(small_case)
     fitted, robot = lab.fit(case, "chamber_azimuth"), case.robot
     found = lab.predict(fitted.robot, case.table.pressures, intervals=True)
+    assert np.array_equal(np.asarray(found), found.tip) and len([*found]) == 14 and found[:, 2].shape == (14,)
     reached = lab.inverse(robot, [[-0.05, float("nan"), float("nan")]], spine_length=0.1)
     answer = lab.diagnose(case, Options(quantify=False, experiments=False))
     shown = [(case, "x [m]"), (lab.compare(case), "measured x [mm]"), (lab.fit(case), "unit"), (fitted, "unit"), (robot, "unit"),
