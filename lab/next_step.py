@@ -27,6 +27,6 @@ def nothing_next(d: Diagnosis) -> str:
 
 
 def command(p: Proposal, protocols: Path | None) -> str:
-    """Return the command that runs a proposed experiment, with RIG.yaml for the rig; its file is in `protocols`, by default "
-    "next."""
+    """Return the command that runs a proposed experiment, with RIG.yaml for the rig; its file is in `protocols`, by default
+    next."""
     return typed("lab", "run", (protocols or Path("next")) / f"{p.id}.yaml", "--rig", "RIG.yaml")

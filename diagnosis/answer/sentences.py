@@ -234,7 +234,7 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
 
 
 def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
-    """A finding if the calibrated body is so many times (`stiffness`) stiffer than robot.yaml's that a unit must be wrong."""
+    """A finding if the calibrated body is `stiffness` times as stiff as robot.yaml's, which only a wrong unit explains."""
     if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
         yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
 

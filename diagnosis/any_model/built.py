@@ -153,8 +153,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
 def without_strays(b: Built) -> Table | None:
     """The table without single values that are `STRAY` times farther from the richest model than the median; None where there are
     none."""
-    p = b.problem.parameters
-    fitted = fit(b.problem, p.prior(np.ones(len(p.scale), bool), 0.0), 0.0, b.calibrated.theta, FREE_ROUNDS)
+    fitted = fit(b.problem, b.problem.parameters.all_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
     missed = np.abs(b.by_row_and_output(b.problem.observed - fitted.predicted))
     far: Mask = missed > STRAY * np.nanmedian(missed, axis=0)
     far &= far.mean(axis=0) <= MOST_STRAYS
@@ -264,7 +263,7 @@ def _with_estimate(b: Built, estimated: Mask) -> Built:
     """With the noise of outputs of too few repeats: what the richest model leaves, all causes at once, calibration, and smooth
     functions."""
     p = b.problem.parameters
-    wide = p.prior(np.ones(len(p.scale), bool), 0.0)
+    wide = p.all_effects()
     points = [b.calibrated.theta, *(theta for _, theta in b.begun)]
     costs = [float(np.sum(b.problem.noise.whiten(b.problem.observed - b.model.predict(theta)) ** 2)) for theta in points]
     points = [points[0], *(points[i] for i in np.argsort(costs)[:1] if i)]

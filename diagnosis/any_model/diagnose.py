@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -158,7 +159,7 @@ class _Diagnosis:
             noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
             outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
-            corrected=lambda: b.model.values(self._every().theta),
+            corrected=lambda: b.model.values(self._every),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
         )  # fmt: skip
 
@@ -237,13 +238,14 @@ class _Diagnosis:
                 out.append(Size(p.key, p.source, p.nominal + value, sd, p.unit, p.nominal, determined, certain, p.role))
         return tuple(out)
 
-    def _every(self) -> Fit:
-        """All causes and the calibration fitted within their plausible sizes. Where rows are answered by themselves, what lasts
-        over them is no matter: others will be measured in another order."""
-        b, every = self._b, self._p.prior(np.ones(len(self._p.scale), bool), 0.0)
+    @cached_property
+    def _every(self) -> Array:
+        """(k,) all causes and the calibration, fitted within their plausible sizes. Where rows are answered by themselves, what
+        lasts over them is no matter: others will be measured in another order."""
+        b = self._b
         if b.by_row:
             b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
-        return fit(b.problem, every, 0.0, self._w.best.fit.theta, FREE_ROUNDS)
+        return fit(b.problem, self._p.all_effects(), 0.0, self._w.best.fit.theta, FREE_ROUNDS).theta
 
     def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
         """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
@@ -286,7 +288,7 @@ class _Diagnosis:
         if len(leading) < 2:
             others = [(h, q) for h, q in ranked.ranking if h != UNKNOWN and h not in dict(leading)]
             leading += others[: 2 - len(leading)]
-        b, model, every = self._b, self._b.model.of(candidates), self._every().theta
+        b, model, every = self._b, self._b.model.of(candidates), self._every
         weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
         sd = np.tile(b.sd, len(candidates))[:, None]
         predicted = np.transpose([model.table(self._fitted_of(h)).ravel() for h, _ in leading]) / sd

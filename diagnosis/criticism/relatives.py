@@ -146,5 +146,5 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             *(Parameter(a, "rad", ANGLE / math.sqrt(3), -0.3, 0.3) for a in "xyz")),
     )
 })  # fmt: skip
-"""By id; `seen_best_in` distinguishes it from others. Unequal chambers are a relative if they are not in the catalogue, because "
-"these states cannot show them."""
+"""By id; `seen_best_in` distinguishes it from others. Unequal chambers are a relative if they are not in the catalogue, because
+these states cannot show them."""

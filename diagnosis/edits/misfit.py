@@ -41,8 +41,8 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps, or is close to buckling, counts "
-"as unsolved."""
+"""Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps, or is close to buckling, counts
+as unsolved."""
 LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Shares of all loads, from each to the next."""
 OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")

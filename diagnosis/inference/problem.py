@@ -268,6 +268,10 @@ class FitParameters:
         """Prior without any effect."""
         return self.prior(self.mask(()), 0.0)
 
+    def all_effects(self) -> SizePrior:
+        """Prior with all effects named."""
+        return self.prior(self.mask(self.ids), 0.0)
+
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
         """What least squares over all that is fitted in every model leaves of columns (n, c), the values in `unit` (n, 1) each;
         derivatives `slope` (n, k) of the same values."""

@@ -72,10 +72,10 @@ class Search:
         self._promised: dict[Key, float] = {}
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
-        calibrated = self._fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
+        calibrated = self.fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
         self._begin_at(calibrated.with_all_derivatives(problem), False)
-        tolerant = self._weigh(NONE, self._fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
-        self._begin_at(self._fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
+        tolerant = self._weigh(NONE, self.fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
+        self._begin_at(self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
 
     def __getstate__(self) -> dict[str, Any]:
         """What a search elsewhere needs: nothing of what was tried."""
@@ -83,7 +83,7 @@ class Search:
 
     def _begin_at(self, none: Fit, with_tolerances: bool) -> None:
         """Keep a fit of none, around which the search begins."""
-        (found,) = self._around(self._as_reference(replace(none, form_error=FormError(NONE, {}))), [NONE], with_tolerances)
+        (found,) = self.around(self._as_reference(replace(none, form_error=FormError(NONE, {}))), [NONE], with_tolerances)
         self._none[with_tolerances] = replace(found, turns=1, ended=True)
         self._add([self._none[with_tolerances]])
 
@@ -106,7 +106,7 @@ class Search:
     def run(self, begun: Sequence[tuple[Hypothesis, Array]] = ()) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first; some are `begun` at parameters (k,) of their own, too."""
         first = self._first()
-        fits = ((named, self._fit(named, False, judgement.FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
+        fits = ((named, self.fit(named, False, judgement.FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
         first += [self._weigh(named, fitted, False) for named, fitted in fits]
         self._add(first)
         self._queue = first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
@@ -151,13 +151,13 @@ class Search:
     def _singles(self, with_tolerances: bool) -> list[Candidate]:
         """Every single effect around none."""
         singles = [(e,) for e in self.problem.parameters.ids]
-        return self._around(self._none[with_tolerances].fit, singles, with_tolerances)
+        return self.around(self._none[with_tolerances].fit, singles, with_tolerances)
 
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
         out = []
         for start in self._starts.of(c.named, c.fit):
-            begun = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base)
+            begun = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base)
             out.append(self._weigh(c.named, begun, c.with_tolerances, shared=True))
         return out
 
@@ -226,14 +226,14 @@ class Search:
             return [turned]
         if not self._leads(turned):
             more = self._with_one_more(turned.named) if self._first_alone(turned, turned.log_evidence) else []
-            return [turned, *self._around(self._whole(turned), more, turned.with_tolerances)] if more else [turned]
+            return [turned, *self.around(self._whole(turned), more, turned.with_tolerances)] if more else [turned]
         extended, switched, *others = self._next_to(turned)
         if (c.named, switched.with_tolerances) in self._standing.searched:
             return [extended, switched, *others]
         points = [switched]
         if len(c.named) == 1 and self._starts.needs_own(c.named):
             none = self._none[switched.with_tolerances].fit
-            points += self._at_starts(*self._around(none, [c.named], switched.with_tolerances))
+            points += self._at_starts(*self.around(none, [c.named], switched.with_tolerances))
         return [extended, *map(self._turn, points), *others]
 
     def _taken_apart(self, c: Candidate) -> list[Candidate]:
@@ -241,7 +241,7 @@ class Search:
         from there what it does not reach from none, and explain alone what seemed to take several."""
         out, start = [], c.fit.theta
         for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
-            fitted = self._fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)
+            fitted = self.fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)
             out.append(replace(self._weigh(named, fitted, c.with_tolerances), turns=1))
             start = out[0].fit.theta
         return out
@@ -264,7 +264,7 @@ class Search:
         elif not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
-        fitted = self._fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
+        fitted = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
         weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
         # where no step leads to a prediction, both are minus infinity
         stalled = c.turns > 0 and not weighed.log_evidence - c.log_evidence >= judgement.UNCONVERGED
@@ -277,13 +277,13 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""
         here = self._whole(c)
-        (own,) = self._around(here, [c.named], c.with_tolerances)
-        out = [replace(own, turns=c.turns, ended=True), *self._around(here, [c.named], not c.with_tolerances)]
-        out += self._around(here, self._with_one_more(c.named), c.with_tolerances)
+        (own,) = self.around(here, [c.named], c.with_tolerances)
+        out = [replace(own, turns=c.turns, ended=True), *self.around(here, [c.named], not c.with_tolerances)]
+        out += self.around(here, self._with_one_more(c.named), c.with_tolerances)
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
             exchanged = [h for h in self._with_one_more(kept) if h != c.named]
-            out += self._around(here.without_law(taken), [kept, *exchanged], c.with_tolerances)
+            out += self.around(here.without_law(taken), [kept, *exchanged], c.with_tolerances)
         return out
 
     def _whole(self, c: Candidate) -> Fit:
@@ -302,11 +302,11 @@ class Search:
         (k,) parameters, and from its sizes on either side of zero."""
         begun, starts = self._none[False], [*more]
         if named:
-            (here,) = self._around(begun.fit, [named], False)
+            (here,) = self.around(begun.fit, [named], False)
             starts += self._starts.either_side(named, begun.fit)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
         points: list[Array | Fit] = [begun.fit, *starts]
-        fits = [self._fit(named, False, begun.grid_point.size, point, LAST_ROUNDS) for point in points]
+        fits = [self.fit(named, False, begun.grid_point.size, point, LAST_ROUNDS) for point in points]
         return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
@@ -324,7 +324,7 @@ class Search:
         if answer.turns:
             return answer
         named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size
-        fits = [self._fit(named, with_tolerances, size, start.theta, LAST_ROUNDS) for start in (answer.fit, leading.fit)]
+        fits = [self.fit(named, with_tolerances, size, start.theta, LAST_ROUNDS) for start in (answer.fit, leading.fit)]
         return max((self._weigh(named, f, with_tolerances) for f in fits), key=_evidence)
 
     # ------------------------------------------------------------------ here or elsewhere
@@ -348,10 +348,11 @@ class Search:
         every = {str(w): none for w, none in self._none.items()} | ({} if begun is None else {"begun": begun})
         return {name: c.base for name, c in every.items() if c.base is not None}
 
-    def _fit(
+    def fit(
         self, named: Hypothesis, with_tolerances: bool, size: float, start: Array | Fit, rounds: int,
         frozen: Jacobian | None = None,
     ) -> Fit:  # fmt: skip
+        """A hypothesis fitted from a start, with a discrepancy of this size; see `fit.fit`."""
         p = self.problem.parameters
         own = p.prior(p.mask(named), judgement.FIT_TOLERATED_SIZE * with_tolerances)
         return fit(self.problem, own, size, start, rounds, frozen)
@@ -365,11 +366,11 @@ class Search:
         base = replace(f.derivatives(self.problem).flat, tolerated=of_others)
         return replace(f, slope=base.shared, form_error=replace(form_error, shared=True))
 
-    def _around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
+    def around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another."""
         grid = KNOWN.part(with_tolerances)
         found = weigh(f.linear(self.problem), grid, self.problem.parameters, named) if named else []
         return [Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)]
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:
-        return self._around(fitted.with_form_error(self.problem, named, shared), [named], with_tolerances)[0]
+        return self.around(fitted.with_form_error(self.problem, named, shared), [named], with_tolerances)[0]

@@ -29,8 +29,8 @@ class CampaignProtocol(FileTable):
     parameters: dict[str, Any] = {}
     """Equal in each of its runs, as in a protocol file."""
     conditions: dict[str, Annotated[list[Any], Field(min_length=1, max_length=200)]] = {}
-    """Varied parameters: parameter -> values; each combination is a run in each block. For a list parameter a single value "
-    "means a list of one."""
+    """Varied parameters: parameter -> values; each combination is a run in each block. For a list parameter a single value
+    means a list of one."""
 
     @property
     def cells(self) -> int:

@@ -320,8 +320,8 @@ def same_rig(path: Path, sha256: str) -> RigFile:
 
 
 def within_robot(rig: RigFile, most: float | None) -> RigFile:
-    """The rig with regulators limited to `most` Pa, `max_pressure` of robot.yaml. The guard uses it to clip set-points and to "
-    "judge readings by the lower limit."""
+    """The rig with regulators limited to `most` Pa, `max_pressure` of robot.yaml. The guard uses it to clip set-points and to
+    judge readings by the lower limit."""
     pressure = rig.instruments.pressure
     if pressure is None or most is None or most >= pressure.max_pressure:
         return rig

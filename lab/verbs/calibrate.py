@@ -78,7 +78,7 @@ def lines(found: BaseSeen, channels: Sequence[Sequence[int]], azimuths_deg: Sequ
     """Lines for robot.yaml, rig.yaml and map.yaml, each file under its name."""
     turned = {chamber: t for group, t in zip(channels, found.turned_deg, strict=True) for chamber in group}
     azimuths = [round((a + turned.get(i, 0.0)) % 360, 1) for i, a in enumerate(azimuths_deg, 1)]
-    far = [f"{', '.join(map(str, channels[k]))}" for k, t in enumerate(found.turned_deg) if abs(t) > FAR_OFF]
+    far = [", ".join(map(str, channels[k])) for k, t in enumerate(found.turned_deg) if abs(t) > FAR_OFF]
     yield "robot.yaml:"
     yield f"  azimuths_deg: {azimuths}    # ± {found.turned_sd_deg:.1f} deg; the first is taken from robot.yaml and shows x"
     if far:

@@ -35,7 +35,7 @@ from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
 from ..files.units import shown
 from ..guard.latch import Latch
-from ..guard.messages import RigLanded, SafeReport
+from ..guard.messages import RigLanded
 from ..options import JSON, OneOf, Result, Verb, option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
@@ -72,8 +72,8 @@ WITHIN = 30.0
 
 
 def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
-    """Move each actuator of the rig (see `within_robot`), regulators last, until one fails; the caller lands it. The robot "
-    "hangs free."""
+    """Move each actuator of the rig (see `within_robot`), regulators last, until one fails; the caller lands it. The robot
+    hangs free."""
     trials: list[tuple[str, object, Callable[[], str]]] = [
         ("valve", bench.valve, lambda: _valve(bench)),
         ("spine", bench.spine, lambda: _spine(bench, rig)),
@@ -95,6 +95,10 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
         except (InstrumentError, ProtocolError, ActuatorsLost, RigLanded) as e:
             yield Moved(name, False, str(e))
             return
+
+
+Trial = Callable[[Bench, RigFile, Robot], Iterator[Moved | str]]
+"""`moves` or `calibrate`: what is done with a rig, by its outcomes and lines."""
 
 
 class NotAsCommanded(ProtocolError):
@@ -325,8 +329,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
     robot = _may_move(file, yes, PRESSURES if calibrating else ALL) if move or calibrating else None
     if move:
         place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
-    moved: list[Moved] = []
-    said: list[str] = []
+    moved, said = list[Moved](), list[str]()
     with Rig(file, despite_latch=robot is None) as rig:
         outcome: dict[str, Identity | InstrumentError] = {}
 
@@ -341,7 +344,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         rig.notices += _misplaced(rig)
         if robot is not None and all(r["ok"] for r in rows):
-            moved = _moved(rig, robot, said if calibrating else None)
+            moved, said = _moved(rig, robot, calibrate if calibrating else moves)
             if move:
                 keep(rig_path, file, moved, adapters_now(file, rig.identities))
     lost = sum(r.get("lost", 0) for r in rows)
@@ -387,32 +390,28 @@ def _may_move(file: RigFile, yes: bool, what: str) -> Robot:
     return robot
 
 
-def _moved(rig: Rig, robot: Robot, said: list[str] | None) -> list[Moved]:
-    """Move the actuators (see `moves`), land the rig, and print each outcome, the landing last.
-
-    `said`: calibrate instead, and leave the lines here."""
-    outcomes: list[Moved] = []
+def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]]:
+    """Do what `trial` does, land the rig, and print each outcome and line, the landing last; returns both."""
+    outcomes, said = list[Moved](), list[str]()
     screen = Screen("check", rig.clock.speed)
 
     def tell(result: Moved) -> None:
         outcomes.append(result)
         out.print(f"  {result.what}: {'ok' if result.ok else 'FAILED'}: {result.text}")
 
-    def landed(report: SafeReport) -> None:
-        tell(Moved("safe state", report.confirmed, str(report)))
-
-    with by_hand(rig, screen, landed, list(rig.identities)) as bench:
+    with by_hand(rig, screen, lambda r: tell(Moved("safe state", r.confirmed, str(r))), list(rig.identities)) as bench:
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
                 bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
-            for line in calibrate(bench, rig.file, robot) if said is not None else ():
-                out.print(line, soft_wrap=True)
-                said.append(line)  # type: ignore[union-attr]
-            for result in moves(bench, rig.file, robot) if said is None else ():
-                tell(result)
+            for result in trial(bench, rig.file, robot):
+                if isinstance(result, Moved):
+                    tell(result)
+                else:
+                    out.print(result, soft_wrap=True)
+                    said.append(result)
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
-    return outcomes
+    return outcomes, said
 
 
 def _misplaced(rig: Rig) -> list[str]:

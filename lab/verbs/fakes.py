@@ -47,8 +47,8 @@ PATIENT: dict[str, Any] = {
     "limits": {"max_age": 8.0, "max_hidden": 8.0, "pressure_error_time": 60.0},
     "safe": {"heartbeat": 10.0},
 }
-"""Ages and time-outs (host s) for fakes, which share the processors and may be late; a rig.yaml for hardware keeps the "
-"defaults. `pressure_error_time` is rig time: at clock speed 20 the default of 5 s passes in 0.25 s of real time."""
+"""Ages and time-outs (host s) for fakes, which share the processors and may be late; a rig.yaml for hardware keeps the
+defaults. `pressure_error_time` is rig time: at clock speed 20 the default of 5 s passes in 0.25 s of real time."""
 
 PATIENT_PAUSES = ("settle.max_hidden=5 s", "settle.max_gap=10 s", "settle.within=300 s")
 """The same for the protocols' settling rule, in rig time: at clock speed 20, 0.5 s are 25 ms of a busy computer."""

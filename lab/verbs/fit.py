@@ -1,5 +1,5 @@
-"""`lab fit`: fit moduli to stiffness trials, the effective chamber area to bending states, or effects with their posterior, and "
-"write them into a robot.yaml."""
+"""`lab fit`: fit moduli to stiffness trials, the effective chamber area to bending states, or effects with their posterior, and
+write them into a robot.yaml."""
 
 from __future__ import annotations
 

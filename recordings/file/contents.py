@@ -22,7 +22,7 @@ from .chunks import HEAD, Chunk, Chunks, McapRecord
 RUN = 2**20
 """Bytes of messages outside chunks that are read together."""
 PASSED = 8 * 2**20
-"""Bytes of a file that a walk leaves behind before their memory is let go."""
+"""Bytes that a walk over a file passes before it releases their memory."""
 _INDEX = struct.Struct("<HI")
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 

@@ -59,7 +59,7 @@ def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to
     search.run()
     single, pair = (("play",), False), ("play", "turned")
     known = search._tried[single]
-    (around,) = search._around(known.fit, [pair], False)
+    (around,) = search.around(known.fit, [pair], False)
     found = search._searched_on(around)[0]
     # A search that ended elsewhere.
     worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
@@ -73,7 +73,7 @@ def test_what_explains_the_data_alone_is_found_from_a_pair_that_leads() -> None:
     search = Search(toy_problem(3, {"play": 0.8}))
     search.run()
     known, pair = search._tried[("play",), False], ("play", "turned")
-    (around,) = search._around(known.fit, [pair], False)
+    (around,) = search.around(known.fit, [pair], False)
     worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
     reached = (search._none[False], worse, search._turn(around))
     search._queue, search._tried = [], {(c.named, False): c for c in reached}
@@ -149,7 +149,7 @@ def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: 
     problem, effect = toy_problem(3, {"play": 0.8}), ("play",)
     problem.parameters.lower[IDS.index("play")] = 0.0  # a one-sided effect has a start of its own
     search = Search(problem)
-    (around,) = search._around(search._none[False].fit, [effect], False)
+    (around,) = search.around(search._none[False].fit, [effect], False)
     (start,) = search._at_starts(around)
     anew: list[np.ndarray] = []
     recalibrated = search._starts.recalibrated
