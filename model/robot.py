@@ -345,7 +345,7 @@ class Robot(Shown, BaseModel):
         >>> load_robot(Path("robot.yaml")).replace(length=0.42).length
         0.42
         """
-        return robot_from_dict({**self.model_dump(), **values})
+        return robot_from_dict({**self.model_dump(exclude={"max_tension"} if "max_pressure" in values else None), **values})
 
     def _columns(self) -> dict[str, Any]:
         parts = {(): self, (self.actuators.words.kind,): self.actuators, ("spine",): self.spine}

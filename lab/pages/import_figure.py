@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection, PolyCollection
 
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
@@ -78,24 +78,24 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
-        spans = [(t[0], max(t[-1] - t[0], 1e-6)) for t in (q.t[cut.rows] for cut in cuts)]
+        spans = [(t[0], max(t[-1], t[0] + 1e-6)) for t in (q.t[cut.rows] for cut in cuts)]
+        corners = [[(a, 0.0), (a, 1.0), (b, 1.0), (b, 0.0)] for a, b in spans]
         for ax in (pressure, tip):
-            ax.add_collection(_upright(spans, ax, color="tab:orange", alpha=0.35, lw=0), autolim=False)
+            _upright(ax, PolyCollection(corners, color="tab:orange", alpha=0.35, lw=0))
     t = states.get("t")
     pressure.plot(t, states.pressures.max(axis=1) / words.pascal, "o", ms=3, mfc="none", color="tab:orange", label="state")
     begins = (t - states.get("hold", 0.0))[np.diff(states.trial, prepend=-1) != 0]
     for ax in (pressure, tip):
-        ax.add_collection(_upright([(b, 0.0) for b in begins], ax, color="tab:blue", lw=0.6, label="trial begins"), autolim=False)
+        _upright(ax, LineCollection([[(b, 0.0), (b, 1.0)] for b in begins], color="tab:blue", lw=0.6, label="trial begins"))
+        ax.legend(**BESIDE)
     pressure.set(ylabel=words.axis, title=f"{len(states)} states in {len(begins)} trials")
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
-    pressure.legend(**BESIDE)
-    tip.legend(**BESIDE)
 
 
-def _upright(spans: Sequence[tuple[float, float]], ax: Axes, **how: Any) -> PolyCollection:
-    """Bars (begin s, width s) over the whole height of a panel; one artist, however many there are."""
-    corners = [[(t, 0.0), (t, 1.0), (t + width, 1.0), (t + width, 0.0)] for t, width in spans]
-    return PolyCollection(corners, transform=ax.get_xaxis_transform(), **how)
+def _upright(ax: Axes, drawn: PolyCollection | LineCollection) -> None:
+    """Draw over the whole height of a panel, y from 0 to 1; one artist, however many bars or lines there are."""
+    drawn.set_transform(ax.get_xaxis_transform())
+    ax.add_collection(drawn, autolim=False)
 
 
 def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
