@@ -10,7 +10,6 @@ from diagnosed_case import Answered, answered_once, campaign, folder
 from matplotlib.figure import Figure
 from virtual_lab import VirtualLab
 
-from diagnosis.edits.reading import Reading
 from lab.cli import main
 from lab.pages import figures
 from lab.verbs.fakes import PATIENT, write_rig
@@ -95,18 +94,6 @@ def _undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", empty)
         monkeypatch.setattr("lab.pages.import_figure.draw", lambda made, robot, path: figures.save(Figure((1, 1)), path))
-
-
-@pytest.fixture
-def judged() -> None:
-    """Asked for by tests of what the rod says of a table."""
-
-
-@pytest.fixture(autouse=True)
-def _unjudged(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """For other tests it says nothing: that takes longer than all else of an import."""
-    if "judged" not in request.fixturenames:
-        monkeypatch.setattr("lab.verbs.import_data.judged", lambda robot, table: Reading((), ()))
 
 
 def empty(figure: Figure, file: IO[bytes], format: str, **_: Any) -> None:

@@ -131,7 +131,6 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "in its present axes, x: -x, y: y, z: -z"),
     ],
 )  # fmt: skip
-@pytest.mark.usefixtures("judged")
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:
     lines = ["t,p1,p2,p3,x,y,z,branch"]
     lines += [",".join(f"{v:.8g}" for v in (t, *p, *tip)) + f",{b}" for _, t, p, tip, b in sweep()]

@@ -145,7 +145,6 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
     assert "not used: load cell [N]; name a force under force_x, force_y, force_z" in trunk.guessed()[0]
 
 
-@pytest.mark.usefixtures("judged")
 def test_a_map_that_is_guessed_is_not_asked_about_and_one_of_another_frame_is(trunk: Trunk) -> None:
     proposed = yaml.safe_load(trunk.guessed()[0])
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
@@ -196,7 +195,6 @@ def test_a_robot_at_rest_is_put_where_the_model_stands_under_its_weight(trunk: T
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (0.0, -9.81, 0.0)])
-@pytest.mark.usefixtures("judged")
 def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     gravity: tuple[float, float, float], trunk: Trunk
 ) -> None:
@@ -223,7 +221,6 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
         (MIDDLE, TIP, "the tip and marker 1 are swapped"),
     ],
 )
-@pytest.mark.usefixtures("judged")
 def test_places_that_are_no_points_along_the_body_are_asked_about(
     tip: tuple[str, ...], marker: tuple[str, ...], said: str, trunk: Trunk
 ) -> None:
@@ -244,7 +241,6 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Tr
     assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
 
 
-@pytest.mark.usefixtures("judged")
 def test_tensions_ten_times_too_large_are_asked_about(known: Trunk) -> None:
     assert "times as far as robot.yaml predicts" not in known.imported().flat_err
     with known.changed() as values:
@@ -322,7 +318,6 @@ def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(heading: str
 
 
 @pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
-@pytest.mark.usefixtures("judged")
 def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     straight: str, aside: float, asked: bool, known: Trunk
 ) -> None:
@@ -347,7 +342,6 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
         pytest.param({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml", marks=pytest.mark.long),
     ],
 )
-@pytest.mark.usefixtures("judged")
 def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
     columns: dict[str, str], frame: dict[str, str], says: str, known: Trunk
 ) -> None:
@@ -455,7 +449,6 @@ def test_an_arm_across_gravity_that_sags_as_its_robot_yaml_says_needs_no_straigh
 
 
 @pytest.mark.parametrize("gravity", ["[0, -9.81, 0]", "[0, 9.81, 0]"])
-@pytest.mark.usefixtures("judged")
 def test_gravity_that_points_up_is_asked_about_at_import_and_by_compare(gravity: str, trunk: Trunk) -> None:
     arm = ROBOT.replace("[90 mm]", "[]").replace("320 kPa", "900 kPa").replace("107 kPa", "300 kPa")
     trunk.robot.write_text(arm.replace("[0, 0, 9.81]", "[0, -9.81, 0]"))

@@ -313,7 +313,6 @@ def told(folder: Path, content: str, values: dict[str, Any], cli: Cli) -> str:
     return cli("import", folder / "a.csv", "--map", folder / "map.yaml", "--out", folder / "case", code=(0, 2)).flat_err
 
 
-@pytest.mark.usefixtures("judged")
 def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
     assert told(tmp_path, CONTENT, RIGHT, cli) == ""
 
@@ -342,14 +341,12 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column really a mass at the tip?"),
     ],
 )  # fmt: skip
-@pytest.mark.usefixtures("judged")
 def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, cli: Cli) -> None:
     values = copy.deepcopy(RIGHT)
     change(values)
     assert said in told(tmp_path, CONTENT, values, cli)
 
 
-@pytest.mark.usefixtures("judged")
 def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cli: Cli) -> None:
     values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
     values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
