@@ -135,14 +135,14 @@ class Search:
         """Every single effect around none, with and without tolerances; those that are not linear at each of their starts."""
         out, at_starts = [], []
         p = self.problem.parameters
-        better = max(self._none, key=lambda w: self._none[w].log_evidence)
+        near = max(map(_evidence, self._none.values())) - judgement.SEARCH_MARGIN
         for c in (c for w in self._none for c in self._singles(w)):
             needs_own = self._starts.needs_own(c.named)
             # within its tolerance none may have moved to where it acts, and promises more then
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
                 out.append(c)
             both = not p.tolerable[p.mask(c.named)].any()
-            if needs_own and (both or c.with_tolerances == better):
+            if needs_own and (both or self._none[c.with_tolerances].log_evidence > near):
                 at_starts.append(c)
         for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += candidates
