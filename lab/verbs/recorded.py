@@ -83,7 +83,9 @@ def _show(file: Path, s: Info) -> None:
         ended = s.outcome or "finished; its outcome was not recorded"
     else:
         ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `{typed('lab', 'recover', file)}` keeps them"
-    states = f"{s.rows} of {s.planned} planned states" if s.planned else f"{s.rows} of {s.states} states"
+    states = (
+        f"{s.rows} of {s.planned} planned states" if s.planned else f"{s.rows} of {s.states} states" if s.states else "no states"
+    )
     out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {states} read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
     for topic, stream in s.streams.items():
