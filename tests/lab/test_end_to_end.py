@@ -35,6 +35,7 @@ def test_check_finds_every_instrument(virtual_lab: VirtualLab, cli: Cli) -> None
     assert all(i["ok"] for i in found.values())
     assert all(i["samples"] > 0 for i in found.values() if "samples" in i)
     assert {"force", "arm_state", "mocap", "pressure"} <= {name for name, i in found.items() if "samples" in i}
+    assert len(done.json["scatter_mm"]) == 3 and all(0 < sd < 0.5 for sd in done.json["scatter_mm"])
 
 
 def test_check_tells_an_instrument_that_opens_and_sends_nothing(
