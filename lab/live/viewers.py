@@ -57,12 +57,6 @@ class RefusedRequest(Exception):
         self.status = status
 
 
-def page_files() -> dict[str, tuple[str, bytes]]:
-    """Kind and data of the page's files, from the package, by the name that is asked for."""
-    folder = files(__package__) / "page"
-    return {name: (kind, (folder / file).read_bytes()) for name, (file, kind) in PAGE.items()}
-
-
 @dataclass(frozen=True)
 class PageRequest:
     """A request: the name behind the token, and what is posted there."""
@@ -164,7 +158,7 @@ class Viewers:
     def __init__(self, token: str, whole: Callable[[], dict[str, Any]], steer: Steer | None = None) -> None:
         self._token, self._whole, self._steer = token, whole, steer
         self._allowed, self._counted = BURST, time.monotonic()
-        self._files = page_files()
+        self._files = {name: (kind, (files(__package__) / "page" / file).read_bytes()) for name, (file, kind) in PAGE.items()}
         self._queues: set[asyncio.Queue[bytes | None]] = set()
         self._tasks: set[asyncio.Task[Any]] = set()
 

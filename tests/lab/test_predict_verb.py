@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 from commands import SOUND, Cli
 from virtual_lab import VirtualLab
@@ -20,6 +21,7 @@ from lab.files.inputs import read_case
 from lab.files.robot_file import paper_robot
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import stated_effects
+from recordings.table_file import write_csv
 from tests.lab.diagnosed_case import campaign, folder
 
 EFFECT = "chamber_azimuth"
@@ -187,6 +189,21 @@ def test_fit_gives_one_area_factor_for_all_lengths(small_case: Path, cli: Cli) -
     rows = (small_case / "trials.csv").read_text().count("\n") - 1
     counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]
     assert counts[-1] == rows == sum(counts[:-1])
+
+
+def test_compare_tabulates_a_recorded_elongation(tmp_path: Path, cli: Cli) -> None:
+    robot = lab.load_robot(paper_robot())
+    pressures, spine = np.tile(np.repeat([[0.0], [60e3]], 9, axis=1), (2, 1)), np.repeat([0.0, 0.1], 2)
+    z = robot.predict(pressures, spine).tip[:, 2] + [0, 1e-3, 0, 2e-3]
+    frame = pandas.DataFrame(pressures, columns=[f"p{c}" for c in range(1, 10)])
+    seen = {"protocol": "elongation", "t": 60.0 * np.arange(4), "spine_length": spine, "x": 0.0, "y": 0.0, "z": z}
+    case = lab.case(frame.assign(**seen), robot)
+    found = lab.compare(case).elongation
+    assert [(length, p) for length, p, *_ in found] == [(0.0, 60e3), (0.1, 60e3)]
+    assert [1e3 * (measured - model) for *_, measured, model in found] == pytest.approx([1, 2])
+    write_csv(case.table, tmp_path / "trials.csv")
+    shutil.copy(paper_robot(), tmp_path / "robot.yaml")
+    assert "Elongation from the lowest pressure" in cli("compare", tmp_path).out
 
 
 def test_compare_names_the_axes_of_every_robot_alike(small_case: Path, cli: Cli) -> None:
