@@ -1,4 +1,4 @@
-"""What the program and its guard say to each other, beside commands and their answers; what a landing reached, instrument by
+"""Messages between the program and its guard, other than commands and their results; what a landing reached, instrument by
 instrument. Imports nothing, so that `lab safe` can ask for it at once."""
 
 from __future__ import annotations
