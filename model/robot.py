@@ -153,6 +153,8 @@ class Robot(Shown, BaseModel):
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
+    tip_moment: Vector3 = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "N m"})
+    """Known moment on the tip, base frame; columns tip_moment_x .. of a table override it."""
     gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})
     bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"})
     """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""

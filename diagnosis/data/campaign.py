@@ -144,6 +144,7 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
         tip_masses(robot, trials),
         np.radians(trials.get("roll_deg", 0.0)),
         trials.tip_force,
+        np.column_stack([trials.get(f"tip_moment_{a}", m) for a, m in zip("xyz", robot.tip_moment, strict=True)]),
     )
 
 

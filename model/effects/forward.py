@@ -527,7 +527,8 @@ class ForwardModel:
         by_stage: dict[tuple[bool, str], list[int]] = {}
         for k in slots:
             spec = self._table.source_of(k).spec
-            by_stage.setdefault((_moves(spec), spec.stage), []).append(k)
+            moves_rod = spec.law.before is not None or spec.law.path is not None
+            by_stage.setdefault((moves_rod, spec.stage), []).append(k)
         return [tuple(of_stage) for of_stage in by_stage.values()]
 
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
@@ -573,11 +574,8 @@ class ForwardModel:
         columns = sorted({c for b in batches for c in b.columns})
         by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
         if here.remembers and columns:
-
-            def driven_by(results: Array) -> Array:
-                return self._drive(here.built, results)[:, self._in_bare]
-
-            by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, columns, driven_by))
+            slopes = _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
+            by_column[self._in_bare] = np.nan_to_num(slopes)
         lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
@@ -609,11 +607,6 @@ class ForwardModel:
         out[:, :, at.ORIENTATION] = 1.0
         out[:, self._moved_rows] = results
         return out
-
-
-def _moves(spec: EffectSpec) -> bool:
-    """Whether a source changes the rod, not its readings alone."""
-    return spec.law.before is not None or spec.law.path is not None
 
 
 def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
