@@ -82,7 +82,7 @@ class Series:
 
     def unit_of(self, name: str, units: Container[str]) -> str:
         """The unit the file states for a column outside of its heading, or trials.csv, where it is one of `units`; else empty."""
-        own = unit_named(unit_of(name) if self.columns.keys() >= set(REQUIRED) else self.units.get(name, ""))
+        own = unit_named(self.units.get(name) or (unit_of(name) if self.columns.keys() >= set(REQUIRED) else ""))
         stated = [own[1]] if own else self.common_units.values()
         return next((unit for unit in stated if unit in units), "")
 
