@@ -135,6 +135,11 @@ def tip_masses(robot: Robot, trials: Table) -> Array:
     return trials.get("tip_mass", robot.tip_mass)
 
 
+def tip_moments(robot: Robot, trials: Table) -> Array:
+    """(n, 3) N m; the robot's own where none is recorded."""
+    return np.column_stack([trials.get(f"tip_moment_{a}", m) for a, m in zip("xyz", robot.tip_moment, strict=True)])
+
+
 def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
     """The settings of each state, each a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
     return conditions(
@@ -144,7 +149,7 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
         tip_masses(robot, trials),
         np.radians(trials.get("roll_deg", 0.0)),
         trials.tip_force,
-        np.column_stack([trials.get(f"tip_moment_{a}", m) for a, m in zip("xyz", robot.tip_moment, strict=True)]),
+        tip_moments(robot, trials),
     )
 
 

@@ -21,7 +21,7 @@ from model.robot import Robot
 from model.section import body_area
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Mask
 from ..errors import BadCase
 
 FARTHEST = 1.5
@@ -75,14 +75,9 @@ def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Tab
     return tuple(filter(None, wrong)), in_m.take(fit)
 
 
-def pressures_of_each(states: Table) -> Ints:
-    """(n,) number of pressures of each state: up to the last that was measured."""
-    pressures = states.pressures
-    return np.where(np.isnan(pressures), 0, np.arange(1, pressures.shape[1] + 1)).max(axis=1, initial=0)
-
-
 def _counts(robot: Robot, tips: Table) -> str:
-    given, expected = sorted(set(pressures_of_each(tips).tolist())), len(robot.actuators.azimuths_deg)
+    numbers = np.where(np.isnan(tips.pressures), 0, np.arange(1, tips.pressures.shape[1] + 1))
+    given, expected = np.unique(numbers.max(axis=1, initial=0)).tolist(), len(robot.actuators.azimuths_deg)
     if given == [expected]:
         return ""
     return (

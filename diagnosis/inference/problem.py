@@ -379,10 +379,11 @@ class Problem:
         effect does at theta. No law of material or contact is exact, whether its effect is named or (to first order) tolerated.
         `tolerated` (n, f): columns of what is, for those that share them."""
         columns, leakage = [np.zeros((len(linear.observed), 0))], 0.0
+        unit = np.maximum(np.sqrt((self.discrepancy**2).sum(axis=1)), 1e-300)  # of each value, of a discrepancy of size 1
         for effect, response in wrong.responses.items():
             done = self.parameters.law_error[effect] * response
             columns.append(self.form_error_of(done))
-            leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
+            leakage = float(np.hypot(leakage, LEAKAGE * np.sqrt(np.mean((done / unit) ** 2))))
         known = tolerated if wrong.shared else None
         columns.append(self._tolerated(linear, theta, wrong.named) if known is None else known)
         return replace(linear, form_error=np.hstack(columns), leakage=leakage)
@@ -407,11 +408,6 @@ class Problem:
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""
         return leading(self.noise.whiten(done[:, None] * self._independent_basis))
-
-    def _typical(self, done: Array) -> float:
-        """rms over all values of an effect's contribution `done` (n,), each in units of a discrepancy of size 1."""
-        unit = np.sqrt((self.discrepancy**2).sum(axis=1))
-        return float(np.sqrt(np.mean((done / np.maximum(unit, 1e-300)) ** 2)))
 
 
 def leading(columns: Array) -> Array:

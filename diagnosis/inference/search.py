@@ -136,7 +136,8 @@ class Search:
         out, at_starts = [], []
         p = self.problem.parameters
         better = max(self._none, key=lambda w: self._none[w].log_evidence)
-        for c in (c for w in self._none for c in self._singles(w)):
+        singles = [(e,) for e in p.ids]
+        for c in (c for w in self._none for c in self.around(self._none[w].fit, singles, w)):
             needs_own = self._starts.needs_own(c.named)
             # with tolerances, none may have moved to where the effect acts, and then promises more
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
@@ -147,11 +148,6 @@ class Search:
         for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += candidates
         return out
-
-    def _singles(self, with_tolerances: bool) -> list[Candidate]:
-        """Every single effect around none."""
-        singles = [(e,) for e in self.problem.parameters.ids]
-        return self.around(self._none[with_tolerances].fit, singles, with_tolerances)
 
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""

@@ -454,7 +454,8 @@ class ForwardModel:
         remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed.values())
         rods = self._rows(built)
         single_states = self._steps is None
-        hard_bare, hard_final = self._hard_nearby(theta)
+        nearest = min(self._hard, key=lambda hard: float(np.linalg.norm((hard[0] - theta) / self._sd)), default=None)
+        hard_bare, hard_final = (None, None) if nearest is None else nearest[1:]  # equilibria that were hard to find
         plain = single_states and not remembers
         bare = solve(self._layout, rods, self._arcs, self._steps, self._start, remembers, trial, plain, whole, hard_bare)
         final = bare.take(slice(0, self._moved_rows.size))
@@ -473,11 +474,6 @@ class ForwardModel:
         read = self._readings(q, final.result[None], spread)
         settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
-
-    def _hard_nearby(self, theta: Array) -> tuple[SolvedRods | None, SolvedRods | None]:
-        """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
-        away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
-        return self._hard[int(np.argmin(away))][1:] if away else (None, None)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lab
+from diagnosis.edits.edit import Variants
 from diagnosis.edits.reading import Reading, read
 from lab.files.robot_numbers import doubts
 from model.actuators import Chambers
@@ -270,6 +271,13 @@ def test_exchanged_chambers_of_four_are_stated_by_an_azimuth_that_changes(pair: 
     said = " ".join(reading(four, [replace(r, pressures=tuple(r.pressures[k] for k in order)) for r in rows]).asked)
     (found, given) = re.search(r"azimuth of chamber \d ([\d.]+) deg instead of ([\d.]+) deg", said).groups()  # type: ignore[union-attr]
     assert abs(float(found) - float(given)) == pytest.approx(180, abs=5), said
+
+
+def test_a_moment_turns_with_its_frame_and_is_no_vector_where_the_frame_is_mirrored() -> None:
+    rows = [replace(r, sensors={f"tip_moment_{a}": m for a, m in zip("xyz", (0.1, 0.2, 0.3), strict=True)}) for r in sweep()]
+    turned = Variants.of(ROBOT, Table.of(rows)).turned(np.array([[np.sqrt(0.5), 0, 0, np.sqrt(0.5)]]), np.array([-1, 1, 1]))
+    _, table = turned.written()
+    assert [table[f"tip_moment_{a}"][0] for a in "xyz"] == pytest.approx([-0.2, -0.1, -0.3])
 
 
 # ------------------------------------------------------------------ pushes
