@@ -96,7 +96,7 @@ class Quantities:
     tip_force: Array = field(default_factory=no_vector)
     """(v, n, 3) N at the tip, base frame, besides the tip mass."""
     tip_moment: Array = field(default_factory=no_vector)
-    """(v, n, 3) N m at the tip, base frame, besides the known moment."""
+    """(v, n, 3) N m, likewise, besides the known moment."""
     payload: Array = constant(0.0)
     """kg at the tip besides the tip mass that is known."""
     payload_place: Array = field(default_factory=no_vector)
