@@ -3,8 +3,8 @@
     load_robot(path)              the robot of a robot.yaml
     case(*inputs)                 measured states: recordings, or a folder with robot.yaml and trials.csv
     read(path)                    one recording, with its streams as arrays
-    predict(robot, pressures)     tips by the Cosserat rod model, with intervals and gradients
-    inverse(robot, targets)       pressures that bring the tip to its targets
+    predict(robot, pressures)     tips by the Cosserat rod model, with intervals and gradients; also robot.predict(..)
+    inverse(robot, targets)       pressures that bring the tip to its targets; also robot.inverse(..)
     fit(case, effects=())         moduli and area factors, or named effects, with their intervals
     compare(case)                 measured tips next to predicted ones
     diagnose(case)                where the gap lies, and which effect causes it
@@ -22,7 +22,7 @@ Start:
     case = lab.case(frame, "robot.yaml")  # a pandas DataFrame; or recordings
     answer = lab.diagnose(case)
     known = lab.fit(case, answer.attribute.effects).robot
-    lab.inverse(known, [[-0.05, 0.02, 0.38]]).pressures
+    known.inverse([[-0.05, 0.02, 0.38]]).pressures
     longer = known.replace(length=0.42)
 
 Every result has `.to_frame()`: a DataFrame with its units. `help(lab.diagnose)` and so on say more, with examples.

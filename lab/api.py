@@ -159,6 +159,9 @@ def inverse(
     return _inverse(Predictor(robot, stated_by(robot)), targets, limits_of(robot, groups, spine=fixed))
 
 
+Robot.predict, Robot.inverse = predict, inverse
+
+
 def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = False) -> Fitted:
     """The calibrated robot, `.robot`, and what was fitted, with its uncertainty. Raises ConfigError, DiagnosisError, BadEffect.
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.data.case import states
+from diagnosis.data.levels import PRESSURE_GAP, levels
 from diagnosis.inference.prepare import table_columns
 from model.compare import ErrorTable, error_table
 from model.condition import States
@@ -29,12 +30,26 @@ class Comparison(Shown):
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
     branch: NDArray[np.str_]
+    protocol: NDArray[np.str_]
     table: ErrorTable
     unsolved: int
 
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
         return f"<Comparison: {len(self.measured)} tips missed by {self.table.rmse * 1e3:.3g} mm rms (in-sample){missed}>"
+
+    @property
+    def elongation(self) -> list[tuple[float, ...]]:
+        """Of elongation runs: spine length (m), pressure (Pa), and the elongation from the lowest pressure, measured and
+        predicted (m)."""
+        rows = list[tuple[float, ...]]()
+        for length, of_length in self.condition.by_spine_length():
+            at = of_length & (self.protocol == "elongation")
+            values = np.column_stack([self.condition.pressure.max(axis=1), self.measured[:, 2], self.predicted[:, 2]])[at]
+            level = levels(values[:, 0], PRESSURE_GAP)
+            means = [values[level == k].mean(axis=0) for k in np.unique(level)]
+            rows += [(length, mean[0], *(mean[1:] - means[0][1:])) for mean in means[1:]]
+        return rows
 
     def _columns(self) -> dict[str, NDArray[np.float64]]:
         pressures = {f"p{c} [kPa]": 1e-3 * p for c, p in enumerate(self.condition.pressure.T, 1)}
@@ -69,6 +84,6 @@ def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> C
     condition, measured, _ = Case(case.robot, found.table).tips
     tip = found.prediction.tip
     ok = np.asarray(np.isfinite(tip).all(axis=1))
-    branch = found.table["branch"]
+    branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], tip[ok], branch[ok], table, int((~ok).sum()))
+    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()))

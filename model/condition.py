@@ -68,6 +68,8 @@ class States:
     """(n,) kg."""
     force: Array
     """(n, 3) N, known forces on the tip, base frame, besides the weight of `tip_mass`."""
+    moment: Array
+    """(n, 3) N m, known moments on the tip, base frame."""
     roll: Array
     """(n,) rad."""
     pressure: Array
@@ -140,15 +142,16 @@ def conditions(
     tip_mass: ArrayLike | None = None,
     roll: ArrayLike = 0.0,
     force: ArrayLike = (0.0, 0.0, 0.0),
+    moment: ArrayLike | None = None,
     vacuum: float = NOMINAL_VACUUM,
     rate: float = RATE,
     hold: float = HOLD,
 ) -> States:
     """States of `robot` from numbers or arrays that broadcast over n, each a trial of its own; raises `BadCondition`.
 
-    spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg (the robot's own when None), roll in rad,
-    force (..., 3) in N on the tip, base frame. Read `hold` s after a ramp of `rate` Pa/s from rest, at the vacuum (Pa) at which
-    the spine's moduli hold.
+    spine_length in m, pressure (..., chambers) in Pa gauge, tip_mass in kg, roll in rad, force (..., 3) in N and moment (..., 3)
+    in N m on the tip, base frame; mass and moment are the robot's own when None. Read `hold` s after a ramp of `rate` Pa/s from
+    rest, at the vacuum (Pa) at which the spine's moduli hold.
 
     >>> from pathlib import Path
     >>> from model.robot import load_robot
@@ -156,23 +159,24 @@ def conditions(
     >>> len(states), states.pressure.shape
     (3, (3, 9))
     """
-    p, force_on_tip = np.atleast_2d(_floats("pressure", pressure)), np.atleast_2d(_floats("force", force))
+    given = {"pressure": pressure, "force": force, "moment": robot.tip_moment if moment is None else moment}
+    tables = {name: np.atleast_2d(_floats(name, value)) for name, value in given.items()}
     rows = {
         "spine_length": _floats("spine_length", spine_length),
         "tip_mass": _floats("tip_mass", robot.tip_mass if tip_mass is None else tip_mass),
         "roll": _floats("roll", roll),
     }
-    n = max(len(p), len(force_on_tip), *(value.size for value in rows.values()))
+    n = max(*map(len, tables.values()), *(value.size for value in rows.values()))
     full = {}
     for name, value in rows.items():
         if value.ndim > 1 or value.size not in (1, n):
             raise BadCondition(f"{name}: shape {value.shape}, must be one number or ({n},)")
         full[name] = np.broadcast_to(value.reshape(-1), (n,)).copy()
-    if p.ndim != 2 or len(p) not in (1, n):
-        raise BadCondition(f"pressure: shape {p.shape}, must be (chambers,) or ({n}, chambers)")
-    if force_on_tip.ndim != 2 or force_on_tip.shape[1] != 3 or len(force_on_tip) not in (1, n):
-        raise BadCondition(f"force: shape {force_on_tip.shape}, must be (3,) or ({n}, 3)")
-    full |= {"pressure": np.broadcast_to(p, (n, p.shape[1])).copy(), "force": np.broadcast_to(force_on_tip, (n, 3)).copy()}
+    for name, value in tables.items():
+        width, columns = (value.shape[-1], "chambers") if name == "pressure" else (3, "3")
+        if value.ndim != 2 or value.shape[1] != width or len(value) not in (1, n):
+            raise BadCondition(f"{name}: shape {value.shape}, must be ({columns},) or ({n}, {columns})")
+        full[name] = np.broadcast_to(value, (n, width)).copy()
     for name, value in full.items():
         _refuse(name, "", value, ~np.isfinite(value), "must be finite: drop the rows that were not measured")
     _refuse("spine_length", "m", full["spine_length"], full["spine_length"] < 0, "must not be negative")

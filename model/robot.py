@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -68,17 +68,14 @@ Modulus = Annotated[FiniteFloat, Field(ge=1e3, le=1e12, json_schema_extra={"unit
 Gravity = Annotated[FiniteFloat, Field(ge=-30, le=30)]
 Factor = Annotated[FiniteFloat, Field(gt=0, le=20, json_schema_extra={"unit": "1"})]
 
-
-def _form(value: object) -> str:
-    return "table" if isinstance(value, dict) else "number"
-
-
+LIMITS = {"max_pressure", "max_tension"}
 STATED = ("effects", "tolerances")
 """Tables of robot.yaml of which `Robot.stated` has each value."""
 THRUST = "chamber_thrust"
 """The effect that describes thrust on the side walls."""
 NumberOrTable = Annotated[
-    Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")], Discriminator(_form)
+    Annotated[Factor, Tag("number")] | Annotated[dict[LengthKey, Factor], Tag("table")],
+    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
 ]
 
 
@@ -143,6 +140,9 @@ class Robot(Shown, BaseModel):
     """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    predict: ClassVar[Callable[..., Any]]
+    inverse: ClassVar[Callable[..., Any]]
+    """`lab.predict` and `lab.inverse`, once `lab` is imported."""
 
     name: str = Field(min_length=1, max_length=200)
     length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m", "uncertainty": "length"})
@@ -153,6 +153,8 @@ class Robot(Shown, BaseModel):
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
     tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
+    tip_moment: Vector3 = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "N m"})
+    """Known moment on the tip, base frame; columns tip_moment_x .. of a table override it."""
     gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})
     bending_stiffness: Positive | None = Field(default=None, json_schema_extra={"unit": "N m^2", "uncertainty": "youngs_modulus"})
     """EI of the body, in place of that from E and radii; `+- 15 %` states the uncertainty of all stiffnesses."""
@@ -200,8 +202,13 @@ class Robot(Shown, BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _as_pressure(cls, data: Any) -> Any:
-        tension = data.get("max_tension") if isinstance(data, dict) else None
-        return {**data, "max_pressure": tension / PULL_AREA} if isinstance(tension, (int, float)) else data
+        given = {k: data[k] for k in LIMITS if isinstance(data.get(k), (int, float))} if isinstance(data, dict) else {}
+        if "max_tension" not in given:
+            return data
+        pressure = given["max_tension"] / PULL_AREA
+        if not math.isclose(given.get("max_pressure", pressure), pressure):
+            raise ValueError("max_pressure and max_tension are both given: keep max_tension, in N, if the robot has tendons")
+        return {**data, "max_pressure": pressure}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:
@@ -260,8 +267,8 @@ class Robot(Shown, BaseModel):
         array([1.2, 1.4])
         """
         factor = self.area_factor
-        table = factor if isinstance(factor, dict) else {0.0: factor}
-        return np.interp(np.asarray(spine_length, float), *_sorted(table))
+        table = sorted(factor.items()) if isinstance(factor, dict) else [(0.0, factor)]
+        return np.interp(np.asarray(spine_length, float), *np.array(table).T)
 
     @property
     def actuators(self) -> Chambers | Tendons:
@@ -345,7 +352,7 @@ class Robot(Shown, BaseModel):
         >>> load_robot(Path("robot.yaml")).replace(length=0.42).length
         0.42
         """
-        return robot_from_dict({**self.model_dump(exclude={"max_tension"} if "max_pressure" in values else None), **values})
+        return robot_from_dict({**self.model_dump(exclude=LIMITS if LIMITS & {*values} else None), **values})
 
     def _columns(self) -> dict[str, Any]:
         parts = {(): self, (self.actuators.words.kind,): self.actuators, ("spine",): self.spine}
@@ -383,11 +390,6 @@ def load_robot(path: Path) -> Robot:
         return robot_from_dict(data)
     except BadRobot as error:
         raise BadRobot(f"{path}:\n{error}") from error
-
-
-def _sorted(table: Mapping[float, float]) -> tuple[Array, Array]:
-    keys = sorted(table)
-    return np.array(keys, float), np.array([table[k] for k in keys], float)
 
 
 def _line(error: Any) -> str:

@@ -47,7 +47,7 @@ BESIDE_JSON = ("clipped", "force_drift", "doubt")
 
 _PRESSURE = re.compile(r"p([1-9][0-9]?)")
 _MARKER = re.compile(r"m([1-9][0-9]?)([xyz])")
-SENSOR = re.compile(r"sensor_[a-z][a-z0-9_]{0,60}|joint[1-9]")
+SENSOR = re.compile(r"sensor_[a-z][a-z0-9_]{0,60}|joint[1-9]|tip_moment_[xyz]")
 """Of chambers and markers no robot has a hundred."""
 PRESSURES, MARKERS, SENSORS, SD = 1, 4, 6, 7
 """Where these groups of columns stand."""
@@ -82,6 +82,7 @@ COLUMNS = (
     (r"tip_mass", "kg", "mass hung at the tip"),
     (r"roll_deg", "deg", "turn of the body in its mount about the robot's axis"),
     (r"force_[xyz]", "N", "known force on the tip, base frame"),
+    (r"tip_moment_[xyz]", "N m", "known moment on the tip, base frame"),
     (r"p[0-9]+", "Pa", "pressure of this chamber, gauge, measured"),
     (r"[xyz]", "m", "position of the tip, base frame"),
     (r"q[wxyz]", "1", "orientation of the tip, unit quaternion, base frame"),

@@ -1,8 +1,8 @@
 """The distribution of the readings under a hypothesis, everything in it integrated out, and how they contradict it.
 
-Whatever comes nearest to a cause outside the catalogue is fitted in its place, and leaves little in the residual. What shows it
-instead: repeats that scatter more than instruments and re-grown spines do (excess scatter), and evidence for laws that are wrong
-by more than the forms of a known cause differ (law error). Both make a cause outside the catalogue more probable (`outside`).
+A cause outside the catalogue leaves little in the residual, because similar effects are fitted in its place. It shows as repeats
+that scatter more than instruments and re-grown spines do (excess scatter), and as evidence for laws in error by more than the
+forms of a known cause differ (law error). Both make a cause outside the catalogue more probable (`outside`).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Gaussian:
         """(n,) (I + X X^T)^-1 r."""
 
     def surprise(self, own: Mask) -> tuple[float, int]:
-        """Squared Mahalanobis distance of some values from what all the others predict, and how many they are."""
+        """Squared Mahalanobis distance of some values from their prediction by all others, and their number."""
         x, left = self._x.rows(own), self.residual[own]
         # The block of the inverse covariance, I - x (I + X^T X)^-1 x^T, is the inverse covariance of the prediction's error.
         block = np.eye(len(left)) - self._factors.covariance(x.dense, x.sparse)

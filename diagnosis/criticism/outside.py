@@ -1,13 +1,13 @@
-"""How probable is a cause outside the catalogue, and which would do the same as what is named?
+"""Probability of a cause outside the catalogue, and which such causes would look like the named one.
 
-Three ways in which there can be one, with their prior odds against the catalogue:
+Three kinds of such causes, with their prior odds against the catalogue:
 
-1. A relative of an effect (`relatives`) in its place: weighed like a hypothesis of the catalogue, in the linear problem of what
-   was found. Next to what is named it would take up the error of that effect's law.
-2. A stage's error of free form beside what is named (`stage_errors`).
-3. What looks exactly like what is named.
+1. A relative of an effect (`relatives`) in its place: weighed like a hypothesis of the catalogue, in the linear problem of the
+   answer. Next to a named effect it would absorb the error of that effect's law.
+2. A stage's error of free form in addition to the named effects (`stage_errors`).
+3. A cause that looks exactly like a named one.
 
-The last two are the more probable, the more repeats scatter than instruments and re-grown spines do.
+The last two become more probable as repeats scatter more than instruments and re-grown spines do.
 Log evidence is divided by the temperature, as everywhere.
 """
 
@@ -54,7 +54,7 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
     """Relatives in the place of each effect of some candidates, and alone where they name none; the most probable first.
 
     `candidates` have the log evidence of their hypotheses and all derivatives. `reached` is the log evidence of all hypotheses:
-    what a linear problem or a fit gives one of them beyond what its search has reached is no merit of a relative. Relatives are
+    a relative gets no credit for evidence that a catalogue hypothesis gains in the same problem. Relatives are
     weighed in linear problems first (`promised`); the most promising are fitted, until one that is fitted leads.
     """
     effects = len(p.problem.parameters.ids)

@@ -1,8 +1,8 @@
 """Causes outside the catalogue that a person would think of: relatives of its effects.
 
-Made by walking along the chain from pressure to reading and asking of each part and instrument what it does where it is not as
-assumed (it leaks, drifts, creeps, lies beside the axis, is longer, is wrongly scaled), if the catalogue has no name for it: not
-from the robots on which a diagnosis is scored. They have laws in the catalogue's language, but nothing searches for them: to
+They follow the chain from pressure to reading: how each part and instrument may deviate (leak, drift, creep, lie off the axis,
+be longer, be wrongly scaled) where the catalogue has no effect for it. They were not taken from the robots on which a diagnosis
+is scored. They have laws in the catalogue's language, but nothing searches for them: to
 first order, in the linear problems of what was found, each is put in the place of an effect (`outside`).
 """
 

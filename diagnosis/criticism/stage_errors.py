@@ -1,8 +1,8 @@
-"""Does a stage of the chain ask for an error of its own, beside what is named?
+"""Evidence for an unexplained error in each stage of the chain, in addition to the named effects.
 
-A cause outside the catalogue enters the chain from pressure to reading somewhere. Whatever it is, the readings answer to it
-as they answer to the effects of that stage; how it goes with the state is its own affair. So beside the leading hypothesis
-each effect of each stage in turn gets a free form: with a_j the readings' responses to its sizes at their plausible scale,
+A cause outside the catalogue enters the chain from pressure to reading somewhere. The readings respond to it as
+to the effects of that stage, with an unknown dependence on the state. So, in addition to the leading hypothesis, each effect
+of each stage in turn gets a free form: with a_j the readings' responses to its sizes at their plausible scale,
 
     y = (hypothesis) + s sum_j a_j(x) f_j(x),     f_j ~ GP(0, k),
 
@@ -14,8 +14,8 @@ the columns a_j times the leading eigenfunctions of k the log evidence gained by
     log Z(s) = b^T (I / s^2 + B)^-1 b / 2 - log det(I + s^2 B) / 2,
     B = C^T (I + X X^T)^-1 C,  b = C^T (I + X X^T)^-1 r,
 
-averaged over a grid of sizes. A known cause whose law differs from the catalogue's looks alike; that is why model-form error
-is part of the hypothesis.
+averaged over a grid of sizes. A known cause whose law differs from the catalogue's looks the same; therefore model-form
+error is part of the hypothesis.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _mean(gains: Sequence[float]) -> float:
 def total_gain(errors: Sequence[StageError]) -> float:
     """Log evidence that any of them gains, each as probable as the others beforehand; 0 where there are none.
 
-    What the readings do over time counts for nothing here: every camera wanders (decision 059).
+    Changes over time do not count: every camera drifts (decision 059).
     """
     counted = [e.gain for e in errors if (e.stage, e.dependence) != WANDER]
     return _mean(counted) if counted else 0.0

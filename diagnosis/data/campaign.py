@@ -19,8 +19,8 @@ from ..arrays import Array, Ints, Mask
 class Campaign:
     """n states as measured, in the order in which they happened, those of the robot before those of stiffness trials; SI, rad.
 
-    The model has the same as `States`: there what a state does not have has its default (here it is NaN), vented chambers are at
-    0 Pa (here: as read), and a trial in which the spine changes is several, numbered from 0.
+    The model's counterpart is `States`, where missing values have defaults (here NaN), vented chambers are at 0 Pa (here as
+    read), and a trial in which the spine changes is split into several, numbered from 0.
     """
 
     trials: Table
@@ -120,7 +120,7 @@ class Campaign:
     @property
     def repeats(self) -> int:
         """Number of trials in which a condition was read, median over the conditions in which the gap is looked for."""
-        # A state read twice in one trial is not repeated: what differs from trial to trial is not in it.
+        # A state read twice in one trial is no repeat: it lacks the differences between trials.
         pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
@@ -135,8 +135,13 @@ def tip_masses(robot: Robot, trials: Table) -> Array:
     return trials.get("tip_mass", robot.tip_mass)
 
 
+def tip_moments(robot: Robot, trials: Table) -> Array:
+    """(n, 3) N m; the robot's own where none is recorded."""
+    return np.column_stack([trials.get(f"tip_moment_{a}", m) for a, m in zip("xyz", robot.tip_moment, strict=True)])
+
+
 def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
-    """What was asked of the robot in each state, a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
+    """The settings of each state, each a trial of its own; `vented`: without its pressures. Raises `BadCondition`."""
     return conditions(
         robot,
         np.clip(trials.spine_length, 0.0, None),
@@ -144,6 +149,7 @@ def settings(robot: Robot, trials: Table, vented: bool = False) -> States:
         tip_masses(robot, trials),
         np.radians(trials.get("roll_deg", 0.0)),
         trials.tip_force,
+        tip_moments(robot, trials),
     )
 
 

@@ -1,4 +1,4 @@
-"""From a table of trials to arrays, and what such a table can and cannot be asked.
+"""From a table of trials to arrays, and which questions the table can answer.
 
 Rows that cannot be used are left out and counted, a table that cannot be used at all is refused, and what a small table cannot
 answer is reported as a concern with the result.
@@ -86,7 +86,7 @@ def _behind(first: Ints, second: Ints) -> Ints:
 
 def _conditions(s: Campaign) -> Ints:
     """(n,) number of each state's condition: spine length, pressures, branch, kind and hold."""
-    # settled readings wait as long as it takes, holds of 2, 5 and 10 s were meant to differ
+    # settled readings take varying times; holds of 2, 5 and 10 s were meant to differ
     hold = levels(np.log1p(s.trials.get("hold", 0.0)), 0.4)
     level, branch = levels(s.highest, s.pressure_gap), s.branch.astype(np.int64)
     found = distinct(levels(s.spine_length, gaps.SPINE_GAP), level, branch, s.kind, hold)
@@ -143,7 +143,7 @@ def _vacuums(vacuum: Array, spine: Array) -> Ints:
 
 
 def lacking(s: Campaign) -> tuple[str, ...]:
-    """What it takes to name a cause and is not there: repeated states, a robot bent at two pressures; or, of stiffness trials, a
+    """Data that are missing to name a cause: repeated states, a robot bent at two pressures; or, of stiffness trials, a
     specimen pushed to two deflections at two lengths. Templates of `Words`."""
     own = s.take(~s.pushed)
     if not (len(own) and own.repeats >= 2):

@@ -1,5 +1,5 @@
-"""The noise of the measured values: what each reading errs by itself, what wrong readings of the pressures do to a whole state,
-and errors that last from one reading to the next.
+"""The noise of the measured values: independent errors of each reading, errors of the pressure readings (which move a whole
+state), and errors that last from one reading to the next.
 
 Cameras and pressure sensors wander: an error is forgotten over a time T, not from reading to reading. Within a block of readings
 (those of a trial) the covariance of two values i and j, read |t_i - t_j| apart, is
@@ -8,7 +8,7 @@ Cameras and pressure sensors wander: an error is forgotten over a time T, not fr
     k_ij = exp(-|t_i - t_j| / T),
 
 with s_g the response to one standard deviation of the pressure reading of regulator g, and q the share of its variance that
-lasts. Chambers of one regulator are read wrongly together. Readings of different blocks are independent.
+lasts. Chambers of one regulator share their reading error. Readings of different blocks are independent.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Lasting:
     """Errors that last from one reading of a block to the next."""
 
     block: Ints
-    """(n,) readings of one trial, or of a part of it; -1 for values that have no part in it."""
+    """(n,) readings of one trial, or of a part of it; -1 for values without lasting errors."""
     time: Array
     """(n,) s."""
     channel: Ints
-    """(n,) values of a channel share what lasts of it."""
+    """(n,) values of a channel share its lasting error."""
     sd: Array
     """(n,) in the unit of each channel."""
     pressure: Array
@@ -64,13 +64,13 @@ class Noise:
     state: Ints
     """(n,) which state each value belongs to."""
     sd: Array
-    """(n,) each value's own standard deviation, of what does not last."""
+    """(n,) standard deviation of each value's independent error."""
     pressure_response: Array
     """(n, r) response of each value to one standard deviation of its state's pressure reading, of each regulator."""
     lasting: Lasting | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is made of it."""
+        """Without cached values."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def whiten(self, values: Array) -> Array:
@@ -101,7 +101,7 @@ class Noise:
 
     @property
     def own(self) -> Array:
-        """(n,) standard deviation of each value's own error, with what lasts of it."""
+        """(n,) standard deviation of each value's own error, its lasting part included."""
         return self.sd if self.lasting is None else np.hypot(self.sd, self.lasting.sd)
 
     def take(self, kept: Mask) -> Noise:
@@ -173,7 +173,7 @@ class _Blocks:
     def of(rows: Ints, covariance: Array) -> _Blocks:
         sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
         value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
-        # what rounding leaves of an eigenvalue of zero
+        # rounding errors of a zero eigenvalue
         value = np.maximum(value, 1e-9)
         turned = vector.swapaxes(1, 2)
         white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]

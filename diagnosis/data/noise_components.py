@@ -19,7 +19,7 @@ from ..arrays import Array, Ints, Mask
 from ..judgement import MEMORY
 
 PRESSURE = "pressure"
-"""What lasts of the pressure readings."""
+"""The lasting error of the pressure readings."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class Repeated:
     pressure_response: Array
     """(n, c, r) d(prediction)/d(pressure reading) of each regulator, per Pa."""
     scatter: Mapping[str, Scatter]
-    """Component -> what is drawn anew with each trial or repeat."""
+    """Component -> parameters drawn anew with each trial or repeat."""
     resting: Mask
     """(n,) states read at rest: they are averaged for longer than those read while ramping."""
     drift: Array
-    """(n, c, d) d(prediction)/d(what drifts over the campaign): regular, so no noise."""
+    """(n, c, d) d(prediction)/d(parameters that drift over the campaign): deterministic, so no noise."""
     block: Ints
     """(n,) readings among which errors last (`noise.blocks`), -1 where none does."""
     time: Array
@@ -80,7 +80,7 @@ class NoiseComponents:
 
 def reading_rms(data: Repeated, channels: Mask) -> float:
     """Root mean square distance of a single reading from the average of its condition, squares summed over `channels` (c,): the
-    noise floor of the tip when these are x, y, z. Drift is fitted and taken off, unless there are too few differences for that.
+    noise floor of the tip when these are x, y, z. Drift is fitted and removed if there are enough differences.
     NaN when nothing was repeated."""
     contrast = contrasts(data.condition)
     if not len(contrast):

@@ -41,11 +41,11 @@ from ..arrays import Array, Ints
 from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts
 
 MOST_CONTRASTS = 150
-"""Contrasts whose errors are taken to go together at most."""
+"""Largest number of contrasts with correlated errors."""
 STEPS, ENOUGH = 100, 1e-9
 """Most steps, and the promised decrease of the loss below which no step is taken."""
 LEAST, HELD = 0.1, 0.1
-"""Least curvature along any way, and first damping, relative to the average information."""
+"""Least curvature in any direction, and first damping, relative to the average information."""
 
 
 def estimate_noise(data: Repeated, default: NoiseComponents) -> NoiseComponents:

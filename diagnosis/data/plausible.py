@@ -1,11 +1,11 @@
-"""What no state of this robot can be, whatever its material and its laws: refused with column, value, limit and remedy.
+"""Values that are impossible for this robot, whatever its material: refused with column, value, limit and remedy.
 
     pressures      one for each actuator, at most 20 bar
     tips           within one and a half lengths of the base
     attitudes      unit quaternions
     spine, mass    no longer than the robot; not a thousand times the mass stated, nor one that doubles its length
 
-What else may be wrong is judged by the list of edits, see `edits.reading`.
+Other mistakes are judged by the list of edits, see `edits.reading`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from model.robot import Robot
 from model.section import body_area
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Mask
 from ..errors import BadCase
 
 FARTHEST = 1.5
@@ -63,7 +63,7 @@ def require_plausible(robot: Robot, table: Table) -> None:
 
 
 def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Table]:
-    """One message for each value that cannot be: column, value, what it looks like, what to write; and the states that can be
+    """One message for each impossible value: column, value, what it looks like, what to write; and the states that can be
     compared with a rod, tips in m."""
     tips = table.take(table.with_tip & np.isfinite(table.spine_length))
     of_table = (_spines(robot, table), _masses(robot, table)) if len(table) else ()
@@ -75,14 +75,9 @@ def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Tab
     return tuple(filter(None, wrong)), in_m.take(fit)
 
 
-def pressures_of_each(states: Table) -> Ints:
-    """(n,) number of pressures of each state: up to the last that was measured."""
-    pressures = states.pressures
-    return np.where(np.isnan(pressures), 0, np.arange(1, pressures.shape[1] + 1)).max(axis=1, initial=0)
-
-
 def _counts(robot: Robot, tips: Table) -> str:
-    given, expected = sorted(set(pressures_of_each(tips).tolist())), len(robot.actuators.azimuths_deg)
+    numbers = np.where(np.isnan(tips.pressures), 0, np.arange(1, tips.pressures.shape[1] + 1))
+    given, expected = np.unique(numbers.max(axis=1, initial=0)).tolist(), len(robot.actuators.azimuths_deg)
     if given == [expected]:
         return ""
     return (

@@ -13,7 +13,7 @@ from model.rotation import from_vector, multiply, to_base
 from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
 from ..arrays import Array, Ints
-from ..data.campaign import tip_masses
+from ..data.campaign import tip_masses, tip_moments
 from ..findings import Finding, finding
 
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
@@ -21,7 +21,7 @@ CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity
 AREA, MODULUS, AZIMUTH, GRAVITY, ORIGIN = 0, 1, 2, slice(3, 5), slice(5, 8)
 WIDEST = float(np.log(20))
 """Of the logarithms of area factor and modulus where one of them is what is wrong."""
-FORCE = ("force_x", "force_y", "force_z")
+FORCE, MOMENT = ("force_x", "force_y", "force_z"), ("tip_moment_x", "tip_moment_y", "tip_moment_z")
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,8 @@ class Variants:
     """(v, n, actuators) Pa."""
     force: Array
     """(v, n, 3) N at the tip."""
+    moment: Array
+    """(v, n, 3) N m at the tip."""
     tip: Array
     """(v, n, 3) m."""
     orientation: Array
@@ -59,8 +61,8 @@ class Variants:
     def of(cls, robot: Robot, table: Table) -> Variants:
         """One variant: as described."""
         one = np.ones((1, 1))
-        of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force, table.tip,
-                     table.orientation, table.markers)  # fmt: skip
+        of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
+                     tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
         azimuth, gravity = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.gravity))
         return cls(robot, table, one, one, one, azimuth, gravity, *(values[None] for values in of_states))
 
@@ -95,6 +97,7 @@ class Variants:
             self,
             tip=to_base(q, self.tip) * signs,
             force=to_base(q, self.force) * signs,
+            moment=to_base(q, self.moment) * signs * np.prod(signs),
             markers=to_base(q[:, :, None], self.markers) * signs,
             orientation=orientation * np.array([1.0, *signs * np.prod(signs)]),
         )
@@ -130,15 +133,16 @@ class Variants:
             robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
         if "stretch" in changed:
             robot = with_length(robot, robot.length * float(self.stretch[0, 0]))
-        names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "mass": ("tip_mass",),
-                                           "roll": ("roll_deg",), "pressure": pressure_columns(self.pressure.shape[2]),
+        names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "moment": MOMENT,
+                                           "mass": ("tip_mass",), "roll": ("roll_deg",),
+                                           "pressure": pressure_columns(self.pressure.shape[2]),
                                            "markers": sum(marker_columns(self.markers.shape[2]), ())}  # fmt: skip
         for name in names.keys() & changed:
             columns |= zip(names[name], changed[name].reshape(len(self.table), -1).T, strict=True)
         return robot, self.table.replaced(columns)
 
 
-ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force")
+ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
 """Fields of `Variants` that change the rod."""
 SEEN = ("tip", "orientation", "markers")
 """Those that were measured of it."""

@@ -110,11 +110,12 @@ def _mirrored(v: Variants, own: Array) -> Variants:
 
 
 def _counted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    azimuths, words = robot.actuators.azimuths_deg, robot.actuators.words
-    second = azimuths[min(1, len(azimuths) - 1)]
+    azimuths, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
+    found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
+    most = int(np.abs((found - azimuths + 180) % 360 - 180).argmax())
     short = words.fill("{actuators} counted the other way")
-    found = 2 * azimuths[0] - second + float(np.degrees(theta[AZIMUTH]))
-    return [_refitted(f"{short} round, azimuth of the second", second, found, "deg", p, rather, short=short)]
+    name = f"{short} round, azimuth of {words.actuator} {most + 1}"
+    return [_refitted(name, float(azimuths[most]), float(found[most]), "deg", p, rather, short=short)]
 
 
 def _gravity(down: Array, v: Variants, own: Array) -> Variants:

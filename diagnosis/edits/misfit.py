@@ -188,9 +188,10 @@ class Sample:
         robot, states = self.robot, self._states
         tip_force = v.force - states.force + (v.mass - states.tip_mass)[:, :, None] * v.gravity
         changed = {
-            "pressure": v.pressure, "tip_force": tip_force, "gravity": v.gravity, "length": v.stretch * robot.length,
-            "area_factor": (v.area * robot.area_factor_at(states.spine_length))[:, :, None], "body_modulus": v.modulus *
-            robot.youngs_modulus, "azimuth": np.radians(v.azimuth + v.roll[:, :, None]),
+            "pressure": v.pressure, "tip_force": tip_force, "tip_moment": v.moment - states.moment, "gravity": v.gravity,
+            "length": v.stretch * robot.length, "body_modulus": v.modulus * robot.youngs_modulus,
+            "area_factor": (v.area * robot.area_factor_at(states.spine_length))[:, :, None],
+            "azimuth": np.radians(v.azimuth + v.roll[:, :, None]),
         }  # fmt: skip
         rods = rods_of(robot, states, changed)
         shares = rods.field("length") / rods.whole_length[:, None]

@@ -32,7 +32,8 @@ from .order import ORDER, place_of, reordered, with_order
 
 
 def _unloaded(v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=0.0 * v.pressure, gravity=0.0 * v.gravity, mass=0.0 * v.mass, force=0.0 * v.force)
+    names = ("pressure", "gravity", "mass", "force", "moment")
+    return replace(v, **{name: 0.0 * values for name, values in v.arrays(names).items()})
 
 
 STILL = Edit("still", 0.1, apply=_unloaded, left=True)

@@ -1,11 +1,11 @@
-"""Normal equations of many parameters of which most belong to single trials: an arrow of few shared ones and many sparse ones.
+"""Normal equations in arrow form: a few shared parameters, and many that each belong to a single trial.
 
-With A = [S L], S (n, s) dense columns that all values have and L (n, l) those of single trials or repeats, sparse,
+With A = [S L], S (n, s) the dense columns of shared parameters and L (n, l) the sparse ones of single trials or repeats,
 
     A^T A = [[S^T S, S^T L], [L^T S, L^T L]],
 
-and L^T L is nearly diagonal by blocks: it is factorised as a sparse matrix, and what remains of the shared parameters, the Schur
-complement S^T S - S^T L (L^T L)^-1 L^T S, as a dense one. Work and memory grow with the trials, not with their square or cube.
+where L^T L is nearly block diagonal. It is factorised as a sparse matrix, and the Schur complement of the shared parameters,
+S^T S - S^T L (L^T L)^-1 L^T S, as a dense one. Work and memory grow with the trials, not with their square or cube.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from model.prediction.box_minima import Free, pivoted
 from ..arrays import Array, Ints, Mask
 
 ROUNDING = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
-"""Shares of itself by which the diagonal of a matrix is raised until it can be factorised."""
+"""Relative increases of the diagonal that are tried until a matrix can be factorised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Arrow:
     across: Array
     """(l, s)"""
     local: csc_array
-    """(l, l), its diagonal stored where it is zero, too."""
+    """(l, l), its diagonal stored even where zero."""
 
     def exchanged(self, at: Ints, with_sparse: Array, with_shared: Array, among: Array) -> Arrow:
         """With shared ones `at` (a,) exchanged for others: their products with the sparse ones (l, a), with other shared ones,
@@ -76,7 +76,7 @@ class Arrow:
         return np.repeat(np.arange(self.rest.size), np.diff(self.local.indptr))
 
     def times(self, x: Array) -> Array:
-        """(c,) the product with x (c,); 0 for what is left out."""
+        """(c,) the product with x (c,); 0 for parameters left out."""
         out, shared, local = np.zeros_like(x), x[self.at], x[self.rest]
         out[self.at] = self.shared @ shared + self.across.T @ local
         out[self.rest] = self.across @ shared + self.local @ local
@@ -91,12 +91,12 @@ class Arrow:
         return pivoted(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]
 
     def factorised(self, free: Mask | None = None) -> Factors:
-        """The factors of the part that is free (c,); the rest is solved as 0."""
+        """Factorise the free part (c,); the rest is solved as 0."""
         if free is None or free[self.rest].all() and free[self.at].all():
             return Factors(self)
         of_at, of_rest = free[self.at], free[self.rest]
         local, kept = self.local.copy(), of_rest[self.local.indices] & of_rest[self._column]
-        local.data = np.where(kept, local.data, local.indices == self._column)  # those held have a diagonal of 1
+        local.data = np.where(kept, local.data, local.indices == self._column)  # fixed parameters have a diagonal of 1
         shared, across = self.shared[np.ix_(of_at, of_at)], self.across[:, of_at] * of_rest[:, None]
         return Factors(Arrow(self.at[of_at], shared, self.rest, across, local), of_rest)
 
@@ -117,7 +117,7 @@ class Factors:
         return np.asarray(self._local.solve(values)) if self._local is not None else values
 
     def solve(self, values: Array) -> Array:
-        """(c, ..) A^-1 of values (c, ..); 0 for what is left out."""
+        """(c, ..) A^-1 times values (c, ..); 0 for parameters left out."""
         a, out = self._a, np.zeros_like(values)
         local = values[a.rest] if self._free is None else values[a.rest] * self._free.reshape(-1, *(1,) * (values.ndim - 1))
         first = self._solved(local)
@@ -140,7 +140,7 @@ class Factors:
 
     @cached_property
     def _local_inverse(self) -> csr_array:
-        """(l, l) inverse of the sparse block, which is as sparse: in parts that nothing connects, all of them solved at once."""
+        """(l, l) inverse of the sparse block, equally sparse: its unconnected parts are solved together."""
         count = self._a.rest.size
         number, part = connected_components(self._a.local, directed=False)
         order = np.argsort(part, kind="stable")
@@ -169,7 +169,7 @@ class Factors:
 
 
 def cholesky(matrix: Array) -> Array:
-    """Lower Cholesky factors (..., n, n); the smallest share in `ROUNDING` added to the diagonal makes up for rounding."""
+    """Lower Cholesky factors (..., n, n); the diagonal is raised by the smallest sufficient share in `ROUNDING`."""
     for share in ROUNDING:
         with suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.cholesky(matrix * (1 + share * np.eye(matrix.shape[-1])) if share else matrix))

@@ -1,15 +1,15 @@
-"""What each effect carries of the gap, in m, and which effects are named for it.
+"""How much of the gap each effect carries, in m, and which effects are named.
 
-With d_e what effect e does to the readings in which the gap is looked for, and N their response to what every lab
-calibrates (area factors), the effect carries
+With d_e the change of the readings by effect e, and N their response to what every lab calibrates (area factors),
+the effect carries
 
     c_e = rms over states of  d_e - N (N^T N)^-1 N^T d_e        (m)
 
-so what a calibration takes up anyway is not an effect's merit. All effects are asked, those within their tolerance as well:
+so an effect gets no credit for what a calibration absorbs. All effects count, those within their tolerance as well:
 a tolerance that carries more than any named effect is the cause. c_e is drawn from the posterior over hypotheses and sizes,
 d_e linear about each hypothesis' fit; at the fit it is that of the model itself where the effect carries a noise floor. In
 each draw the largest carrier is named, if it carries at least one noise floor where the hypothesis names it, else two; with
-it what carries as many and 0.4 as much, if the hypothesis names it or it has the least size of a named effect. (With two
+it each that carries as many and 0.4 as much, if the hypothesis names it or it has the least size of a named effect. (With two
 effects of one size a hypothesis of one of them takes the other for a tolerance, as the prior of a pair is small.) Else none is
 named. The answer is the effect that is named in most draws, with those that are named together with it in two thirds of all;
 each draw that names all of the answer counts for it, whatever else it names.
@@ -36,7 +36,7 @@ from .problem import Problem
 from .search import Search
 
 DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
-"""Standard normal deviates, each as probable, of the logarithm of what another form of a law carries."""
+"""Equally probable standard normal deviates of the logarithm of the gap that another form of a law carries."""
 DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
@@ -63,16 +63,16 @@ class Budget:
     metres: Array
     """(d, e) rms of the tip; of stiffness trials alone, of the deflection."""
     floors: Array
-    """(d, e) the same in noise floors, of tip or deflection, whichever shows more of it."""
+    """(d, e) the same in noise floors, of tip or deflection, whichever is larger."""
     weight: Array
     """(d,) probability of each draw; they sum to one."""
     form_error: Array
-    """(d,) share by which laws may be wrong there: what the data say where nothing else is free to take up what is wrong, else
-    the largest (decision 070)."""
+    """(d,) possible relative error of the laws: from the data where no other effect is free to absorb it, else the largest
+    (decision 070)."""
     tolerant: Mask
-    """(d,) other effects are free within their tolerances there, and may hide what is wrong with any law."""
+    """(d,) whether other effects are free within their tolerances, and may hide errors of a law."""
     law_error: dict[str, float]
-    """By effect, the part of that share that its law has where nothing hides it."""
+    """By effect, its law's part of that error where nothing hides it."""
     names: Mask
     """(d, e) which effects each draw names."""
 
@@ -82,8 +82,8 @@ class Budget:
         return float(self.weight[(self.floors < OUTSTANDING_FLOORS).all(axis=1)].sum())
 
     def second(self, answer: Hypothesis) -> dict[str, float]:
-        """Effects that draws name together with an answer, and how probable each is given that: where it is probable that one of
-        them acts, but of none by itself. Most probable first."""
+        """Effects named together with an answer, and their conditional probabilities, largest first: where one of them
+        probably acts but none by itself is probable."""
         answered = np.isin(self.effects, answer)
         held = self.weight * self.names[:, answered].all(axis=1)
         named = self.names & ~answered
@@ -94,7 +94,7 @@ class Budget:
         return {self.effects[i]: float(each[i] / held.sum()) for i in listed}
 
     def interval(self, effect: str, *quantiles: float) -> tuple[float, ...]:
-        """Quantiles (m) of what an effect carries, its law as wrong as laws may be."""
+        """Quantiles (m) of the gap an effect carries, the possible error of its law included."""
         share = np.where(self.tolerant, 1.0, self.law_error[effect])
         laws = np.exp(np.outer(share * self.form_error, DEVIATES))
         carried = (self.metres[:, self.effects.index(effect), None] * laws).ravel()
@@ -106,7 +106,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class BudgetPart:
-    """Values in which it is looked for what effects carry: tips, or the forces of stiffness trials."""
+    """Values in which effects carry the gap: tips, or the forces of stiffness trials."""
 
     rows: Ints
     unit: Array
@@ -126,8 +126,8 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Colu
 def budget(
     problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming = USUAL
 ) -> Budget:  # fmt: skip
-    """Draw what effects carry, `DRAWS` times from each candidate of any weight; `where`: values in which they carry the gap;
-    `naming`: when they are named."""
+    """Draw the gap that effects carry, `DRAWS` times from each candidate of some weight; `where`: values in which they carry
+    it; `naming`: when they are named."""
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
@@ -157,14 +157,14 @@ def budget(
 
 
 def _drawn(weighed: Weighed, standard: Array) -> Array:
-    """(DRAWS, p) of the effects' parameters, by the triangular factor, which moves little with rounding, unlike eigenvectors."""
+    """(DRAWS, p) of the effects' parameters, by the triangular factor, which is less sensitive to rounding than eigenvectors."""
     sd = np.sqrt(np.maximum(np.diag(weighed.covariance), TINY))
     factor = np.linalg.cholesky(weighed.covariance / np.outer(sd, sd) + JITTER * np.eye(len(sd)))
     return np.asarray(weighed.mean + standard @ factor.T * sd)
 
 
 def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
-    """Probabilities of what is named; `known` over the hypotheses, whose candidates also stand for the answers."""
+    """Probabilities of the answers; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
     probability: dict[Hypothesis, float] = {}
     for in_draw, w in zip(*_distinct(b), strict=True):
@@ -174,7 +174,7 @@ def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
     probability.setdefault(NONE, 0.0)
     candidates = dict(known.candidates)
     for h in probability:
-        if h not in candidates:  # never weighed by itself: the most probable of those that hold all of it, or any
+        if h not in candidates:  # never weighed alone: the most probable candidate that holds all of it, or any
             fitting = [k for k, _ in known.ranking if set(h) <= set(k)] or [known.ranking[0][0]]
             candidates[h] = known.candidates[fitting[0]]
     return EffectPosterior(tuple(sorted(probability.items(), key=lambda entry: -entry[1])), candidates)
@@ -277,8 +277,8 @@ class _Carrying:
         return self._of_fit[id(fit)][1]
 
     def _products(self, fit: Fit) -> list[dict[str, Array]]:
-        """See `_squares`. What an effect does at the fit is its slope times its size, but where that exceeds `LEAST_NAMED_FLOORS`
-        noise floors the model is asked with and without the effect."""
+        """See `_squares`. The change by an effect at the fit is its slope times its size; where that exceeds `LEAST_NAMED_FLOORS`
+        noise floors, it is the difference of the model with and without the effect."""
         p = self._problem.parameters
         offset = fit.theta - p.mean
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
@@ -294,7 +294,7 @@ class _Carrying:
             if effect not in responses and any(
                 m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
-                # A stop that is hardly stiff already holds the tip: what it does is not its slope times its size.
+                # Even a soft stop holds the tip: its effect is not its slope times its size.
                 response = self._problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(response).all():
                     asked_anew[effect] = np.column_stack([columns[effect][:, :-1], response])

@@ -1,4 +1,4 @@
-"""A hypothesis as it was weighed, and what goes to another process for it."""
+"""A weighed hypothesis, and the part of it that is sent to another process."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Candidate:
     with_tolerances: bool
     """Fitted with every other effect free within its tolerance; else with all others absent."""
     turns: int = 0
-    """Times that it was searched on; 0: weighed at a start, or where another hypothesis was fitted."""
+    """How often its search was continued; 0: weighed at a start, or where another hypothesis was fitted."""
     ended: bool = False
     """Whether its search has ended."""
     made: Linear | None = None
@@ -34,12 +34,12 @@ class Candidate:
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
 
     def linear(self, problem: Problem) -> Linear:
-        """The linear problem in which it was weighed, made anew where it is not kept."""
+        """The linear problem in which it was weighed, rebuilt if it was not kept."""
         return self.fit.linear(problem) if self.made is None else self.made
 
     @property
     def base(self) -> Jacobian | None:
-        """Derivatives that it shares with others; None where it has all of its own."""
+        """Derivatives shared with others; None if all are its own."""
         return None if self.fit.slope is None else self.fit.slope.base
 
     @property
@@ -58,7 +58,7 @@ Bases = dict[str, Jacobian]
 
 
 def light(c: Candidate, bases: Bases) -> Candidate:
-    """The same without derivatives that another process has."""
+    """The same without derivatives that another process already has."""
     slope = c.fit.slope
     name = next((n for n, r in bases.items() if r is c.base), None)
     return c if slope is None or name is None else _with(c, replace(slope, base=None, left=name))
@@ -73,7 +73,7 @@ def complete(c: Candidate, bases: Bases) -> Candidate:
 
 
 def without_derivatives(c: Candidate) -> Candidate:
-    """The same where it has few derivatives of its own; else without any."""
+    """The same if it has few derivatives of its own; else without any."""
     slope = c.fit.slope
     return c if slope is None or slope.at.size <= 8 else _with(c, None)
 

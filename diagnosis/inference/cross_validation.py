@@ -1,8 +1,8 @@
 """Predicting data that a fit did not see: a share of the values is left out, the model refitted, the rest predicted.
 
-A refit begins at the fit to all values and keeps the derivatives there; where that does not reach the most probable point,
-because the model is far from linear there, derivatives are taken anew. The parameters found then predict with the non-linear
-model. The discrepancy weighs the fit but takes no part in the prediction, unless it is asked for.
+A refit begins at the fit to all values and keeps the derivatives there; if that does not reach the most probable point,
+because the model is strongly non-linear there, they are recomputed. The parameters found then predict with the non-linear
+model. The discrepancy weighs the fit, and is part of the prediction only on request.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Model:
     theta: Array
     """(k,) parameters fitted to all values, near which the refits are."""
     smooth: bool = False
-    """Whether the discrepancy predicts too."""
+    """Whether the discrepancy is part of the prediction."""
 
 
 class CrossValidation:
@@ -46,11 +46,11 @@ class CrossValidation:
         """Number of a part -> the problem of all values but its own."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what was made here."""
+        """Without cached values."""
         return vars(self) | {"_known": None, "_without": {}}
 
     def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
-        """Start all refits; the function that is returned waits for them and returns measured minus predicted (n,) by model."""
+        """Start all refits; the returned function waits for them and returns measured minus predicted (n,) by model."""
         parts = [int(part) for part in np.unique(self._fold[self._fold >= 0])]
         left_out = self._executor.ahead(self._left_out, [(model, part) for model in models for part in parts], step)
 
@@ -102,7 +102,7 @@ def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Arra
 
 
 def _discrepancy(problem: Problem, rest: Problem, size: float, predicted: Array) -> Array:
-    """Most probable discrepancy of all values (n,), from what a fit leaves of those that it has seen."""
+    """Most probable discrepancy of all values (n,), from a fit's residuals of the values it has seen."""
     columns = size * rest.whitened_discrepancy
     missed = rest.noise.whiten(rest.observed - predicted)
     weights = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ missed)

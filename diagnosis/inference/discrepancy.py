@@ -16,8 +16,8 @@ from ..arrays import Array, Ints
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
 
 DECIMALS, MOST_PLACES = 3, 1000
-"""Of a correlation length, to which places are rounded, twice as coarsely as often as it takes to be no more than so many: the
-work grows with their cube, and within a tenth of a correlation length the process hardly changes."""
+"""Share of a correlation length to which places are rounded, doubled until at most this many places remain: the work grows
+with their cube, and within a tenth of a correlation length the process hardly changes."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ class Grid:
         return out
 
     def part(self, with_tolerances: bool) -> Grid:
-        """The part in which all other effects are free within their tolerance, or the one in which they are absent.
+        """The half in which all other effects are free within their tolerance, or the half in which they are absent.
 
         The weights of both sum to one together.
         """

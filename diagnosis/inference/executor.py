@@ -29,7 +29,7 @@ def one_thread(do: Callable[P, B]) -> Callable[P, B]:
 
 
 Progress = Callable[[str, float], None]
-"""Receives the step that is being done, such as "step 2 of 5: hypotheses", and the share of it that is done, 0..1."""
+"""Receives the current step, such as "step 2 of 5: hypotheses", and its completed share, 0..1."""
 
 
 def no_progress(step: str, share: float) -> None:
@@ -51,7 +51,7 @@ class DiagnosisStep(IntEnum):
 
 @dataclass(frozen=True)
 class Executor:
-    """Runs fits here or in other processes, and reports the step and its share done. Pickled it runs them there, silently."""
+    """Runs fits here or in other processes, and reports progress. A pickled copy runs them without reporting."""
 
     progress: Progress = no_progress
     remote_map: RemoteMap | None = None
@@ -61,13 +61,12 @@ class Executor:
         return Executor, ()
 
     def map(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> list[B]:
-        """`do` for every item, in order, as (a part of) a step, or of none that is reported. Raises what `do` raises."""
+        """`do` for every item, in order, reported as (part of) a step, if one is given. Raises what `do` raises."""
         here = self if len(items) > 1 else replace(self, remote_map=None)
         return here.ahead(do, items, step)()
 
     def ahead(self, do: Callable[[A], B], items: Sequence[A], step: DiagnosisStep | None = None) -> Callable[[], list[B]]:
-        """Start `map` in other processes; the function that is returned waits for the results, or computes them here: call it
-        once."""
+        """Start `map` in other processes; the returned function, called once, waits for the results or computes them here."""
         computed = map(do, items) if self.remote_map is None else self.remote_map(do, items)
 
         def results() -> list[B]:

@@ -27,7 +27,7 @@ FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
 never taken anew: where those do not lead down, others do."""
 LEAST_GAIN, HALVINGS = 0.02, 6
-"""A step that lowers the cost by less is the last; times that a start without equilibrium is moved half way to the baseline,
+"""A step that lowers the cost by less is the last; how often a start without equilibrium is moved half way to the baseline
 before it is moved there."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
@@ -51,7 +51,7 @@ class Fit:
     """Model-form error of some effects there; None: no law is taken to be wrong."""
 
     def derivatives(self, problem: Problem) -> Jacobian:
-        """The slope, taken anew where it was not kept."""
+        """The slope, recomputed if it was not kept."""
         return self.slope if self.slope is not None else problem.jacobian(self.theta)[1]
 
     def with_all_derivatives(self, problem: Problem) -> Fit:
@@ -71,7 +71,7 @@ class Fit:
         return replace(self, form_error=replace(laws, responses=kept))
 
     def linear(self, problem: Problem) -> Linear:
-        """The linear problem around it, made anew each time: it is as large as the derivatives."""
+        """The linear problem around it, rebuilt each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)
         linear = problem.whitened(self.theta, self.predicted, slope.white(problem.white))
         known = None if slope.base is None else slope.base.tolerated
@@ -79,8 +79,8 @@ class Fit:
 
 
 def refit(problem: Problem, prior: SizePrior, size: float, start: Fit) -> Fit:
-    """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. What
-    these derivatives promise in the end may not be there: less than `CHORD_PROMISE` is not tried for."""
+    """A search that ends near its start, whose derivatives are used throughout (chord method): one prediction a step. Near
+    the end their promise may be false: less than `CHORD_PROMISE` is not pursued."""
     known, none = start.derivatives(problem).flat, np.zeros(0, np.int64)
     descent = _Descent(problem, prior, size, known, none, CHORD_PROMISE, CHORD_DAMPINGS)
     return descent.search(replace(start, slope=known.shared), rounds=6, tolerance=0.0)
@@ -99,7 +99,7 @@ def fit(
 
     `prior` of the effects, `size` of the discrepancy. Effects of variance 0 are left out, wherever the start has them, and
     the slope of the result has nothing for them. With `frozen`, derivatives by named effects alone are taken anew at each step;
-    all others are those of `frozen`. It ends where less than `least_promise` is left to gain.
+    all others are those of `frozen`. It ends when less than `least_promise` can be gained.
     """
     fresh = problem.parameters.scaled(prior)[0] > 0
     if frozen is not None:
@@ -139,7 +139,7 @@ class _Descent:
             theta, cost, level = step
             self.go_to(theta)
             next_local = self.local(theta, cost)
-            if next_local is None:  # a trial took a state for one in equilibrium that has none
+            if next_local is None:  # a trial mistook a state for one in equilibrium
                 break
             decrease, local = local.cost - cost, next_local
             if decrease < max(LEAST_GAIN, self._least):
@@ -150,7 +150,7 @@ class _Descent:
         return Fit(local.theta, local.predicted, local.slope, local.cost, promise)
 
     def go_to(self, theta: Array) -> None:
-        """Predictions are asked for near parameters (k,) from now on."""
+        """Prepare predictions near parameters (k,)."""
         self._forward = self._forward.near(theta)
 
     def cost(self, theta: Array, predicted: Array) -> float:
@@ -174,7 +174,7 @@ class _Descent:
             else:
                 theta = self._p.mean.copy()
                 predicted, slope = self._linearised(theta)
-        # a start with more in it than the hypothesis has is left whatever it costs
+        # a start with more than the hypothesis has is left at any cost
         allowed = (theta == self._mean)[self._scale == 0].all()
         return self._local(theta, predicted, slope, self.cost(theta, predicted) if allowed else np.inf)
 
@@ -184,9 +184,9 @@ class _Descent:
         return self._local(theta, predicted, slope, cost) if np.isfinite(predicted).all() else None
 
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
-        """A point that costs no more, its cost, and the level of damping that led there, from `level` up; None where none does.
+        """A point of no higher cost, its cost, and the level of damping that led there, from `level` up; None if there is none.
 
-        Where the strongest leads to no equilibrium, all are tried again with predictions that give up at a state without any.
+        If the strongest leads to no equilibrium, all are tried again with predictions that stop at such a state.
         """
         for trial in (True, False):
             cost = 0.0
@@ -257,7 +257,7 @@ class _FitMisfit:
 
 
 class _Local:
-    """The linear problem around parameters (k,), in which optima are quick to find. It is solved for the k parameters and the m
+    """The linear problem around parameters (k,), in which optima are found quickly. It is solved for the k parameters and the m
     coefficients of the discrepancy together, in units of their priors about their means."""
 
     def __init__(
@@ -283,7 +283,7 @@ class _Local:
         self._score = self._pulled(missed) + self._curve.times(self._here)
 
     def _pulled(self, values: Array) -> Array:
-        """(k + m,) by how much values (n,) pull."""
+        """(k + m,) projection of values (n,) on the columns."""
         white, problem = self._misfit.whiten(values), self._misfit.problem
         of_discrepancy = self._misfit.size * (problem.whitened_discrepancy.T @ white)
         return np.concatenate([self._ratio * self.slope.against(white, problem.white), of_discrepancy])
@@ -294,7 +294,7 @@ class _Local:
 
     @cached_property
     def optimum(self) -> Array:
-        """Optimum (k,) within the bounds; what has no scale is at its mean."""
+        """Optimum (k,) within the bounds; parameters without scale are at their mean."""
         return self.goal(0.0)
 
     def goal(self, damping: float, bend: Array | None = None) -> Array:

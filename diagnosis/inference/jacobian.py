@@ -1,12 +1,11 @@
-"""The Jacobian: derivatives of the measured values by the parameters, of which many searches share most.
+"""The Jacobian: derivatives of the measured values by the parameters, most of them shared by many searches.
 
-Most searches take anew the derivatives by what they name alone; all others are those of one point, the base. Those are kept once,
-whitened once, and go to another process once; a fit keeps what it took anew. Derivatives are made by
+Most searches recompute only the derivatives by the effects they name; all others are those of one point, the base. The base is
+stored, whitened and sent to another process once; a fit keeps what it recomputed. Derivatives are made by
 `ForwardModel.slopes` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
 
-Many columns are zero but for few rows: what belongs to one trial (its spine as it was inserted, how it was mounted) moves the
-values of that trial alone. The more trials, the more such columns there are, each with as few numbers as before: as a whole they
-would grow with the square of the trials.
+Many columns are zero in most rows: a parameter of one trial (its spine, its mounting) moves the values of that trial alone. More
+trials mean more such columns, each with as few numbers as before; stored densely they would grow with the square of the trials.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from ..data.noise import Noise
 from .arrow import Arrow, with_diagonal
 
 FEW = 1 / 16
-"""Share of the rows up to which a parameter that has copies elsewhere is kept by these rows alone."""
+"""Largest share of the rows for which a parameter with copies elsewhere is stored by its rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +158,7 @@ class Jacobian:
     _made: dict[Any, Any] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is made of it."""
+        """Without cached values."""
         return vars(self) | {"_made": {}}
 
     @classmethod
@@ -174,7 +173,7 @@ class Jacobian:
 
     @property
     def shared(self) -> Jacobian:
-        """With this as the base, and nothing taken anew."""
+        """With this as the base, and nothing recomputed."""
         return Jacobian(self.parameters, np.zeros(0, np.int64), Columns.nothing(self.own.shape[0], 0), self)
 
     @property
@@ -227,13 +226,13 @@ class Jacobian:
         return made
 
     def _filled(self, known: Columns | None, own: Columns) -> Columns:
-        """(n, k) of what the columns of the base, and its own, have become."""
+        """(n, k) assembled from processed columns of the base and its own."""
         return (known or Columns.nothing(own.shape[0], self.parameters)).replaced(self.at, own)
 
 
 def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
-    """Columns (n, c) times `scale` (c,), whitened. A column that is zero in all values of a block of the noise stays so there, so
-    only pairs of a block and a column with numbers are whitened: block by block, side by side in few dense columns (`packed`)."""
+    """Columns (n, c) times `scale` (c,), whitened. A column that is zero throughout a block of the noise stays zero there, so
+    only pairs of a block and a non-zero column are whitened, block by block in few dense columns (`packed`)."""
     if not columns.nnz:
         return columns
     n, count = columns.shape

@@ -4,8 +4,8 @@
 
 after whitening by the noise and scaling every column by its prior. y are the measured values, theta the catalogue's effects in
 units of their plausible scale, u the nuisances, D w a smooth discrepancy of size g, F z the model-form error of the named
-effects, of size f. u, w and z are integrated out in closed form for each pair (g, f); what is left is a small problem in theta,
-in which any choice of the priors m, v (which effects are present, how narrow the others are) costs one small factorisation.
+effects, of size f. u, w and z are integrated out in closed form for each pair (g, f), which leaves a small problem in theta.
+There any choice of the priors m, v (which effects are present, how narrow the others are) costs one small factorisation.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ With y_sim what the simulator predicts of the states and rod(theta) the rod with
 
 k over the parameters that the simulator can vary itself,
 rod(0) having the area factor with which it comes nearest to y_sim, so that effects act on a rod that bends as far. The share s
-is fitted beside the area factor, in every hypothesis: it tells how much of what the simulator does otherwise than the rod is
-not there in the measurements (an error of its numerics, of its mesh, of its form). How the simulator's response to an effect
+is fitted beside the area factor, in every hypothesis: it states how much of the simulator's difference from the rod is
+absent from the measurements (an error of its numerics, its mesh or its form). How the simulator's response to an effect
 differs from the rod's is part of the effect's law error; a factor common to all states is its size.
 """
 
@@ -55,7 +55,7 @@ class Baseline:
     """Tip, orientation and markers, NaN where there are none, at spine lengths and pressures that may differ a little from the
     measured ones."""
     varied: Mapping[str, tuple[float, Baseline]] = field(default_factory=dict)
-    """Parameter -> a small step in its unit, and what the simulator predicts that far from the robot as it is described."""
+    """Parameter -> a small step in its unit, and the simulator's prediction after that step."""
 
     def take(self, own: Ints) -> Baseline:
         """The predictions of some states, by their rows in the table (m,)."""
@@ -74,7 +74,7 @@ class OnBaseline:
     varied: Mapping[int, Array]
     """Index of a parameter -> (observations,) by how much the simulator's derivative exceeds the rod's."""
     area_factor: float
-    """With which the rod comes nearest to the simulator."""
+    """The one with which the rod comes closest to the simulator."""
 
     @cached_property
     def _share(self) -> int:
@@ -85,7 +85,7 @@ class OnBaseline:
         return np.asarray(self.forward.predict(theta, trial, whole) + self._beside(theta))
 
     def _beside(self, theta: Array) -> Array:
-        """(observations,) what the rod alone does not predict."""
+        """(observations,) the part that the rod alone does not predict."""
         return np.asarray((1.0 - theta[self._share]) * self._apart(theta))
 
     def _apart(self, theta: Array) -> Array:
@@ -120,8 +120,8 @@ def on_baseline(
 ) -> OnBaseline:
     """The model of the states of a design with a table's columns; raises `BadCase` where the rod cannot stand in.
 
-    A simulator may have been asked for settings a little off those measured: its difference from the rod is taken there
-    (`shifted`), and added to the rod at what was measured.
+    A simulator's settings may differ a little from those measured: its difference from the rod is taken at its own
+    settings (`shifted`), and added to the rod at the measured ones.
     """
     at_simulator = {**table, **baseline.predicted.values}
     shifted = design_from_columns(robot, at_simulator, design.channels)

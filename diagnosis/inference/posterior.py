@@ -2,8 +2,8 @@
 
 Prior: none, one effect, two or three have fixed shares; within a share all combinations of the catalogue are equally probable. A
 pair must therefore pay not only for its free parameters but also for being one of several hundred. The probability of a cause
-outside the catalogue is that of `criticism.outside`; the catalogue shares what is left. Those that an answer states are made
-of these: `budget.by_what_is_carried`, then `with_unknown`.
+outside the catalogue is that of `criticism.outside`; the catalogue shares the rest. The probabilities in an answer follow
+from these: `budget.by_what_is_carried`, then `with_unknown`.
 """
 
 from __future__ import annotations

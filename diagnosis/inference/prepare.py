@@ -34,7 +34,7 @@ from .problem import FitForward, FitParameters, MaskedForward, Problem, derivati
 from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
-"""The parameters of the one area factor, and of what the modulus may be off."""
+"""The parameters of the one area factor, and of the modulus' error."""
 PAYLOAD = "tip_payload.mass"
 TINY = 1e-12
 """m."""
@@ -50,15 +50,15 @@ class Prepared:
     labels: Labels
     noise_components: NoiseComponents
     noise_floor: float
-    """m, root mean square distance of a single tip reading from its condition's average; the noise floor. Differences that the
-    states' own readings explain are no noise, unless they would make more of it than there is: their errors do too."""
+    """m, root mean square distance of a single tip reading from its condition's average; the noise floor. Differences explained
+    by the states' own readings are no noise, unless removing them would increase it."""
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
     pushes: StiffnessTrials | None
     """Noise of the stiffness trials; None where there are none."""
     baseline: OnBaseline | None = None
-    """What takes the rod's place as a baseline; None: nothing does."""
+    """The baseline in the rod's place; None: the rod itself."""
     described: tuple[Robot, Campaign] | None = None
     """Robot and states as they were given, where `robot` and `states` were calibrated first (`edits.search`)."""
 
@@ -76,14 +76,14 @@ class Prepared:
         return float(area_factor / self.forward.area_factor[0] - 1)
 
     def common(self, theta: Array) -> Array:
-        """Parameters (k,) with what belongs to single trials or to this campaign's course (drift) at its mean: what the model
-        predicts for a new trial."""
+        """Parameters (k,) with those of single trials and of this campaign's drift at their means: the model's prediction for a
+        new trial."""
         lasts = np.array([p.lasts for p in self.forward.parameters])
         return np.where(lasts, theta, self.problem.parameters.mean)
 
     @property
     def simulator_as_it_is(self) -> Prepared:
-        """The same with the share of the simulator's difference from the rod that is not measured held at zero."""
+        """The same with the unmeasured share of the simulator's difference from the rod held at zero."""
         made = self.problem.parameters
         sd = np.where(np.array(made.names) == SHARE, TINY, made.sd)
         return replace(self, problem=replace(self.problem, parameters=replace(made, sd=sd)))
@@ -111,7 +111,7 @@ class Prepared:
         return out
 
     def deflection(self, values: Array) -> Array:
-        """(states,) m: forces among values (n,) as the deflection that each specimen gives way by under them, NaN elsewhere."""
+        """(states,) m: forces among values (n,) as deflections of each specimen under them, NaN elsewhere."""
         out = np.full(len(self.states), np.nan)
         if self.pushes is not None:
             own = self.labels.kind == 3
@@ -200,7 +200,7 @@ def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:
 
 
 def observable_effects(robot: Robot, design: States, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
-    """A catalogue without the effects that such states cannot show."""
+    """A catalogue without the effects that these states cannot show."""
     return {id: spec for id, spec in catalogue.items() if spec.shown is None or spec.shown(robot, design)}
 
 
@@ -212,7 +212,7 @@ def table_columns(states: Campaign) -> dict[str, NDArray[np.generic]]:
 
 
 def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
-    """The forward model's parameters without sizes that cannot be: no more is taken off the tip than hangs there."""
+    """The forward model's parameters without impossible sizes: no more mass is removed from the tip than hangs there."""
     stated, tips = robot.stated.get(PAYLOAD), ~forward.design.stiffness
     hanging = float(forward.design.tip_mass[tips].min(initial=np.inf)) + (stated.value if stated is not None else 0.0)
     return tuple(replace(i, low=max(i.low, -hanging)) if i.name == PAYLOAD else i for i in forward.parameters)

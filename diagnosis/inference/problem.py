@@ -24,7 +24,7 @@ ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 
 
 class FitParameter(Protocol):
-    """What is asked of a parameter; `model.effects.parameters.ParameterInfo` and `any_model.model.Parameter` have it."""
+    """Required of a parameter; `model.effects.parameters.ParameterInfo` and `any_model.model.Parameter` have it."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -59,17 +59,17 @@ class FitParameter(Protocol):
 
 
 class FitForward(Protocol):
-    """What is asked of a model of the measured values."""
+    """Required of a model of the measured values."""
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
-        """Predicted values (n,) at parameters (k,); a `trial` may give up, as NaN, what would take long to find, and who asks for
-        the `whole` gets NaN for any value once a state has no equilibrium."""
+        """Predicted values (n,) at parameters (k,); a `trial` may return NaN for what would take long to find, and
+        with `whole` a single state without equilibrium makes all values NaN."""
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Predicted values (n,) and their derivatives (n, k), by some of the parameters where columns are given."""
 
     def near(self, theta: Array) -> FitForward:
-        """The same model, made quicker close to parameters (k,)."""
+        """The same model, accelerated close to parameters (k,)."""
 
 
 @runtime_checkable
@@ -105,7 +105,7 @@ class MaskedForward:
         return predicted[self._kept], slope.rows(self._kept)
 
     def near(self, theta: Array) -> MaskedForward:
-        """The same, made quicker close to parameters (k,)."""
+        """The same, accelerated close to parameters (k,)."""
         return MaskedForward(self._forward.near(theta), self._kept)
 
 
@@ -137,7 +137,7 @@ class FitParameters:
     least: tuple[float, ...] = ()
     """Least size of a named effect, as a share of each parameter's scale; empty: `LEAST_NAMED_SIZE` for all."""
     narrow: bool = False
-    """What may be named at a smaller size than `LEAST_NAMED_SIZE` is tolerated less, and is of no small size from there on."""
+    """An effect that may be named below `LEAST_NAMED_SIZE` has a narrower tolerance, and counts as large from that size on."""
     changes: bool = False
     """Effects are changes since a reference: one-sided ones may have grown or shrunk."""
 
@@ -273,8 +273,8 @@ class FitParameters:
         return self.prior(self.mask(self.ids), 0.0)
 
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
-        """What least squares over all that is fitted in every model leaves of columns (n, c), the values in `unit` (n, 1) each;
-        derivatives `slope` (n, k) of the same values."""
+        """Residuals of columns (n, c), the values in `unit` (n, 1) each, after least squares over all that is fitted in every
+        model; derivatives `slope` (n, k) of the same values."""
         chosen, columns = self.calibration & ~self.of_effect, columns * unit
         free = (slope.take(chosen).whole if isinstance(slope, Columns) else slope[:, chosen]) * self.sd[chosen] * unit
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
@@ -298,7 +298,7 @@ class FormError:
     responses: Mapping[str, Array]
     """What named effects do to the values (n,), in their units, where that is known."""
     shared: bool = False
-    """What is tolerated is taken to be as at the reference of the derivatives."""
+    """Tolerated effects are taken to be as at the reference of the derivatives."""
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ class Problem:
     catalogue's (model-form error)."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without what is made of it."""
+        """Without cached values."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @cached_property
@@ -327,7 +327,7 @@ class Problem:
 
     @cached_property
     def _independent_basis(self) -> Array:
-        """(n, r) the same in as few columns as draw the same; which ones is up to rounding."""
+        """(n, r) the same in as few columns as give the same covariance; which ones depends on rounding."""
         basis = self.form_error_basis
         value, vector = np.linalg.eigh(basis.T @ basis)
         return np.asarray(basis @ vector[:, value > 1e-12 * value[-1]])
@@ -376,13 +376,14 @@ class Problem:
 
     def with_form_error(self, linear: Linear, theta: Array, wrong: FormError, tolerated: Array | None = None) -> Linear:
         """The linear problem with columns of model-form error, smooth over the states; a coefficient of 1 is all of what an
-        effect does at theta. No law of material or contact is exact, be its effect named or tolerated (to first order then).
+        effect does at theta. No law of material or contact is exact, whether its effect is named or (to first order) tolerated.
         `tolerated` (n, f): columns of what is, for those that share them."""
         columns, leakage = [np.zeros((len(linear.observed), 0))], 0.0
+        unit = np.maximum(np.sqrt((self.discrepancy**2).sum(axis=1)), 1e-300)  # of each value, of a discrepancy of size 1
         for effect, response in wrong.responses.items():
             done = self.parameters.law_error[effect] * response
             columns.append(self.form_error_of(done))
-            leakage = float(np.hypot(leakage, LEAKAGE * self._typical(done)))
+            leakage = float(np.hypot(leakage, LEAKAGE * np.sqrt(np.mean((done / unit) ** 2))))
         known = tolerated if wrong.shared else None
         columns.append(self._tolerated(linear, theta, wrong.named) if known is None else known)
         return replace(linear, form_error=np.hstack(columns), leakage=leakage)
@@ -393,7 +394,7 @@ class Problem:
         tolerated = [e not in named for e in p.ids]
         share = np.array([p.law_error[e] for e in p.ids])
         white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
-        # Any rotation of what the effects do has the same errors, all of them together.
+        # Any rotation of the effects' contributions has the same joint errors.
         together = [self.form_error_of(own) for own in self.noise.colour(leading(white)).T]
         return leading(np.hstack(together)) if together else np.zeros((len(white), 0))
 
@@ -407,11 +408,6 @@ class Problem:
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""
         return leading(self.noise.whiten(done[:, None] * self._independent_basis))
-
-    def _typical(self, done: Array) -> float:
-        """rms over all values of an effect's contribution `done` (n,), each in units of a discrepancy of size 1."""
-        unit = np.sqrt((self.discrepancy**2).sum(axis=1))
-        return float(np.sqrt(np.mean((done / np.maximum(unit, 1e-300)) ** 2)))
 
 
 def leading(columns: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The noise of a campaign's readings: estimated from its repeats (`data.noise_components`), and laid over its values.
+"""The noise of a campaign's readings: estimated from its repeats (`data.noise_components`), and applied to its values.
 
 Of stiffness trials a force error dF is expressed as the deflection dF / k, k the specimen's stiffness (N/m), so that specimens
 of all lengths are compared in the unit of the tip's gap. The noise comes from repeats as for the robot: white noise of the force,
@@ -38,13 +38,13 @@ DEFAULT_PRESSURE_NOISE = 500.0
 VENTED, VENTED_SHARE = 5e3, 0.025
 """Pa, and of the highest pressure of all: a chamber that never reads more than the lesser of them in a trial is vented."""
 LONGEST_BLOCK = 40
-"""States of a trial whose errors are taken to go together at most."""
+"""Largest number of states of a trial with correlated errors."""
 MOST_TELLING, MOST_REPEATS = 3000, 12
 """States, and repeats of each of their conditions, from which the noise is estimated in larger campaigns."""
 USUAL = NoiseComponents(DEFAULT_NOISE, DEFAULT_PRESSURE_NOISE, {}, 1.0, 0)
 """Of cameras and regulators as usual."""
 OFFSET = "pressure_offset.offset"
-"""The parameter by which readings change as they do with an error of the pressure."""
+"""The parameter that changes readings as an error of the pressure does."""
 PRESSURE_STEP = 500.0
 """Pa by which pressures are moved for a derivative."""
 PUSH_SOURCES = ("touch", "zero")
@@ -57,7 +57,7 @@ DEFAULT_DEFLECTION_NOISE = 0.02e-3
 
 @dataclass(frozen=True)
 class StiffnessTrials:
-    """What is known of the stiffness trials of a case."""
+    """Noise and stiffness of the stiffness trials of a case."""
 
     noise_components: NoiseComponents
     """`channel` holds force (N), `pressure` the standard deviation of a deflection's reading (m)."""
@@ -154,7 +154,7 @@ def noise_to_come(noise: NoiseComponents, observed: Observations, design: States
 def _of_channels(
     noise: NoiseComponents, kind: Ints, channel: NDArray[np.str_], block: Ints, time: Array
 ) -> tuple[Array, Lasting | None]:
-    """Sd (n,) of each value's error that does not last, and the errors that do; `kind` (n,): index in `KINDS`."""
+    """Sd (n,) of each value's independent error, and the lasting errors; `kind` (n,): index in `KINDS`."""
 
     def of_kind(by_name: Mapping[str, float], default: float) -> Array:
         return np.array([by_name.get(k, default) for k in KINDS])[kind]
@@ -189,8 +189,8 @@ def floor_of(
     pace: float = STANDARD.time,
 ) -> tuple[NoiseComponents, float, float]:
     """Noise components of the robot's states, estimated from repeats unless `known`, and two values of the rms (m) of a tip
-    reading about its repeats: with what the model predicts of each state taken off (`missed` = `observed` - prediction), and with
-    the best proportion of that and of the pressures, so that sizes in the model do not matter. Without repeats, usual values."""
+    reading about its repeats: after subtracting the model's prediction of each state (`missed` = `observed` - prediction), and
+    after regression on that and on the pressures, so that sizes in the model do not matter. Without repeats, usual values."""
     names = [name for name in dict.fromkeys(labels.channel.tolist()) if name != "force"]
     default = replace(USUAL, memory=MEMORY * pace)
     if not names:
@@ -241,7 +241,7 @@ def floor_of(
 
 
 def telling(condition: Ints, trial: Ints) -> Mask:
-    """(n,) states of whole trials that tell enough of the noise: all up to `MOST_TELLING`; else, condition by condition,
+    """(n,) states of whole trials that suffice to estimate the noise: all up to `MOST_TELLING`; else, condition by condition,
     `MOST_REPEATS` of its trials, trials and conditions taken all over the campaign. The work grows with their cube."""
     chosen = np.zeros(len(trial), bool)
     if len(trial) <= MOST_TELLING:
@@ -255,13 +255,13 @@ def telling(condition: Ints, trial: Ints) -> Mask:
 
 
 def _all_over(values: Ints) -> Ints:
-    """The values in an order of which each beginning is spread evenly, by multiples of the golden ratio."""
+    """The values in an order whose every beginning is spread evenly, by multiples of the golden ratio."""
     return values[np.argsort((np.arange(len(values)) * (np.sqrt(5) - 1) / 2) % 1, kind="stable")]
 
 
 def by_readings(states: Campaign) -> Array:
-    """(n, 2 r) what tips of one condition differ by to second order: the pressure of each of r regulators and its square, as
-    shares of the highest."""
+    """(n, 2 r) causes of differences between tips of one condition, to second order: pressure of each of r regulators and its
+    square, as shares of the highest."""
     pressure = with_vented_at_zero(states)
     read = np.column_stack([pressure[:, own[0]] for own in regulators(states.pressure, pressure)])
     read = read / max(float(read.max()), 1.0)

@@ -4,14 +4,14 @@ Effects are not linear at full size, so the evidence of each hypothesis is taken
 probable point: twice, with all other effects absent and with all other effects free within their tolerances, whose most
 probable points can lie far apart. The two evidences are added.
 
-A queue holds points at which hypotheses are weighed and from which they can be searched. What a point promises is the log
+A queue holds points at which hypotheses are weighed and from which they can be searched. The promise of a point is the log
 evidence of its linear problem plus, in the same units, the logarithm of the prior. First the single effects are weighed around
-none, or at their starts where they are not linear there. Then the most promising points are searched on, some of them in
-parallel, and where a leading search has ended, the hypotheses next to it (one effect more, one less, one exchanged, tolerances on
-or off) are weighed in its linear problem and join the queue. A point that promises less than the best hypothesis has reached, by
-more than a margin, is left; the search ends when none remains. Without tolerances effects are also added one by one, each time
-the one that makes the data most probable (forward selection), whatever the margin: with tolerances these take the place of a
-second effect, and alone neither of two effects promises anything.
+none, or at their starts where they are not linear there. Then the searches of the most promising points continue, some in
+parallel. Where a leading search has converged, its neighbours (one effect more, one less, one exchanged, tolerances on or off)
+are weighed in its linear problem and join the queue. A point whose promise falls short of the best hypothesis by more than a
+margin is dropped; the search ends when none remains. Without tolerances effects are also added one by one, each time
+the one that makes the data most probable (forward selection), regardless of the margin: with tolerances, these replace a
+second effect, and neither of two effects alone promises anything.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Key = tuple[Hypothesis, bool]
 """A hypothesis, and whether all other effects are free within their tolerances."""
 
 FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 2, 4, 30
-"""Steps of a search from a new point, with derivatives by what is named alone taken anew; steps of each further one, with all
-derivatives; most steps of a hypothesis that is searched by itself."""
+"""Steps of a search from a new point, which recomputes the derivatives by named effects only; steps of each further search, with
+all derivatives; most steps of a hypothesis that is searched by itself."""
 
 UNKEPT, MOST_UNKEPT = 1e5, 4
 """Log evidence by which a search may fall short of what its linear problem promised, and searches in a row that may, until none
@@ -48,7 +48,7 @@ is followed: near a robot that snaps to other equilibria no linear problem holds
 
 
 class Standing(NamedTuple):
-    """How far a search has come: goes with each candidate to other processes, which have the search as it began."""
+    """Progress of a search: sent with each candidate to other processes, which hold the search as it began."""
 
     best: float = -np.inf
     """Log evidence, with that of the prior, of the best hypothesis reached."""
@@ -78,7 +78,7 @@ class Search:
         self._begin_at(self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a search elsewhere needs: nothing of what was tried."""
+        """Pickled without earlier candidates."""
         return vars(self) | {"_tried": {}, "_queue": [], "_promised": {}}
 
     def _begin_at(self, none: Fit, with_tolerances: bool) -> None:
@@ -136,9 +136,10 @@ class Search:
         out, at_starts = [], []
         p = self.problem.parameters
         near = max(map(_evidence, self._none.values())) - judgement.SEARCH_MARGIN
-        for c in (c for w in self._none for c in self._singles(w)):
+        singles = [(e,) for e in p.ids]
+        for c in (c for w in self._none for c in self.around(self._none[w].fit, singles, w)):
             needs_own = self._starts.needs_own(c.named)
-            # within its tolerance none may have moved to where it acts, and promises more then
+            # with tolerances, none may have moved to where the effect acts, and then promises more
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
                 out.append(c)
             both = not p.tolerable[p.mask(c.named)].any()
@@ -147,11 +148,6 @@ class Search:
         for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += candidates
         return out
-
-    def _singles(self, with_tolerances: bool) -> list[Candidate]:
-        """Every single effect around none."""
-        singles = [(e,) for e in self.problem.parameters.ids]
-        return self.around(self._none[with_tolerances].fit, singles, with_tolerances)
 
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
@@ -168,7 +164,7 @@ class Search:
         return judgement.TEMPERATURE * float(np.log(hypothesis_prior(named, len(self.problem.parameters.ids))))
 
     def _margin(self, c: Candidate) -> float:
-        """How far below the best hypothesis a point may lie and still win by one effect more."""
+        """How far below the best hypothesis a point may lie and still win with one more effect."""
         more = (*c.named, "")
         if not c.turns or len(more) not in judgement.PRIOR_OF_NUMBER or len(c.named) == len(self.problem.parameters.ids):
             return judgement.SEARCH_MARGIN
@@ -211,7 +207,7 @@ class Search:
         return chosen
 
     def _forget_derivatives(self) -> None:
-        """What is far behind is kept without derivatives: of a large campaign they take most memory."""
+        """Drop the derivatives of hypotheses far behind: in a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
         for key, c in self._tried.items():
             if c.log_evidence + self._log_prior(c.named) < self._standing.best - judgement.SEARCH_MARGIN and id(c) not in waiting:
@@ -220,7 +216,7 @@ class Search:
     # ------------------------------------------------------------------ one point
 
     def _searched_on(self, c: Candidate) -> list[Candidate]:
-        """Search a hypothesis on from a point; add its neighbours where that has ended and it leads."""
+        """Continue a search from a point; add its neighbours once it has converged and leads."""
         turned = self._turn(c)
         if not turned.ended:
             return [turned]
@@ -237,8 +233,8 @@ class Search:
         return [extended, *map(self._turn, points), *others]
 
     def _taken_apart(self, c: Candidate) -> list[Candidate]:
-        """A hypothesis of several effects, and those that name one less, searched from where it is fitted: one of them may reach
-        from there what it does not reach from none, and explain alone what seemed to take several."""
+        """A hypothesis of several effects, and those that name one less, searched from its fit: from there one of them may
+        explain alone what seemed to take several."""
         out, start = [], c.fit.theta
         for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
             fitted = self.fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)
@@ -251,16 +247,16 @@ class Search:
         return not c.with_tolerances and log_evidence >= self._standing.alone.get(len(c.named), -np.inf)
 
     def _leads(self, c: Candidate) -> bool:
-        """Whether a searched hypothesis lies within the margin of those that are searched on."""
+        """Whether a hypothesis lies within the margin for further search."""
         return c.log_evidence + self._log_prior(c.named) > self._standing.best - self._margin(c)
 
     def _turn(self, c: Candidate) -> Candidate:
-        """Search a hypothesis on: first with the derivatives of what is not named as they are, later with all anew; whether it
-        has ended, because evidence rises by less than `UNCONVERGED` or the linear problem promises no more."""
+        """Continue the search of a hypothesis, first keeping the derivatives by effects that are not named, later recomputing
+        all; and whether it has converged: evidence rises by less than `UNCONVERGED`, or the linear problem promises no more."""
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
-            start = c.fit.theta  # all derivatives are taken anew
+            start = c.fit.theta  # all derivatives are recomputed
         elif not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
             start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
@@ -269,7 +265,7 @@ class Search:
         # where no step leads to a prediction, both are minus infinity
         stalled = c.turns > 0 and not weighed.log_evidence - c.log_evidence >= judgement.UNCONVERGED
         weighed = replace(max(c, weighed, key=_evidence) if c.turns else weighed, turns=c.turns + 1)
-        # A leading one takes all its derivatives anew, and has the discrepancy in which it is most probable.
+        # A leading one recomputes all derivatives, with the most probable size of its discrepancy.
         settled = not self._leads(weighed) or (frozen is None and weighed.grid_point.size == c.grid_point.size)
         converged = weighed.fit.predicted_decrease <= judgement.UNCONVERGED and settled
         return replace(weighed, ended=stalled or converged)
@@ -298,7 +294,7 @@ class Search:
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
     def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
-        """One hypothesis by itself, all other effects absent, searched to the end from each of its starting points, from `more`
+        """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts, from `more`
         (k,) parameters, and from its sizes on either side of zero."""
         begun, starts = self._none[False], [*more]
         if named:
@@ -320,7 +316,7 @@ class Search:
         return whole, whole if answer is leading else self.with_all_derivatives(self._searched_beside(leading, answer))
 
     def _searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
-        """An answer that was only weighed, searched to its end from there and from the leading one, where it is a tolerance."""
+        """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
         if answer.turns:
             return answer
         named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size

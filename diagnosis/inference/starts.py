@@ -1,4 +1,4 @@
-"""Where searches begin, and where the robot needs another calibration first."""
+"""Starting points of searches, recalibrated where needed."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Starts:
         return theta
 
     def far(self, predicted: Array, none: Fit) -> bool:
-        """Whether a prediction (n,) misses the data by much more than that of none does."""
+        """Whether a prediction (n,) is much further from the data than that of no effect."""
         return self._misfit(predicted) > FAR_START * self._misfit(none.predicted)
 
     def _misfit(self, predicted: Array) -> float:

@@ -26,7 +26,7 @@ from .reading_noise import USUAL
 from .starts import Starts
 
 BESIDE = ("pressure_offset", "chamber_gain", "chamber_azimuth", "base_tilt", "body_modulus", "tip_payload")
-"""What may act too, and would hide the difference."""
+"""Effects that may also act and would hide the difference."""
 MOST_STATES, ROUNDS = 60, 30
 """States that are compared, evenly spread; most steps of each fit."""
 

@@ -36,7 +36,7 @@ def main() -> None:
     turned = robot.model_copy(update={"effects": {"chamber_azimuth": {"angle": Stated(value=TURNED, unit="rad")}}})
     rows = [(repeat, group, level) for repeat in (1, 2, 3) for group in GROUPS for level in LEVELS]
     pressures = np.array([[1e3 * level if c in group else 0.0 for c in (1, 2, 3)] for _, group, level in rows])
-    found = lab.predict(turned, pressures)
+    found = turned.predict(pressures)
     tip = 1e3 * found.tip @ TO_CAMERAS.T + AWAY + dice.normal(0, 0.15, (len(rows), 3))
     turned_by = TO_CAMERAS @ Rotation.from_quat(found.orientation[:, [1, 2, 3, 0]]).as_matrix() @ TO_CAMERAS.T
     turns = Rotation.from_matrix(turned_by).as_euler("xyz", degrees=True)

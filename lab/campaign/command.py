@@ -1,6 +1,6 @@
-"""`lab campaign`: a campaign planned, run, and gone on with.
+"""`lab campaign`: plan, run and resume a campaign.
 
-On the rig: run after run, safe in between, until all are done, a stop rule ends it, or a person does.
+On the rig: run after run, safe in between, until all are done, or a stop rule or a person ends it.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ class Stops:
     def __init__(self, rules: Stop, chambers: int) -> None:
         self.rules = rules
         self.failed = 0
-        """Failures since this process began: what was before, a person has seen."""
+        """Failures since this process began: a person has seen earlier ones."""
         self._chambers = chambers
         self._cycles = np.zeros(chambers, np.int64)
         self._tips: dict[Key, list[np.ndarray]] = {}
 
     def count(self, plan: Plan, times: int = 1) -> None:
-        """A plan has been begun so often: its cycles count as whole."""
+        """Count how often a plan was begun, each time with all of its cycles."""
         self._cycles = self._cycles + times * cycles(plan, self._chambers)[0]
 
     def before(self, plan: Plan, done: CampaignProgress) -> str:
@@ -98,7 +98,7 @@ class Stops:
             return ""
         return (
             f"stop.max_scatter = {most * 1e3:g} mm: the tip of protocol {cell[0] + 1}, condition {cell[1] + 1}, trial {trial} "
-            f"step {step} scatters by {worst * 1e3:.2f} mm (rms) between blocks; see to mount, spine and hoses"
+            f"step {step} scatters by {worst * 1e3:.2f} mm (rms) between blocks; check mount, spine and hoses"
         )
 
     def _scatters(self) -> Iterator[tuple[float, Key]]:
@@ -123,7 +123,7 @@ class Ended:
     asked: int = 0
     """How often a person was asked to set the rig up."""
     displaced: bool = False
-    """A recording or its journal was deleted, renamed, replaced or truncated under the run's hands."""
+    """A recording or its journal was deleted, renamed, replaced or truncated during the run."""
 
 
 class Session:
@@ -147,7 +147,7 @@ class Session:
         self._total_s = sum(run.job.plan.seconds for run in campaign.runs)
 
     def go(self) -> Ended:
-        """Do what is left. Whatever ends it, the rig is safe, and what is done is in the journal."""
+        """Do the remaining runs. However they end, the rig is safe, and completed runs are in the journal."""
         self._look_back()
         try:
             with page_where(self.watched, self.screen.say) as self._page, self.screen:
@@ -159,7 +159,7 @@ class Session:
         return replace(ended, safe=ended.safe and self._safe, asked=self.hands.asked, displaced=self._displaced)
 
     def _look_back(self) -> None:
-        """What earlier sessions did counts for the stop rules."""
+        """Count earlier sessions for the stop rules."""
         mend(self.folder / WARM_UP)
         begun = self.journal.done.begun
         for run in self.campaign.runs:
@@ -218,7 +218,7 @@ class Session:
             self.journal.began(number)
             begun = rig.clock.now()
             folder_in(folder.parent, folder.name)
-            done_s, total_s = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up's progress is none
+            done_s, total_s = (self._done_s, self._total_s) if run is not None else (0.0, 0.0)  # a warm-up is no progress
             with self.screen.part(done_s, total_s):
                 result = execute(rig, replace(job, labels=self._labels(run)), folder, self.screen, broken, self._page)
         except (InstrumentError, ActuatorsLost, RigLanded) as e:  # nothing was recorded: the rig could not be connected
@@ -251,18 +251,18 @@ class Session:
         return Ended(not why, why)
 
     def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:
-        """Told, counted, and the rig given up: it is connected anew for the next attempt."""
+        """Report and count a failure, and close the rig: it is reconnected for the next attempt."""
         self.journal.ended(number, "failed", seconds, 0, lost, False)
         self.stops.failed += 1
         self._close()
         why = self.stops.after(self.journal.done)
         if why or not self._safe:
             return Ended(False, why or "the safe state is not confirmed", self._safe, error)
-        self.screen.say(f"failed: {error}; it goes on with its first unfinished trial")
+        self.screen.say(f"failed: {error}; it continues with its first unfinished trial")
         return None
 
     def _opened(self, job: Job, needs: Sequence[str]) -> Rig:
-        """A rig with these instruments open: the one at hand where it has just them."""
+        """A rig with these instruments open: the current one if it has exactly these."""
         if self._rig is not None and self._rig.needed(needs) == self._open:
             self._rig.actuators.pulse.mark()
             return self._rig
@@ -286,7 +286,7 @@ class Session:
                 rig.close()
 
     def _labels(self, run: CampaignRun | None) -> dict[str, str]:
-        """What is said of a recording."""
+        """Description of a recording."""
         own = {**self.campaign.file.labels, **self.journal.done.labels, "campaign": self.campaign.file.campaign}
         if run is None:
             return own | {"warm_up": "yes"}
@@ -405,7 +405,7 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
 
 
 def resume_command(folder: Path, rig_path: Path) -> str:
-    """What to type, as the shell takes it, to go on."""
+    """The shell command that resumes it."""
     return typed("lab", "campaign", "--resume", folder, "--rig", rig_path)
 
 

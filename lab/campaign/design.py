@@ -1,4 +1,4 @@
-"""A campaign as it will be done: its runs in order, each an experiment that is checked against the rig."""
+"""A campaign's runs in order, each an experiment that is checked against the rig."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class CampaignDesign:
 
     @property
     def jobs(self) -> Iterator[tuple[CampaignRun | None, Job]]:
-        """What is done in order, and of which run it is; None: the warm-up, where it is planned."""
+        """All plans in order, with their runs; None: the warm-up, where it is planned."""
         for run in self.runs:
             if self.warm_up is not None and run is self.first_inflating:
                 yield None, self.warm_up_for(run)
@@ -172,7 +172,7 @@ class CampaignDesign:
 
     @property
     def digest(self) -> str:
-        """Of all that must stay as it is when the campaign goes on: what is done, and in which order."""
+        """Digest of what must not change when the campaign is resumed: the runs and their order."""
         jobs = {run.cell: run.job for run in self.runs}
         code = {cell: hashlib.sha256(own).hexdigest() if (own := job.experiment.code) else "" for cell, job in jobs.items()}
         cells = {cell: [job.protocol_yaml, code[cell]] for cell, job in jobs.items()}
@@ -188,9 +188,9 @@ class CampaignDesign:
 def campaign_of(
     path: Path, rig_path: Path, seed: int, progress: Callable[[float, float], None] = lambda done, total: None
 ) -> CampaignDesign:
-    """Read and check everything of a campaign before anything moves; `seed` counts where the file gives none.
+    """Read and check a whole campaign before anything moves; `seed` is used if the file gives none.
 
-    `progress` is told how many conditions of how many are checked.
+    `progress` receives the number of checked conditions and their total.
 
     Raises ConfigError with the problems of all runs, each with the place in the file or the run it comes from."""
     file, source = load_campaign(path)
@@ -290,7 +290,7 @@ def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, 
 
 
 def planned_table(campaign: CampaignDesign, channels: Sequence[str] = ()) -> Columns:
-    """What `lab.diagnose` will get, without readings: one row for each state that the campaign will read, in order.
+    """The table of `lab.diagnose` without readings: one row for each state that the campaign will read, in order.
 
     Trials are numbered on from run to run as `lab.files.inputs.read_case` numbers those of the recordings; `t` is s of rig time
     since the campaign's begin as planned. See `planned_columns`, also for `channels`."""

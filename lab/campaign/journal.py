@@ -7,7 +7,7 @@ The journal tells which runs are done. One JSON object a line, appended and sync
     {"run": 3, "outcome": "completed", "seconds": 212.4, "rows": 11, "lost": 0, "at": 1795449812.4}
     {"warm_up": 1, "begun": 1795449500.0}
 
-A run is done when a line says that it was completed; whatever was broken off goes on by its own journal, trial by trial.
+A run is done when a line says that it was completed; an interrupted run is resumed from its own journal, trial by trial.
 While a campaign goes on, its journal is locked against a second process.
 """
 
@@ -55,11 +55,11 @@ class CampaignProgress:
     begun: Counter[int] = field(default_factory=Counter)
     """How often each run was begun; 0: the warm-up."""
     seconds: float = 0.0
-    """Rig seconds that all runs took together, as far as they could say so."""
+    """Rig seconds of all runs together, where known."""
     rows: int = 0
     lost: int = 0
     inflated: float = 0.0
-    """Wall time (s) at which the robot was inflated last; 0: never."""
+    """Wall time (s) of the last inflation; 0: never."""
 
     def take(self, line: Mapping[str, Any]) -> None:
         """Add a line; raises KeyError, ValueError or TypeError for one that cannot be understood."""
@@ -77,7 +77,7 @@ class CampaignProgress:
 
 
 class CampaignJournal:
-    """A journal that is being written, and what it tells so far."""
+    """A journal that is being written, and its present content."""
 
     def __init__(self, path: Path, fd: int, done: CampaignProgress) -> None:
         self.path, self.done = path, done
@@ -141,7 +141,7 @@ class CampaignJournal:
 
 
 def _locked(path: Path, flags: int) -> int:
-    """Open for writing, by this process alone; the system frees the lock when the process ends, however it does."""
+    """Open for writing, by this process alone; the system frees the lock whenever the process ends."""
     try:
         fd = opened(path, os.O_WRONLY | flags)
     except FileExistsError:
@@ -157,7 +157,7 @@ def _locked(path: Path, flags: int) -> int:
 
 
 def read(path: Path) -> CampaignProgress:
-    """What a journal tells; its last line may be torn. Raises BadJournal."""
+    """Read a journal; its last line may be torn. Raises BadJournal."""
     text = read_bounded(path, LARGEST, BadJournal)
     done: CampaignProgress | None = None
     try:
@@ -187,11 +187,11 @@ def _whole(value: object) -> int:
 
 FILE, ROBOT = "campaign.yaml", "robot.yaml"
 TORN = ".torn"
-"""What a recording that was not finished is called once all that can be read of it is recovered."""
+"""Name of the recording recovered from an unfinished one."""
 
 
 def fill(folder: Path, campaign: CampaignDesign) -> None:
-    """Keep what the campaign goes on with."""
+    """Keep the files from which the campaign is resumed."""
     replaced(folder / FILE, campaign.yaml)
     replaced(folder / ROBOT, campaign.runs[0].job.rig.texts[ROBOT].decode())
 
@@ -218,7 +218,7 @@ class RunState:
     """What there is of a run."""
 
     broken: Broken | None
-    """How to go on with it; None: nothing was measured yet."""
+    """How to resume it; None: nothing was measured yet."""
     completed: bool = False
     lost: int = 0
     """Samples, in the last recording."""
@@ -232,7 +232,7 @@ def found_of(folder: Path) -> RunState:
         if not any(_there(journal.parent / name) for name, _ in progress.recordings):
             if progress.done:
                 raise ConfigError(f"{journal}: its recordings are missing; put them back")
-            journal.rename(journal.with_name(journal.name + TORN))  # the crash came before the file had anything in it
+            journal.rename(journal.with_name(journal.name + TORN))  # the crash came before anything was written
             continue
         broken = find(journal)
         last = _there(journal.parent / progress.recordings[-1][0])
@@ -244,13 +244,13 @@ def found_of(folder: Path) -> RunState:
 
 
 def _there(file: Path) -> Path | None:
-    """A recording, or what was recovered of it."""
+    """A recording, or its recovered part."""
     saved = file.with_name(f"{file.stem}-recovered.mcap")
     return file if file.exists() else saved if saved.exists() else None
 
 
 def mend(folder: Path) -> None:
-    """Of recordings that were not finished keep all that can be read as ones that are; the torn files stay beside them."""
+    """Recover unfinished recordings; the torn files stay next to them."""
     for file in sorted(folder.glob("*.mcap")):
         with contextlib.suppress(RecordingError):
             if Recording.open(file, truncated=True).contents.finished:

@@ -232,7 +232,7 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         inner = _models(field.annotation, value)
         if inner is not None:
             return _convert_model(value, inner, loc, problems)
-        if _by_number(field):
+        if isinstance(field.json_schema_extra, dict) and "key_unit" in field.json_schema_extra:  # keys are numbers
             for key in (k for k in value if isinstance(k, str)):
                 try:
                     number(key)
@@ -252,11 +252,6 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
     elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
         problems[loc] = f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
     return value
-
-
-def _by_number(field: FieldInfo) -> bool:
-    """Whether a field takes a table whose keys are numbers."""
-    return isinstance(field.json_schema_extra, dict) and "key_unit" in field.json_schema_extra
 
 
 def _is_number(field: FieldInfo) -> bool:

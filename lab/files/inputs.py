@@ -65,7 +65,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     """Read recordings (.mcap) and case folders into one case; raises ConfigError, RecordingError.
 
     Readings that this robot cannot produce in SI units and in its frame are refused (see `diagnosis.edits.reading`)."""
-    robots: list[tuple[Source, Robot]] = []
+    sources: list[Source] = []
     parts: list[tuple[str, Table]] = []
     for path in inputs:
         _demand_case(path)
@@ -73,16 +73,16 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     for path in inputs:
         if path.is_dir():
             if robot_path is None:
-                robots.append(_robot_in(read_yaml(path / "robot.yaml")))
+                sources.append(read_yaml(path / "robot.yaml"))
             parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
     parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
-        robots += [_robot_in(_attached_robot(recording)) for recording in recordings]
+        sources += map(_attached_robot, recordings)
     else:
-        robots = [_robot_in(read_yaml(robot_path))]
-    source, robot = robots[0]
-    for other, other_robot in robots[1:]:
-        if _body(other_robot) != _body(robot):
+        sources = [read_yaml(robot_path)]
+    source, robot = sources[0], check(sources[0], Robot)
+    for other in sources[1:]:
+        if _body(check(other, Robot)) != _body(robot):
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
@@ -224,7 +224,3 @@ def _attached_robot(recording: Recording) -> Source:
     if "robot.yaml" not in recording.attachments:
         raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
     return parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml")
-
-
-def _robot_in(source: Source) -> tuple[Source, Robot]:
-    return source, check(source, Robot)

@@ -81,7 +81,7 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
         alike = [other for other in factors if other.lower() == name.lower()]
         hint = f"did you mean {' or '.join(alike)}?" if alike else f"use one of {', '.join(factors)}"
         if unit == "Pa" and name in KINDS["N"]:
-            hint = "robots with tendons state 1 N of tension as 10 kPa"
+            hint = "of tendons, max_tension takes N; elsewhere write 10 kPa for 1 N"
         raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; {hint}")
     return value * factors[name]
 

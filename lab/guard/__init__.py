@@ -1,4 +1,4 @@
-"""The process that owns the actuators: it judges what they show, and makes the rig safe when nobody else can.
+"""The process that owns the actuators: it checks their readings, and makes the rig safe when nobody else can.
 
-Who commands a rig comes in by `lab.rig.actuators`; who finds one without its guard, by `new_guard` and `door`.
+A program commands a rig through `lab.rig.actuators`, and lands one without a guard through `new_guard` and `door`.
 """

@@ -1,8 +1,8 @@
-"""Processes of ours: how each is started, what it begins with, and how it ended.
+"""Child processes: how each is started and set up, and how it ended.
 
-A child leads a session of its own, imports no file of the folder that it is started in, and leaves the signals of the
-terminal to its program, which ends it. Its place in line on a busy computer is set by who starts it, before it imports anything:
-those that hold instruments come first.
+A child runs in a session of its own, imports nothing from the folder in which it is started, and leaves the terminal's signals
+to its program, which ends it. The starting program sets its priority before it imports anything: processes that hold
+instruments come first.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def new_process(module: str, passed: Sequence[int], more: Sequence[str], place: 
 
 
 def end_child(process: Child, within: float) -> None:
-    """See that a process ends; one that does not end by itself `within` host seconds is killed."""
+    """Wait for a process to end; kill it after `within` host seconds."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(within)
     process.kill()
@@ -51,7 +51,7 @@ def how_it_ended(process: Child, within: float | None = None) -> str:
 
 
 def processor_time(process: Child) -> float:
-    """Seconds that a process has had up to now; NaN where the system does not say."""
+    """Processor seconds that a process has used; NaN if the system does not say."""
     with contextlib.suppress(OSError, ValueError, IndexError):
         ticks = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()[11:13]
         return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")

@@ -1,7 +1,7 @@
-"""What is asked of an instrument in another process: typed commands, the only form in which a call crosses to there.
+"""Typed commands: the only form in which a call reaches an instrument in another process.
 
-A `Remote` stands for the instrument where it is asked and makes a command of each call; `Command.perform` makes the call where
-the driver is. So the program asks the guard, and the guard a driver that has a process of its own.
+A `Remote` represents the instrument in the calling process and turns each call into a command; `Command.perform` makes the call
+in the driver's process. So the program calls the guard, and the guard a driver that has a process of its own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ R = TypeVar("R")
 
 
 class Order(StrEnum):
-    """What the program asks of the guard itself, and the words for it."""
+    """Requests of the program to the guard itself, and their names."""
 
     MAKE_SAFE = "the landing"
     PAUSE = "the pause"
@@ -34,7 +34,7 @@ class ActuatorDriver(Instrument, Protocol):
         """Open the line without asking who is there."""
 
     def confirm_settings(self) -> None:
-        """Read again the settings on which safety rests."""
+        """Read the settings that matter for safety again."""
 
     def take_notices(self) -> list[str]:
         """Sentences worth a warning."""
@@ -119,12 +119,12 @@ class MoveArm(Command[None]):
 
 
 def moves(command: Command[Any]) -> bool:
-    """Whether it starts a motion that goes on by itself."""
+    """Whether it starts a motion that continues by itself."""
     return isinstance(command, (MoveSpine, MoveArm)) or (isinstance(command, Call) and command.method is LengthUnit.home)
 
 
 def energises(command: Command[Any]) -> bool:
-    """Whether the rig is no longer in its safe state after it."""
+    """Whether the rig leaves its safe state by it."""
     return isinstance(command, (SetPressures, SwitchValve)) or moves(command)
 
 
@@ -202,4 +202,4 @@ class RemoteArm(Remote):
 REMOTES: Mapping[str, type[Remote]] = MappingProxyType(
     {"pressure": RemoteRegulators, "spine": RemoteLengthUnit, "valve": RemoteValve, "gauge": RemoteGauge, "arm": RemoteArm}
 )
-"""What stands for each instrument of the guard."""
+"""The remote object of each instrument of the guard."""

@@ -1,4 +1,4 @@
-"""The door of a guard: where any program of this computer finds out who owns a rig, and asks for it to be landed.
+"""The door of a guard: any program of this computer can ask here who owns a rig, and request its landing.
 
 A guard owns names: one for the path of its rig.yaml, one for each line that only one program may use. Each name is an
 abstract Unix socket, which the kernel keeps: it is exclusive, it belongs to no file that anybody could edit or delete, it
@@ -36,11 +36,11 @@ PREFIX = "softlab/rig/"
 TAKE_WITHIN = 8.0
 """Host seconds to wait for an earlier guard that is still landing; it disconnects the arm, which takes 2 s."""
 WHO_WITHIN = 2.0
-"""Host seconds in which a guard that is alive says who it is; its program gives it up after as long a silence."""
+"""Host seconds within which a live guard identifies itself; its program gives it up after the same silence."""
 LAND_WITHIN = 30.0
 """Host seconds for a landing by another guard: longer than any landing takes."""
 STRANGER_WITHIN = 1.0
-"""Host seconds for all that an account has to say which is not believed."""
+"""Host seconds allowed for a question from an account that is not trusted."""
 LONGEST = 100_000
 """Bytes of an answer that are read."""
 LONGEST_QUESTION = 1000
@@ -48,26 +48,26 @@ LONGEST_QUESTION = 1000
 BACKLOG = 4096
 """Connections that wait in the kernel's queue, at most."""
 MOST_STRANGERS = 64
-"""Connections of accounts that are not believed which are kept at the same time; one more ends the oldest."""
+"""Simultaneous connections of untrusted accounts; one more closes the oldest."""
 MOST_AT_ONCE = 32
-"""Connections that are accepted at one name before the next has its turn."""
+"""Connections accepted at one name before the next name is served."""
 MOST_OPEN = 256
 """Owners that are asked at the same time."""
 SLICE = 0.02
 """Host seconds between two tries to take a name that is about to be free, or to ask an owner whose queue is full."""
 PACE = 0.005
-"""Host seconds of rest after strangers came: their number costs the guard no more than a part of its time."""
+"""Host seconds of pause after connections of untrusted accounts, so that their number cannot slow the guard."""
 NOBODY_THERE = {errno.ECONNREFUSED, errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP}
-"""What the kernel says where no program listens; any other failure is no answer."""
+"""Errors of the kernel if no program listens; any other failure is no answer."""
 CLOSED = {errno.EACCES, errno.EPERM}
-"""What it says of a file that this user may not use."""
+"""Its errors for a file that this user may not use."""
 
 
 BELIEVED = "only root, the same account and the owner of the rig's folder are believed"
 
 
 class CannotBeAsked(RigLocked):
-    """The rig's owner does not answer, or is not believed."""
+    """The rig's owner does not answer, or is not trusted."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def names_of_path(rig: Path) -> frozenset[str]:
 
 
 def believed_accounts(rig: str | Path | None) -> frozenset[int]:
-    """Whose word counts about a rig: root's, that of this account, and that of the owner of the rig's folder."""
+    """Accounts that are trusted about a rig: root, this account, and the owner of the rig's folder."""
     accounts = {0, os.getuid()}
     if rig:
         with contextlib.suppress(OSError):
@@ -148,7 +148,7 @@ class Door:
         """The oldest first."""
         self._lock = timing.Lock()
         self._landing: list[socket.socket] | None = None
-        """Who waits for the landing that is going on."""
+        """Clients that wait for the current landing."""
 
     def open(self, within: float = TAKE_WITHIN) -> None:
         """Own all names. Raises RigLocked for a living program's guard, after `within` host seconds for one that is ending."""
@@ -191,7 +191,7 @@ class Door:
 
     # -- answering
     def _serve(self) -> None:
-        """Accept and answer until the door is closed. One thread for all: who says nothing delays nobody."""
+        """Accept and answer until the door is closed. One thread serves all; a silent client delays nobody."""
         while sockets := self._sockets.copy():
             try:
                 ready = timing.readable([*sockets, *self._asking], SLICE)
@@ -218,7 +218,7 @@ class Door:
                 connection, _ = listening.accept()
             except BlockingIOError:
                 break
-            except OSError:  # closed, or no more file descriptors: the silent ones give theirs back
+            except OSError:  # closed, or out of file descriptors: silent connections are closed
                 self._end_oldest_stranger()
                 break
             connection.setblocking(False)
@@ -241,7 +241,7 @@ class Door:
         connection.close()
 
     def _read(self, connection: socket.socket) -> None:
-        """Read what has come of a question, answer it once it is whole, then close; one that is wrong is closed unanswered."""
+        """Read a question as it arrives, answer it once it is complete, then close; a wrong one is closed unanswered."""
         question = self._asking[connection]
         try:
             data = connection.recv(LONGEST_QUESTION)
@@ -273,7 +273,7 @@ class Door:
                 timing.Thread(target=self._land, args=(question.asker,), name="land", daemon=True).start()
 
     def _land(self, asker: str) -> None:
-        """Land once, for all who ask meanwhile."""
+        """Land once, for all requests that arrive meanwhile."""
         answer: dict[str, Any] = {}
         try:
             report = self._guard.hand_over(f"lab safe, by {asker}")
@@ -317,23 +317,23 @@ class LandingAnswer:
 
 @dataclass(frozen=True)
 class Landed:
-    """The answers of the guards that were asked; None from one that stands still."""
+    """The answers of the guards that were asked; None from one that does not respond."""
 
     answers: dict[Owner, LandingAnswer | None]
 
     @property
     def answered(self) -> list[tuple[Owner, LandingAnswer]]:
-        """Those that did, and are believed."""
+        """Those that did, and are trusted."""
         return [(owner, answer) for owner, answer in self.answers.items() if owner.believed and answer is not None]
 
     @property
     def silent(self) -> list[Owner]:
-        """Those that did not, and are of an account that is believed."""
+        """Those that did not, and belong to a trusted account."""
         return [owner for owner, answer in self.answers.items() if owner.believed and answer is None]
 
     @property
     def doubtful(self) -> list[Owner]:
-        """Those that nobody here believes, or that the kernel does not name."""
+        """Those that are not trusted, or that the kernel does not name."""
         return [owner for owner in self.answers if not owner.believed]
 
     @property
@@ -343,11 +343,11 @@ class Landed:
 
     @property
     def names(self) -> frozenset[str]:
-        """All that those own who answered."""
+        """All names owned by those that answered."""
         return frozenset().union(*(owner.names for owner, _ in self.answered))
 
     def names_for(self, rig: Path) -> frozenset[str]:
-        """The same of those who are believed about this rig."""
+        """The same of those that are trusted about this rig."""
         accounts = believed_accounts(rig)
         return frozenset().union(*(owner.names for owner, _ in self.answered if owner.uid in accounts))
 
@@ -368,12 +368,12 @@ class _Talk:
     own_rig: bool
     """So is the owner of the folder of the rig that the guard names."""
     until: float
-    """Time at which it is given up."""
+    """Time at which it times out."""
     again: float = 0.0
     """Time of the next try to connect."""
     line: socket.socket | None = None
     owner: Owner | None = None
-    """Who is there, as soon as that is known; None when nobody is."""
+    """The owner, as soon as it is known; None if nobody listens."""
     answer: LandingAnswer | None = None
     data: bytes = b""
     over: bool = False
@@ -402,7 +402,7 @@ class _Talk:
                 self.owner = Owner("", about=f"a program that cannot be asked ({e.strerror})")
 
     def read(self) -> None:
-        """Read what has come and act on each whole line; `over` once the answer is whole, or is none."""
+        """Read what has arrived and act on each complete line; `over` once the answer is complete or invalid."""
         assert self.line is not None
         data = b""
         with contextlib.suppress(OSError):
@@ -504,7 +504,7 @@ def _is_file(address: str) -> bool:
 
 
 def _bound(name: str) -> socket.socket | None:
-    """A socket of that name or address, which listens; None when it is somebody else's."""
+    """A listening socket of that name or address; None if another program has it."""
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         listening.bind(name if name.startswith("\0") else _address(name))

@@ -1,11 +1,11 @@
 """The guard: owner of the actuators, which lands the rig when the program that commands it cannot, or when a reading shows
 that something has failed.
 
-A line that is lost while the rig is energised is such a failure: everything is landed, and the lost line is opened anew until its
-instrument is confirmed safe. After a landing of its own the guard takes no command until a person has confirmed. The latch is on
+Losing a line while the rig is energised is such a failure: everything is landed, and the line is reopened until its instrument
+is confirmed safe. After a landing of its own the guard takes no command until a person has confirmed. The latch is on
 disk from the first command that energises anything until the safe state is read back. In a run the guard is a process of its
 own (`process.py`); a program that lands a rig whose guard was lost, and `lab safe`, are the guard themselves, since there is no
-time to start one. Whoever wants the rig safe asks at the guard's door (`door.py`).
+time to start one. Any program can request a landing at the guard's door (`door.py`).
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from .messages import Event, RigLanded, SafeReport, SafeStep
 from .under_force import UnderForce
 
 CLIPPED = 1e3
-"""Pa by which a set-point must be clipped to be worth a line in the log."""
+"""Pa by which a set-point must be clipped to be logged."""
 LIVES_ON = 60.0
-"""Host seconds for which a guard whose program has ended goes on landing what is not confirmed safe: enough for a person to put
-a plug back, and for an adapter that resets itself."""
+"""Host seconds for which a guard whose program has ended keeps trying to land instruments that are not confirmed safe: enough for
+a person to reconnect a plug, and for an adapter to reset."""
 LOOK = 0.05
-"""Host seconds between two looks whether all is confirmed by then."""
+"""Host seconds between two checks whether everything is confirmed."""
 REACH_WITHIN = 8.0
-"""Host seconds in which an actuator must let itself be opened; an earlier connection to the arm takes some to end."""
+"""Host seconds within which an actuator must open; an earlier connection to the arm takes some of them to end."""
 LOG_EVERY = 1.0
 """Host seconds between two such lines."""
 
@@ -53,7 +53,7 @@ Tell = Callable[[Any], None]
 
 
 def nobody(message: Any) -> None:
-    """There is no program to tell."""
+    """No program listens."""
 
 
 @dataclass
@@ -63,17 +63,17 @@ class Owned:
     drivers: dict[str, Any] = field(default_factory=dict)
     opened: list[str] = field(default_factory=list)
     lost: set[str] = field(default_factory=set)
-    """Of those that were opened, the ones whose line was lost; a landing opens them anew."""
+    """Opened instruments whose line was lost; a landing reopens them."""
     locks: dict[str, threading.Lock] = field(default_factory=dict)
     busy: set[str] = field(default_factory=set)
-    """Those to which a command that energises is on its way."""
+    """Instruments to which an energising command is on its way."""
 
 
 class Guard:
     """One rig's guard."""
 
     def __init__(self, rig: RigFile, clock: RigClock, despite_latch: bool = False, tell: Tell = nobody, about: str = "") -> None:
-        """`despite_latch`: also a locked rig may be commanded, by a person who sees to it. `about`: the command served."""
+        """`despite_latch`: a locked rig may be commanded too, by a person who attends to it. `about`: the command served."""
         self.rig, self.clock, self.tell = rig, clock, tell
         self.latch = Latch(rig.path) if rig.path is not None else None
         self._about = about
@@ -103,9 +103,9 @@ class Guard:
         self.energised = False
         """Something may not be in its safe state."""
         self.landed = ""
-        """Why the guard landed the rig by itself; empty while it takes commands."""
+        """Why the guard landed the rig on its own; empty while it takes commands."""
         self.handed_over = ""
-        """Who has the rig now; empty while it is this guard's."""
+        """The rig's new owner; empty while this guard owns it."""
         self.ending = False
         """Its program has ended: it lands the rig and gives it back."""
         self._cause: InstrumentError | None = None
@@ -136,24 +136,24 @@ class Guard:
             remember(self.rig)
 
     def start(self) -> None:
-        """Poll the instruments, from now on and as soon as they are open."""
+        """Poll the instruments as soon as they are open."""
         for name in POLLED:
             if name in self.own.drivers:
                 timing.Thread(target=self._poll, args=(name,), name=f"poll-{name}", daemon=True).start()
 
     def go_on(self, what: str, look: Callable[[], None], over: Callable[[], bool]) -> None:
-        """Look until it is `over`. A look that fails for an unknown reason lands an energised rig, whose safety rests on it."""
+        """Check until it is `over`. A check that fails unexpectedly lands an energised rig, whose safety depends on it."""
         while not over():
             try:
                 look()
             except Exception as e:  # noqa: BLE001
                 if self.energised:
-                    self.land(f"{what} failed: {type(e).__name__}: {e}; run again, and report this if it comes back")
+                    self.land(f"{what} failed: {type(e).__name__}: {e}; run again, and report this if it recurs")
                 timing.sleep(LOOK)
 
     # -- commands
     def obey(self, order: Order) -> SafeReport | None:
-        """One order of the program, other than the last."""
+        """Handle one request of the program, except the last."""
         if order is Order.MAKE_SAFE:
             return self.make_safe("requested by the program", self.rig.safe.keep_vacuum)
         if order is Order.PAUSE:
@@ -167,14 +167,14 @@ class Guard:
     def do(self, command: Command[Any]) -> Any:
         """Perform one command of the program at an instrument; returns the driver's result.
 
-        A command that energises is refused after and during a landing, and waits for settings to be read at the begin of a trial.
+        A command that energises is refused after and during a landing, and waits for settings to be read when a trial begins.
         A lost line, or another device than expected, lands the rig. Raises what the driver raises, RigLanded, RigLocked."""
         name = command.instrument
         if name not in self.own.drivers:
             raise ValueError(f"{command}: this rig has no such instrument")
         method = command.method if isinstance(command, Call) else None
         if method is Instrument.open:
-            self.adapters.check(name)  # here and not in `open`: a landing vents and stops whatever is there
+            self.adapters.check(name)  # here and not in `open`: a landing vents and stops every instrument present
             identity = self.open(name)
             self.adapters.learn(name, identity)
             return identity
@@ -190,7 +190,7 @@ class Guard:
                 except Unreachable as e:
                     self._lose(name, e)
                     raise
-            self.own.busy.add(name)  # before it is asked whether it may: a landing that begins now waits for it
+            self.own.busy.add(name)  # before permission is checked: a landing that begins now waits for it
             try:
                 self._energise()
                 if not isinstance(command, SetPressures):
@@ -230,14 +230,14 @@ class Guard:
             self.own.drivers[name].close()
 
     def _lose(self, name: str, error: InstrumentError) -> None:
-        """The line to an instrument is lost: what it does now nobody knows, so everything is landed."""
+        """The line to an instrument is lost: its state is unknown, so everything is landed."""
         if name in POLLED:
             self.own.lost.add(name)
         if self.energised:
             self.land(str(error), error)
 
     def _energise(self) -> None:
-        """Before a command that energises: refuse it after and during a landing, and put the latch on disk before the first."""
+        """Before an energising command: refuse it during and after a landing, and write the latch before the first one."""
         if self.landed:
             raise self._refusal()
         if self.landing.going:
@@ -292,7 +292,7 @@ class Guard:
                 with contextlib.suppress(OSError):
                     self.latch.write(f"safe state not confirmed after: {self._why}. {report}")
             elif self.energised and not self.despite_latch:
-                with contextlib.suppress(OSError):  # what stays behind locks the rig, and says so itself
+                with contextlib.suppress(OSError):  # the remaining file locks the rig, and says so
                     self.latch.clear()
         self.energised = not report.confirmed
         return report
@@ -326,7 +326,7 @@ class Guard:
         go()
 
     def hand_over(self, by: str) -> SafeReport:
-        """Land for good for somebody else: no command is taken any more. What is not open yet is opened for it."""
+        """Land for good on another's request: no further command is accepted. Instruments that are not open are opened first."""
         why = f"requested by {by}"
         with self._deciding:
             self.handed_over = by
@@ -342,7 +342,7 @@ class Guard:
         return str(entry or "")
 
     def resume(self) -> None:
-        """A person has confirmed: open what has to be opened anew, take commands again. Raises RigLanded after `hand_over`.
+        """A person has confirmed: reopen what has to be, and take commands again. Raises RigLanded after `hand_over`.
 
         Set-points start from what is measured: the regulators are vented, arm and spine stand where they were stopped."""
         if self.handed_over:
@@ -363,7 +363,7 @@ class Guard:
         self.landed = ""
 
     def unlock(self) -> None:
-        """A person has seen to the rig: the latch goes. Raises RigLocked where its folder cannot be written."""
+        """A person has attended to the rig: remove the latch. Raises RigLocked where its folder cannot be written."""
         if self.latch is not None:
             with _on_disk(self.latch.path):
                 self.latch.clear()
@@ -396,7 +396,7 @@ class Guard:
 
     def _checked(self, name: str, sample: Any) -> Any:
         """The reading, or the error in its place; an error lands an energised rig, or is reported where a pause is enough."""
-        if self.settings.may_have_changed(name, sample):  # its unit of measure, at the instrument's panel
+        if self.settings.may_have_changed(name, sample):  # its unit of measure was changed at the instrument's panel
             self.settings.confirm(name, trial=False)
         finding = self.monitor.check(name, sample)
         if finding is None:
@@ -423,7 +423,7 @@ class Guard:
 
     # -- the end
     def finish(self) -> str:
-        """Land what may still be energised, for good; returns what is not confirmed and still being tried, or nothing."""
+        """Land what may still be energised, for good; returns the instruments not confirmed yet and still being tried."""
         self.ending = True
         self.landed = self.landed or "the guard is ending"
         with self._landing_lock:
@@ -443,12 +443,12 @@ class Guard:
         while self.landing.going and timing.now() < until:
             timing.sleep(LOOK)
         with self._landing_lock:
-            # from here on `land` does nothing: what another thread may still ask for has been tried
+            # from here on `land` does nothing: everything has been tried
             self._closed = True
             self.landing.end()
         self.running = False
         self._disconnect(list(self.own.drivers))
-        if self.under_force is not None:  # its thread looks at the force sensor's samples as long as an arm may move
+        if self.under_force is not None:  # its thread checks the force sensor's samples as long as an arm may move
             self.under_force.finish()
         if self._last.confirmed and not self.energised and (self.latch is None or self.latch.read() is None):
             forget(self.rig)  # `lab safe` needs to land it no more

@@ -1,9 +1,9 @@
-"""A driver in a process of its own: what its library does there, up to a crash, hurts nobody else.
+"""A driver in a process of its own, so that even a crash of its library affects nothing else.
 
-The guard asks a driver through a socket, one call at a time, each bounded; a host that does not come back is killed. The host
-hears a ping between the calls: when the guard dies or stands still it stops its instrument and, if the guard is gone,
-ends. A stream (an arm's state) sends its samples back through the pipe, and they go on to the sink; `latest` judges their age
-here, where they are used. Run by `python -m lab.guard.hosted FD`.
+The guard calls a driver through a socket, one call at a time with a time-out; a host that does not return is killed. The host
+receives pings between the calls: when the guard dies or hangs it stops its instrument and, if the guard is gone, ends. A stream
+(an arm's state) sends its samples through the pipe to the sink; `latest` judges their age here, where they are used. Started by
+`python -m lab.guard.hosted FD`.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ class Hosted:
         self.name = name
         self._setup = _setup(name, config, clock)
         self._outside = _driver(self._setup)
-        """Never opened: it looks at the instrument from outside, without the library that may crash."""
+        """Never opened: it checks the instrument from outside, without the library that may crash."""
         self._lock = timing.Lock()
         self._sending = timing.Lock()
         self._process: Child | None = None
         self._line: Connection | None = None
         self._lost = ""
-        """Why the process was given up: every call says it until it is opened anew, whoever heard of it first."""
+        """Why the process was given up: every call reports it until the instrument is reopened."""
         self._connected = False
 
     def ask(self, command: Command[R]) -> R:
-        """Have the driver do it, within bounds: a host that does not come back is killed."""
+        """Have the driver do it, with a time-out after which the host is killed."""
         method = command.method if isinstance(command, Call) else None
         if method is Instrument.open:
             return self._open(command)
@@ -137,13 +137,13 @@ class Hosted:
         )
 
     def _give_up(self, why: str) -> InstrumentError:
-        """End the process, and say why from now on."""
+        """End the process, and report why from then on."""
         self._lost = self._lost or why
         self._end()
         return NoReply(self.name, self._lost)
 
     def _end(self) -> None:
-        """Close the line, and see that the process ends."""
+        """Close the line, and wait for the process to end."""
         line, self._line = self._line, None
         if line is not None:
             line.close()
@@ -155,7 +155,7 @@ class Hosted:
         end_child(process, 0.1)
 
     def _ping(self, line: Connection) -> None:
-        """Ping every PING_PERIOD while `line` is in use, except during a call, which shows by itself that the guard lives."""
+        """Ping every PING_PERIOD while `line` is in use, except during a call, which proves that the guard is alive."""
         timing.sleep(PING_PERIOD)
         while self._line is line:
             if self._sending.acquire(blocking=False):
@@ -360,7 +360,7 @@ def _send(line: Connection, setup: Setup) -> None:
 
 
 def _doubt(driver: Any) -> InstrumentError | None:
-    """What the driver has against the numbers of its newest sample; its age is judged where it is used."""
+    """The driver's objection to its newest sample; the sample's age is judged where it is used."""
     try:
         driver.latest()
     except BadReply as e:

@@ -1,4 +1,4 @@
-"""The actuators' side of a rig: which driver serves which instrument, what is polled, and what only one program may use."""
+"""Drivers of a rig's instruments, which of them are polled, and what only one program may use."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TIMED = 20
 
 
 class PollRate:
-    """Whether readings of one instrument are quick enough for `poll` of rig.yaml."""
+    """Whether readings of one instrument are fast enough for `poll` of rig.yaml."""
 
     def __init__(self, name: str, config: Any, poll: float) -> None:
         """`poll`: readings a second; a driver that waits between readings has `poll_interval` (s) in its table."""
@@ -68,8 +68,8 @@ def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
 
 def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:
     """What only one program may use, by instrument: serial lines, and the computers of actuators. Cameras and the lab's own
-    sensors on a network may be shared. What a text leads to counts, and the text as well, since what it leads to may be out of
-    reach for now."""
+    sensors on a network may be shared. Both the text and what it resolves to count, since resolving may fail for
+    now."""
     found: dict[str, frozenset[str]] = dict.fromkeys(present(rig.instruments), frozenset())
     for name, key, text in addresses(rig.instruments):
         if key in PORTS:

@@ -1,12 +1,11 @@
-"""Landing: every actuator brought into the safe state, each whatever happens to the others, and read back.
+"""Landing: bring every actuator into the safe state, independently of the others, and read it back.
 
-Each instrument has a thread of its own, started in the order of the policy. There it is opened if it has to be, its stop is
-sent, and again until it is taken; then it is read until it is measured safe. The next one starts when the one before has taken or
-refused its stop, and after a short head start in any case: a line that is dead, or an instrument that does not let itself be
-opened, holds up nobody but itself.
+Each instrument has a thread of its own, started in the order of the policy. There it is opened if necessary, its stop is sent
+until it is accepted, and it is read until it is measured safe. The next one starts when the one before has accepted or refused
+its stop, and after a short head start in any case: a dead line, or an instrument that cannot be opened, delays nothing else.
 
-A line that is lost is opened anew with every attempt. The report comes when its time is over, but the attempts go on until
-the instrument is confirmed safe, another landing begins, or `end` is called.
+A lost line is reopened with every attempt. The report is due after a fixed time, but the attempts continue until the instrument
+is confirmed safe, another landing begins, or `end` is called.
 """
 
 from __future__ import annotations
@@ -23,18 +22,17 @@ from ..files.rig_file import Safe
 from .messages import SafeReport, SafeStep
 
 HEAD_START = 0.005
-"""Host seconds after which the next stop is sent, whatever became of the one before: too little to delay anything."""
+"""Host seconds after which the next stop is sent, regardless of the one before: too short to delay anything."""
 AGAIN = 0.3
-"""Host seconds after which a stop is sent again, a lost line opened anew first, as long as the instrument is not read back
-safe."""
+"""Host seconds after which a stop is sent again, after reopening a lost line, until the instrument is read back safe."""
 LEAST_TIME = 2.0
-"""Host seconds allowed at least, however fast the rig's clock runs: wires do not get faster."""
+"""Least host seconds allowed, however fast the rig's clock runs: wires do not get faster."""
 RETRY = 0.02
 RELEASED_ABOVE = 80e3
 """Pa absolute; a spine above this is no longer evacuated."""
 GAUGE = "gauge"
 LOST = (Unreachable, NotReady, NoReply)
-"""Errors after which an instrument is opened anew before its next stop."""
+"""Errors after which an instrument is reopened before its next stop."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,9 @@ class LandingDrivers:
     open: Callable[[str], Any]
     """Opens one; raises InstrumentError."""
     busy: Callable[[str], bool] = lambda name: False
-    """Whether a command that was let through before the landing is still on its way to an instrument."""
+    """Whether a command accepted before the landing is still on its way to an instrument."""
     lost: set[str] = field(default_factory=set)
-    """Of those that are open, the ones that have to be opened anew; `open` takes them out."""
+    """Open instruments that have to be reopened; `open` removes them."""
 
 
 @dataclass
@@ -59,7 +57,7 @@ class _Attempts:
     began: float = field(default_factory=timing.now)
     """Host time, s."""
     sent: threading.Event = field(default_factory=timing.Event)
-    """The first stop was taken or refused."""
+    """The first stop was accepted or refused."""
     judged: threading.Event = field(default_factory=timing.Event)
     """It is confirmed, or its time is over."""
     ended: threading.Event = field(default_factory=timing.Event)
@@ -126,7 +124,7 @@ class Landing:
                     attempts.ended.set()
 
     def _open_gauge(self) -> None:
-        """The gauge confirms that the spine is released; one that does not open delays nobody."""
+        """The gauge confirms that the spine is released; one that does not open delays nothing."""
         if GAUGE not in self._rig.drivers or self._is_open(GAUGE):
             return
 
@@ -193,7 +191,7 @@ class Landing:
         return self._rig.drivers[name]
 
     def _ways(self, name: str) -> tuple[Callable[[], Any], Callable[[], tuple[bool, str]]]:
-        """How an instrument is stopped, opened first where it has to be, and how that is read back."""
+        """How an instrument is stopped, opened first if necessary, and how that is read back."""
         driver = self._rig.drivers[name]
         if name == "pressure":
             return lambda: self._vent(driver), lambda: self._vented(driver)
@@ -204,7 +202,7 @@ class Landing:
         return lambda: self._stop_arm(driver), lambda: _standing(driver)
 
     def _vent(self, driver: Any) -> None:
-        """Told before it is asked who it is: one dead regulator must not keep the others inflated."""
+        """Vented before it is identified: one dead regulator must not keep the others inflated."""
         driver.connect()
         driver.vent()
         self._reached("pressure")
@@ -231,7 +229,7 @@ class Landing:
         return absolute > RELEASED_ABOVE, f"vacuum off, {absolute / 1e3:.0f} kPa absolute in the spine"
 
     def _stop_arm(self, driver: Any) -> None:
-        """An arm that stands needs no stop; one that takes none is judged by its state, and connected anew when it moves."""
+        """An arm at rest needs no stop; one that accepts none is judged by its state, and reconnected if it moves."""
         try:
             self._reached("arm").stop()
         except Exception:
@@ -246,7 +244,7 @@ def _held(driver: Any) -> tuple[bool, str]:
 
 
 def _at_rest(driver: Any) -> bool:
-    """By the state that the driver receives, or by a look from outside: after a protective stop no driver can be opened."""
+    """By the state that the driver receives, or by a check from outside: after a protective stop no driver can be opened."""
     try:
         return bool(driver.standing())
     except (NotReady, NoReply):

@@ -1,4 +1,4 @@
-"""The rig as its last guard used it, kept where nobody edits it: what `lab safe` goes by when rig.yaml cannot be read.
+"""The rig as its last guard used it, kept where nobody edits it: `lab safe` uses it when rig.yaml cannot be read.
 
 A guard writes it before it opens anything, to the folder of temporary files that outlive a restart of the computer, and
 removes it when the rig was left safe. A copy counts only when it belongs to the reader, to root or to the owner of the
@@ -28,7 +28,7 @@ PREFIX = "softlab-rig-"
 
 
 def remember(rig: RigFile) -> None:
-    """Keep a rig. A disk that is full must not keep the guard from anything."""
+    """Keep a rig. A full disk must not stop the guard."""
     if rig.path is not None:
         with contextlib.suppress(OSError):
             replaced(_place(rig.path), json.dumps({"path": str(rig.path), "rig": rig.model_dump_json()}))
@@ -63,7 +63,7 @@ def _digest(path: Path) -> str:
 
 
 def _all(digest: str) -> Iterator[RigFile]:
-    """Newest first; a file that is damaged, or of somebody else, is none."""
+    """Newest first; damaged files and those of other users are ignored."""
     places = [(p.lstat().st_mtime, p) for p in FOLDER.glob(f"{PREFIX}*-{digest}.json")]
     for _, place in sorted(places, reverse=True):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, ValidationError):

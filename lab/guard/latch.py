@@ -1,8 +1,8 @@
-"""The latch: a file beside rig.yaml that keeps a rig locked until a person has seen to it.
+"""The latch: a file next to rig.yaml that keeps a rig locked until a person has attended to it.
 
-It is written before anything is energised and removed when the safe state was confirmed by reading back. So whatever
-ends a run, the guard's own death and the loss of the host included, an unconfirmed safe state leaves the file behind.
-The journal beside it says what the guard did and why. Who owns the rig, `door` knows: no file decides it.
+It is written before anything is energised and removed when the safe state was confirmed by reading back. So however
+a run ends, even if the guard or the host dies, an unconfirmed safe state leaves the file behind. The journal next to it says
+what the guard did and why. Ownership is decided by `door`, not by a file.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Latch:
             return LatchEntry("an unknown time", f"{self.path} is damaged")
 
     def demand_free(self) -> None:
-        """Raises RigLocked when a person has to see to the rig first."""
+        """Raises RigLocked if a person has to attend to the rig first."""
         entry = self.read()
         if entry is not None:
             raise RigLocked(
@@ -81,12 +81,12 @@ class Latch:
         self.path.unlink(missing_ok=True)
 
     def note(self, text: str) -> None:
-        """One line in the journal; a disk that is full must not keep the guard from landing."""
+        """Write one line in the journal; a full disk must not keep the guard from landing."""
         with contextlib.suppress(OSError):
             self.begin(text)
 
     def begin(self, text: str) -> None:
-        """The same before anything is opened, where a journal that cannot be written ends it all: raises OSError."""
+        """The same before anything is opened; raises OSError if the journal cannot be written."""
         fresh = self.journal.exists() and self.journal.stat().st_size > JOURNAL_LIMIT
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if fresh else 0)
         with open(opened(self.journal, flags), "a", encoding="utf-8", errors="replace") as file:

@@ -28,12 +28,12 @@ class PressureEnvelope:
 
     A chamber follows its set-point s as  dp/dt = (s - p) / tau'  with any tau' up to the regulator's time constant tau. Such a
     pressure stays between two bounds: the upper one jumps up with s and falls towards it with tau, the lower one falls with s
-    and rises towards it with tau. What is outside of them by more than noise does not follow, whatever the set-points of
-    this channel or of others are doing.
+    and rises towards it with tau. A pressure outside them by more than noise does not follow its
+    set-point, whatever the other set-points do.
 
-    When between two readings a set-point was told is not known. The bounds take the earlier reading's as told until the
-    later reading, so that a ramp that is read seldom is not mistaken for a jump; and each that came between (`command`) as
-    one that may have stood all the while, so that a channel which was down and is up again is not mistaken for a slow one.
+    The time of a set-point between two readings is not known. The bounds hold the earlier reading's set-point until the later
+    reading, so that a ramp with few readings is not mistaken for a jump; and assume that each set-point in between (`command`)
+    may have held throughout, so that a channel which went down and up again is not mistaken for a slow one.
     """
 
     def __init__(self, time_constant: float, error: float, patience: float) -> None:
@@ -44,19 +44,19 @@ class PressureEnvelope:
         self._setpoint = self._t = math.nan
         """Of the last reading: Pa and s."""
         self._off_since = self._near_since = math.inf
-        """Times s since when it is away from its set-point, or near it."""
+        """Times s since which it has been away from its set-point, or near it."""
         self._outside = 0
         """Readings in a row outside of the bounds."""
         self._lowest, self._highest = math.inf, -math.inf
-        """Range of the set-points that were told since the last reading."""
+        """Range of the set-points sent since the last reading."""
 
     def command(self, setpoint: float) -> None:
-        """A set-point (Pa) that was told, or may have been, since the last reading."""
+        """A set-point (Pa) that was, or may have been, sent since the last reading."""
         self._lowest, self._highest = min(self._lowest, setpoint), max(self._highest, setpoint)
 
     def update(self, t: float, setpoint: float, measured: float) -> bool:
         """Take a reading at time t (s); True when the channel has been too far from its set-point for too long."""
-        if math.isnan(self._t):  # what was told before is not known: it may still be on its way from where it is
+        if math.isnan(self._t):  # the earlier set-point is not known: the pressure may still be approaching it
             self._low, self._high = min(setpoint, measured), max(setpoint, measured)
         else:
             decay = math.exp(-max(0.0, t - self._t) / self._tau)
@@ -74,7 +74,7 @@ class PressureEnvelope:
         self._off_since, self._near_since = min(self._off_since, t), math.inf
         outside = not self._low - self._error <= measured <= self._high + self._error
         self._outside = self._outside + 1 if outside else 0
-        # one reading may have been read out of step
+        # one reading may have been taken out of order
         return self._outside >= 2 and t - self._off_since >= self._patience
 
 
@@ -90,7 +90,7 @@ class NotHeld(DeviceFault):
 
 @dataclass(frozen=True)
 class LimitFinding:
-    """What is wrong and what it calls for."""
+    """A problem and the action it requires."""
 
     act: Literal["land", "pause"]
     error: DeviceFault
@@ -205,7 +205,7 @@ class LimitMonitor:
         deviating = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
         if not deviating:
             return None
-        p, asked, channel = max(deviating, key=lambda state: state[0] - state[1])  # one too high calls for more
+        p, asked, channel = max(deviating, key=lambda state: state[0] - state[1])  # too high is the more dangerous
         text = (
             f"channel {channel} measures {p / 1e3:.1f} kPa instead of its set-point of {asked / 1e3:.1f} kPa for more than "
             f"{self._limits.pressure_error_time:g} s"
@@ -250,7 +250,7 @@ class DriverSettings:
         self._due = set(self._drivers)
 
     def confirm(self, name: str, trial: bool) -> None:
-        """Have a driver read its settings, if that is due and it can. Raises InstrumentError, and is then due again.
+        """Have a driver read its settings, if due and supported. Raises InstrumentError, and is then due again.
 
         `trial`: a trial begins with what is commanded next. Without it only a jump is looked into: a vent passes through ratios
         of units too, and what was read then says nothing of the panel when the next trial begins."""

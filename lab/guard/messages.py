@@ -1,4 +1,4 @@
-"""What the program and its guard say to each other, beside commands and their answers; what a landing reached, instrument by
+"""Messages between the program and its guard, other than commands and their results; what a landing reached, instrument by
 instrument. Imports nothing, so that `lab safe` can ask for it at once."""
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class SafeReport:
 
 
 class RigLanded(RuntimeError):
-    """The guard has landed the rig by itself; it takes no command until a person has confirmed."""
+    """The guard has landed the rig on its own; it accepts no command until a person has confirmed."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """What the guard tells by itself: kind "landed", "confirmed" (an instrument is safe after the landing was reported),
+    """Unprompted message of the guard: kind "landed", "confirmed" (an instrument is safe after the landing was reported),
     "pause", "clipped", "notice" (of a driver), "waiting" (the arm, for force samples) or "beat"."""
 
     kind: str
@@ -81,9 +81,9 @@ class Start:
     """The guard's first message."""
 
     path: str
-    """rig.yaml, beside which latch and journal are kept; the guard reads it itself."""
+    """rig.yaml, next to which latch and journal are kept; the guard reads it itself."""
     sha256: str
-    """Of what the program has read there."""
+    """Of the content that the program read."""
     max_pressure: float | None
     """Pa, of robot.yaml, which the guard does not read."""
     clock_start: float

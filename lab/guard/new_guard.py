@@ -1,11 +1,11 @@
 """Landing without the guard that owned the rig: a process becomes its guard, opens every actuator and lands it.
 
-Used when the guard was lost, and by `lab safe`. There is no time to start a process: the drivers are here already. An arm that
-does not let itself be opened, because its own safety system holds it or it is without power, is at rest by what its controller
-shows. Where another guard owns the rig by now, that one is asked to land it.
+Used when the guard was lost, and by `lab safe`. The drivers are loaded already, so no time is lost in starting a process. An arm
+that cannot be opened, because its own safety system holds it or it has no power, counts as at rest if its controller shows so.
+If another guard owns the rig by now, that one is asked to land it.
 
-What is not confirmed after a guard was lost is landed on by a process of its own, `python -m lab.guard.new_guard`, which goes on
-after the program that asked for it has ended; what to land comes as JSON at its input.
+Instruments not confirmed after a guard was lost are landed by a process of its own, `python -m lab.guard.new_guard`, which
+outlives the program that started it and reads as JSON what to land.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from .messages import SafeReport, SafeStep
 def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str], why: str, unlock: bool) -> SafeReport:
     """Own the rig, open these actuators and make them safe; what cannot be reached is reported as not confirmed.
 
-    `unlock` the rig when everything is confirmed. A rig that somebody keeps who does not land it is landed all the same."""
+    `unlock` the rig when everything is confirmed. If its owner does not land it, the rig is landed all the same."""
     guard = Guard(file, clock, despite_latch=True, about=why)
-    held = ""  # who keeps the rig and does not land it
+    held = ""  # owners that do not land the rig
     try:
         guard.take_over()
     except door.CannotBeAsked as e:
@@ -48,7 +48,7 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
     try:
         report = guard.make_safe(why, file.safe.keep_vacuum, names, REACH_WITHIN)
         if unlock and report.confirmed:
-            with contextlib.suppress(RigLocked):  # the latch stays, and is found by who reads it
+            with contextlib.suppress(RigLocked):  # the latch stays for the next reader
                 guard.unlock()
     finally:
         guard.close()
@@ -56,7 +56,7 @@ def make_safe_with_new_guard(file: RigFile, clock: RigClock, names: Sequence[str
 
 
 def make_safe_after_loss(file: RigFile, clock: RigClock, names: Sequence[str]) -> SafeReport:
-    """Land a rig whose guard was lost; unlock it when all is confirmed, else another process goes on landing it."""
+    """Land a rig whose guard was lost; unlock it when all is confirmed, else another process continues to land it."""
     why = "the guard was lost"
     report = make_safe_with_new_guard(file, clock, names, why, unlock=True)
     if left := [s.instrument for s in report.steps if not s.confirmed and s.instrument in names]:
@@ -98,4 +98,4 @@ def main() -> int:
 
 if __name__ == "__main__":
     begin_child()
-    os._exit(main())  # threads may be stuck in a driver that does not come back
+    os._exit(main())  # threads may be stuck in a driver that does not return

@@ -1,7 +1,7 @@
 """The guard as a process of its own: commands by one pipe, the program's pulse by a second, readings back by a third.
 
-It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment does not move on) or
-shouts (a signal, a force beyond the limit); `lab safe` asks for it at the guard's door. Run by `python -m
+It lands by itself when the program ends (its pipe breaks), freezes (no heartbeat), hangs (the experiment makes no progress) or
+raises an alarm (a signal, a force beyond the limit); `lab safe` requests it at the guard's door. Run by `python -m
 lab.guard.process COMMANDS PULSE REPORTS` with three file descriptors.
 """
 
@@ -29,17 +29,17 @@ from .messages import Event, RigLanded, Start
 from .pulse import BEAT, FRESH, SIGNAL, Awake, Listener, overload
 
 LOOK = 0.05
-"""Longest host seconds between two looks at the pulse."""
+"""Longest host seconds between two checks of the pulse."""
 BEAT_BACK = 0.2
 """Host seconds between two signs of life to the program."""
 END = None
-"""The message after which none follows."""
+"""The last message."""
 MOST_WAITING = 100
-"""Messages waiting for the program beyond which no further sample joins them."""
+"""Longest queue of messages for the program; further samples are dropped."""
 
 
 class Reports:
-    """The way to the program: what the guard says and measures, in order. Nobody waits for a program that does not read; it
+    """Sends the guard's events and samples to the program, in order, without ever waiting for it; a program that does not read
     loses samples, never an event."""
 
     def __init__(self, pipe: Connection) -> None:
@@ -64,17 +64,17 @@ class Reports:
 
 
 class ProgramWatch(timing.Thread):
-    """Listens to the program's pulse; lands when it ends, falls silent, hangs or shouts."""
+    """Monitors the program's pulse; lands when it ends, falls silent, hangs or raises an alarm."""
 
     def __init__(self, guard: Guard, pulse: Listener) -> None:
         super().__init__(name="watch", daemon=True)
         self._guard, self._pulse = guard, pulse
         self._awake = Awake()
         self._heard_at, self._next_beat = self._awake.now, 0.0
-        """When the program was heard last, and when it hears from here next, s awake."""
+        """Times of the program's last sign of life and of this guard's next one, s awake."""
 
     def run(self) -> None:
-        """Until the program or the guard ends; land when it was the program."""
+        """Run until the program or the guard ends; land if it was the program."""
         try:
             # to the last: an arm takes its time to disconnect
             self._guard.go_on("the watch on the program", self._look, lambda: self._guard.gone or self._pulse.gone)
@@ -85,7 +85,7 @@ class ProgramWatch(timing.Thread):
             self._pulse.close()
 
     def _look(self) -> None:
-        """Take in the pulse once, and send a sign of life; a program silent for `safe.heartbeat` lands an energised rig."""
+        """Read the pulse once, and send a sign of life; a program silent for `safe.heartbeat` lands an energised rig."""
         guard = self._guard
         timing.readable([self._pulse.pipe], LOOK)
         records = self._pulse.take()
@@ -120,14 +120,14 @@ class ProgramWatch(timing.Thread):
 
 
 def _serve(guard: Guard, commands: Connection) -> None:
-    """Perform orders and commands and send the answers, until the program sends END or is gone; then land what is energised."""
+    """Perform requests and commands and send the answers, until the program sends END or is gone; then land what is energised."""
     with contextlib.suppress(EOFError, OSError):
         while True:
-            number, asked = timing.receive(commands)  # an order or a command, answered under its number
+            number, asked = timing.receive(commands)  # a request or a command, answered under its number
             if asked is Order.END:
                 going = guard.finish()
                 if going:
-                    commands.send((number, True, going))  # the program does not wait for what comes back late, or never
+                    commands.send((number, True, going))  # the program does not wait for results that come late, or never
                     _live_on(guard)
                 else:
                     guard.close()
@@ -145,7 +145,7 @@ def _serve(guard: Guard, commands: Connection) -> None:
 
 
 def _live_on(guard: Guard) -> None:
-    """Go on landing without the program; its terminal and pipes are left to whoever waits for their end."""
+    """Continue to land without the program; release its terminal and pipes for readers that wait for their end."""
     if not timing.together():  # else they are its program's own
         with contextlib.suppress(OSError):
             nothing = os.open(os.devnull, os.O_RDWR)
@@ -193,4 +193,4 @@ def serve(given: list[int]) -> int:
 
 if __name__ == "__main__":
     code = serve(begin_child())
-    os._exit(code)  # threads may be stuck in a driver that does not come back
+    os._exit(code)  # threads may be stuck in a driver that does not return

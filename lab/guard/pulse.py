@@ -1,12 +1,12 @@
 """The protocol's heartbeat and urgent messages: fixed records on a pipe that nothing else uses.
 
-A thread sends a beat every 0.1 s with the time since the experiment last moved on. A frozen process sends none; a hung
+A thread sends a beat every 0.1 s with the time since the experiment's last progress. A frozen process sends none; a hung
 experiment shows in that time. A stop is one record too, so that a signal handler or a sensor's thread can send it
 without waiting for anything: records are written whole and never mix.
 
-The force sensor's thread sends one with each sample, and one when the load is too much. Before the sensor has its zero the
-tool's weight is not told from a load, so the change since the stream began counts, and the raw reading against the sensor's
-range; afterwards the load beyond the zero, and the range.
+The force sensor's thread sends one with each sample, and one when the load is too much. Before the sensor is zeroed the
+tool's weight cannot be distinguished from a load, so the change since the stream began is checked, and the raw reading against
+the sensor's range; afterwards the load beyond the zero, and the range.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from drivers.interfaces import WrenchSample
 from ..files.rig_file import Limits, RigFile
 
 LONGEST_LOOK = 0.3
-"""Host seconds between two looks that still count in full."""
+"""Longest host seconds between two calls of `look` that count in full."""
 
 
 class Awake:
@@ -72,15 +72,15 @@ class Pulse:
         self.awake = Awake()
         """Clock that runs only while this process is awake; silences and long steps are measured on it."""
         self._last_step = self.awake.now
-        """When the experiment last moved on, s of `awake`."""
+        """Time of the experiment's last progress, s of `awake`."""
         self._waits = 0
-        """How many `waiting_for_person` are entered: they nest."""
+        """Depth of nested `waiting_for_person`."""
         self._ended = timing.Event()
         self._thread = timing.Thread(target=self._beat, name="pulse", daemon=True)
         self._thread.start()
 
     def mark(self) -> None:
-        """The experiment has moved on."""
+        """The experiment has made progress."""
         self._last_step = self.awake.now
 
     @property
@@ -104,7 +104,7 @@ class Pulse:
             os.write(self._pipe, RECORD.pack(kind, value))
 
     def close(self) -> None:
-        """End; the guard takes it for the program's death unless it was told to end before."""
+        """End; the guard treats it as the program's death unless it was told to end before."""
         self._ended.set()
         self._thread.join(1.0)
         os.close(self._pipe)
@@ -162,7 +162,7 @@ class ForceLimit:
         self._first: list[tuple[float, ...]] = []
 
     def begin(self) -> None:
-        """A new stream begins: what it shows first is the tool's weight."""
+        """A new stream begins: its first samples are the tool's weight."""
         self._over = 0
         self._first = []
 
@@ -192,7 +192,7 @@ class ForceLimit:
 
 
 def overload(kind: bytes, value: float, rig: RigFile) -> str:
-    """What a record says of the load (N or N m); empty when it is about something else."""
+    """Text of a record about the load (N or N m); empty for other records."""
     sensor, limits = rig.instruments.force, rig.limits
     if kind == FORCE:
         return f"force {value:.1f} N, limits.max_force is {limits.max_force:g} N"

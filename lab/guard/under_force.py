@@ -1,9 +1,9 @@
-"""The arm as the guard uses it: it moves only while the force sensor sends, and waits where it stands while it does not.
+"""The arm as the guard uses it: it moves only while the force sensor sends, and otherwise waits in place.
 
-A sample that is late is no fault yet: a busy computer delays one now and then. So a motion is stopped when the newest
+A late sample is no fault yet: a busy computer delays one now and then. So a motion is stopped when the newest
 sample is older than `limits.max_age_in_motion`, and begun again towards its goal when the program next asks whether the
-arm has arrived and the samples flow. That works as well when the program stands still: samples then stop coming here.
-What a motion has stood still for is counted, what it has moved for is taken off; past `limits.max_age` the run ends.
+arm has arrived and the samples flow. This also works when the program hangs: samples then stop arriving here.
+Time a motion stands still is counted, time it moves is subtracted; past `limits.max_age` the run ends.
 
 A rig whose force sensor was not opened has nothing to wait for.
 """
@@ -21,11 +21,11 @@ from drivers.errors import InstrumentError, StaleReading
 from ..files.rig_file import Limits
 
 LOOK = 0.005
-"""Host seconds between two looks at the age of the newest sample while the arm moves."""
+"""Host seconds between two checks of the newest sample's age while the arm moves."""
 FLOW = 4
-"""Samples that must have come one shortly after the other before a motion goes on: a drip does not move the arm."""
+"""Samples that must have arrived in quick succession before a motion continues."""
 STOP_WAITS = 0.3
-"""Host seconds that a stop lets an earlier call to the arm end; then it goes ahead of it."""
+"""Host seconds that a stop waits for an earlier call to the arm; then it overtakes it."""
 STOPS = 3
 """Tries to stop the arm that may fail in a row before the guard lands the rig."""
 
@@ -33,7 +33,7 @@ Call = tuple[Any, ...]
 
 
 class UnderForce:
-    """The arm's driver with the force sensor's consent; has the driver's methods that the guard uses."""
+    """The arm's driver, moving only with force samples; has the driver's methods that the guard uses."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class UnderForce:
         self._under_way.set()
 
     def _drive(self, call: Callable[[], Any]) -> Any:
-        """A call to the arm; when it fails there is no motion to go on with."""
+        """A call to the arm; if it fails there is no motion to continue."""
         try:
             return call()
         except BaseException:
@@ -156,7 +156,7 @@ class UnderForce:
         return max([self._age(), *(b - a for a, b in pairwise(list(self._arrivals)))])
 
     def _watch(self) -> None:
-        """Stop a motion whose samples stay away; a thread of its own, since a stop takes its time."""
+        """Stop a motion without samples; in a thread of its own, since a stop takes time."""
         failed = 0  # tries in a row
         while not self._finished:
             self._under_way.wait()
@@ -172,7 +172,7 @@ class UnderForce:
 
     def _hold(self, last: bool) -> bool:
         """Stop the arm until samples come, unless it arrived or one came; False when it refuses, a failure at the `last` try."""
-        locked = self._turn.acquire(timeout=STOP_WAITS)  # then the stop goes ahead of an earlier call, without the lock
+        locked = self._turn.acquire(timeout=STOP_WAITS)  # then the stop overtakes an earlier call, without the lock
         try:
             age = self._age()
             if self._goal is None or age <= self._limits.max_age_in_motion:

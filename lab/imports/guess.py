@@ -103,8 +103,10 @@ def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dic
     if named or robot.tendons is None:
         return named
     forces = {name for t in triples(headings) for name in t.columns}
-    tensions = [h.name for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
-    return {name: k for k, name in enumerate(tensions, 1)} if len(tensions) == len(robot.tendons.azimuths_deg) > 1 else {}
+    in_newton = [h for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
+    alike = ([h for h in in_newton if h.words[:1] == one.words[:1]] for one in in_newton)
+    tensions = next((found for found in (in_newton, *alike) if len(found) == len(robot.tendons.azimuths_deg) > 1), [])
+    return {h.name: k for k, h in enumerate(tensions, 1)}
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
@@ -138,7 +140,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             "by hand (docs: data from elsewhere)"
         )
     if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
-        g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, the only columns in N; check the order")
+        g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, since they are in N; check the order")
     units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")

@@ -62,7 +62,7 @@ class Column(FileTable):
     scale: FiniteFloat = 1.0
     """A factor of the sensor's own."""
     zero: Literal["none", "first", "absolute"] | FiniteFloat = "none"
-    """What is subtracted: nothing, the first row, the atmosphere, or a number in the column's unit, such as where the base is."""
+    """Subtracted: nothing, the first row, the atmosphere, or a number in the column's unit (of x, y, z also from `points`)."""
     values: dict[str, str] = {}
     """The file's word -> that of trials.csv."""
 

@@ -32,8 +32,8 @@ OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
-SENSOR_OR_SD = re.compile("sensor_|sd_")
-"""Begin of the columns of sensors of the lab's own and of standard deviations."""
+SENSOR_OR_SD = re.compile("sensor_|sd_|tip_moment_")
+"""Begin of the columns of sensors of the lab's own, of standard deviations and of moments."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 

@@ -105,7 +105,7 @@ def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], 
     """Recordings in the order of time, each with the files into which its recorder split it, and its map; raises ConfigError.
 
     Parts of one recording follow each other within `PARTS_APART`, have topics in common and the same map."""
-    opened = [(*recording_span(path), path, wanted) for path, wanted in files]
+    opened = [(r.contents.span or (0, 0), set(r.topics), path, wanted) for path, wanted in files for r in [_open(path)]]
     recordings: list[tuple[tuple[Path, ...], Map]] = []
     end, topics = -np.inf, set[str]()
     for (first, last), own_topics, path, wanted in sorted(opened, key=lambda o: o[0]):
@@ -115,12 +115,6 @@ def together(files: Sequence[tuple[Path, Map]]) -> list[tuple[tuple[Path, ...], 
             recordings.append(((path,), wanted))
         end, topics = last, own_topics
     return recordings
-
-
-def recording_span(path: Path) -> tuple[tuple[int, int], set[str]]:
-    """First and last log time (ns) of a recording, and its topics; raises ConfigError."""
-    recording = _open(path)
-    return recording.contents.span or (0, 0), set(recording.topics)
 
 
 def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | None) -> Series:

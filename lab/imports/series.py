@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.file.budget import OPTION, lifted
+from recordings.trials import REQUIRED, unit_of
 
 from ..files.config import ConfigError
 from .columns import Judged, Strange, is_missing, without_fillers
@@ -80,8 +81,8 @@ class Series:
         return f"{'index' if self.form == FRAME else 'line'} {self.lines[row]}"
 
     def unit_of(self, name: str, units: Container[str]) -> str:
-        """The unit the file states for a column outside of its heading, where it is one of `units`; else empty."""
-        own = unit_named(self.units.get(name, ""))
+        """The unit the file states for a column outside of its heading, or trials.csv, where it is one of `units`; else empty."""
+        own = unit_named(self.units.get(name) or (unit_of(name) if self.columns.keys() >= set(REQUIRED) else ""))
         stated = [own[1]] if own else self.common_units.values()
         return next((unit for unit in stated if unit in units), "")
 

@@ -1,4 +1,4 @@
-"""A run seen while it runs: its recording is followed, never the run itself, and shown on a page in the browser.
+"""A run while it runs: a page in the browser follows its recording, never the run itself.
 
 Where things are
     picture     what the page shows: robot, limits, plan and state, kept up to date from the pieces of the recording; pure

@@ -1,9 +1,9 @@
 """The page beside a run: `python -m lab.live NUMBER open|quiet`.
 
 The program that runs the experiment has opened the socket and passes its number; `open`: in the person's browser. The token
-comes as the first line of standard input, where no list of processes shows it. Each further line names a recording that is shown
-from then on. When that input ends, the run has ended. What viewers ask of the run goes out at standard output, a JSON line
-each; nothing waits where the run does not take it.
+comes as the first line of standard input, where no list of processes shows it. Each further line names the recording to
+show next. When that input ends, the run has ended. Requests of viewers to the run go to standard output, a JSON line each, and
+are dropped if the run does not read them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def main(number: str, browser: str) -> None:
     os.set_blocking(sys.stdout.fileno(), False)
 
     def ask(kind: str, text: str) -> bool:
-        """Hand a request on to the run: a line that is written whole or not at all."""
+        """Pass a request on to the run: a line that is written whole or not at all."""
         message = json.dumps({"shown": show.count, "kind": kind, "text": text}, ensure_ascii=False)
         line = message.encode("utf-8", "backslashreplace") + b"\n"
         try:

@@ -1,6 +1,6 @@
-"""The page beside a run: a process of its own, behind all others in line, that reads the file and nothing else.
+"""The page next to a run: a process of its own, of lowest priority, that reads the file and nothing else.
 
-What its viewers ask of the run comes back through a pipe, which a thread reads no faster than people ask.
+Requests of its viewers come back through a pipe, which a thread reads no faster than people click.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .show import LOOPBACK, place
 BY = "page"
 
 Ask = Callable[[str, str, str], object]
-"""Is told what viewers ask, as `Steering.ask`."""
+"""Receives the requests of viewers, as `Steering.ask`."""
 
 
 class Page:
@@ -59,11 +59,11 @@ class Page:
         threading.Thread(target=self._listen, args=(process.stdout,), name="live-requests", daemon=True).start()
 
     def part(self, text: str, more: bool) -> None:
-        """Which part of something larger is shown next, and whether more of it may follow."""
+        """Which part of a campaign is shown next, and whether more may follow."""
         self._part = (text, more)
 
     def show(self, file: Path, ask: Ask) -> None:
-        """From now on show this recording, which is about to be written; a thread tells `ask` what viewers ask of its run."""
+        """Show this recording, which is about to be written; a thread passes requests of viewers to `ask`."""
         self._shown, self._ask = self._shown + 1, ask
         text, more = self._part
         self._write(json.dumps({"file": str(file), "part": text, "more": more}))
@@ -73,7 +73,7 @@ class Page:
             os.write(self._pipe.fileno(), line.encode() + b"\n")
 
     def _listen(self, pipe: IO[bytes]) -> None:
-        """Pass on what is asked at the page until its process ends, but nothing that was meant for an earlier run."""
+        """Pass on requests from the page until its process ends, except those meant for an earlier run."""
         with pipe:
             # a line of up to 4096 bytes is written to a pipe whole or not at all
             while line := pipe.readline(4096):
@@ -84,7 +84,7 @@ class Page:
                 time.sleep(0.1)
 
     def close(self) -> None:
-        """Nothing more will be shown; who looks gets the end."""
+        """Nothing more will be shown; viewers are told so."""
         with contextlib.suppress(OSError):
             self._pipe.close()
 
@@ -97,7 +97,7 @@ class Page:
 
 @contextlib.contextmanager
 def page_where(wanted: bool, say: Callable[[str], None]) -> Iterator[Page | None]:
-    """A page while the block runs, where one is wanted and can be; `say` is told why there is none."""
+    """A page while the block runs, if wanted and possible; otherwise `say` gets the reason."""
     with contextlib.ExitStack() as beside:
         page = None
         if wanted:

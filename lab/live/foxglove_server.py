@@ -2,8 +2,8 @@
 
 Topics, schemas, bytes and log times are those of the recording. One topic is not in it: `EXPECTED`, a foxglove.SceneUpdate
 with the tip that the model expects, in the base frame, and the box of its 95 % interval. The library (extra `live`) serves all
-viewers from threads of its own, each out of a queue of its own: who is too slow loses the oldest messages, and nobody else
-notices. Viewers cannot send anything.
+viewers from threads of its own, each from a queue of its own: a slow viewer loses the oldest messages without
+affecting others. Viewers cannot send anything.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LAYOUT = Path(str(files(__package__) / "page" / "foxglove.json"))
 WAITING = 2**16
 """Messages that may wait for one viewer: two minutes of a rig."""
 ENDS_WITHIN = 1.0
-"""Host seconds that viewers have to be let go."""
+"""Host seconds allowed for disconnecting viewers."""
 SPHERE = 0.008
 """Diameter that stands for the expected tip, m."""
 
@@ -103,7 +103,7 @@ class Foxglove:
             )
 
     def take(self, contents: Contents, pieces: list[Piece]) -> None:
-        """Hand on what has come; the viewers' clock is that of the file."""
+        """Pass on new messages; the viewers' clock is that of the file."""
         self.offer(contents)
         for piece in pieces:
             self._until = max(self._until, piece.until)
@@ -138,7 +138,7 @@ class Foxglove:
         return self
 
     def __exit__(self, *_: object) -> None:
-        # the library waits without end for a connection that has not said what it wants
+        # the library waits forever for a connection that has requested nothing
         ending = threading.Thread(target=self._server.stop, name="foxglove-end", daemon=True)
         ending.start()
         ending.join(ENDS_WITHIN)

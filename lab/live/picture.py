@@ -39,14 +39,14 @@ LONGEST = 300
 
 @dataclass(frozen=True)
 class About:
-    """Of one recording; what it does not tell is None or empty. SI units."""
+    """Of one recording; missing items are None or empty. SI units."""
 
     file: str
     protocol: str = ""
     rig: str = ""
     robot: str = ""
     labels: tuple[str, ...] = ()
-    """What the person said of it: name and text."""
+    """The person's labels: name and text."""
     speed: float = 1.0
     """Of the rig's clock: rig seconds in a second."""
     start_wall_ns: int = 0
@@ -56,7 +56,7 @@ class About:
     """Chambers on each channel of the regulators, counted from 1."""
     limits: Mapping[str, float] = field(default_factory=dict)
     steps: tuple[tuple[str, float], ...] = ()
-    """Of the plan: what is done, s."""
+    """Of the plan: completed time, s."""
     missing: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
@@ -65,14 +65,14 @@ class About:
 
 
 def _plain_values(value: Any) -> Any:
-    """Texts as they may be shown, tuples as lists."""
+    """Sanitised texts, tuples as lists."""
     if isinstance(value, str):
         return shown(value)
     return [_plain_values(item) for item in value] if isinstance(value, tuple) else value
 
 
 def shown(text: str) -> str:
-    """A text from outside as it may be shown: no control characters, not longer than anybody reads."""
+    """Sanitise a text from outside: no control characters, limited length."""
     text = plain(text)
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} ..."
 
@@ -158,7 +158,7 @@ def _steps(contents: Contents, missing: list[str]) -> tuple[tuple[str, float], .
 
 
 LINES, LISTED = 200, 2000
-"""Lines of the log and finished states that a page is given."""
+"""Lines of the log and finished states that a page receives."""
 SAME_MOMENT = 0.2
 """Host seconds by which a tip and the pressures of its prediction may differ."""
 
@@ -180,7 +180,7 @@ class StreamCount:
     """(stamp, count) at the end of the last pieces."""
 
     def take(self, t: float, numbers: list[int]) -> None:
-        """So many samples more, the newest of `t` s."""
+        """Add this many samples, the newest at `t` s."""
         before = self.number
         for number in numbers:
             if before is not None and number > before + 1:
@@ -233,7 +233,7 @@ class Picture:
 
     # -- what comes
     def take(self, pieces: Iterable[Piece]) -> Numbers:
-        """Take pieces of the recording into the state; returns the update for viewers who have all before."""
+        """Add pieces of the recording to the state; returns the update for viewers that have the earlier ones."""
         points: list[Numbers] = []
         lines: list[Numbers] = []
         first_row = len(self.rows)
@@ -279,7 +279,7 @@ class Picture:
         }
 
     def end(self, metadata: Mapping[str, Mapping[str, str]], finished: bool) -> Numbers:
-        """Take the end of the recording: how it ended and what was lost, from its metadata; returns the update for viewers."""
+        """Read from the metadata how the recording ended and what was lost; returns the update for viewers."""
         ending = metadata.get("outcome", {})
         self._unsafe = ending.get("safe_state") == UNCONFIRMED
         if finished and "outcome" in ending:
@@ -299,7 +299,7 @@ class Picture:
 
     # -- what the model says
     def model_says(self, stands: str, why: str = "") -> Numbers:
-        """How the model stands: "starting", "ready" or "none", and why."""
+        """State of the model: "starting", "ready" or "none", and why."""
         self._model = {"stands": stands, "why": shown(why)}
         return {"model": self._model}
 
@@ -338,11 +338,11 @@ class Picture:
 
     # -- parts
     def _compared(self) -> Numbers:
-        """The gaps of the last states that were compared, and how many were so far."""
+        """The gaps of the last states that were compared, and the number of all."""
         return {"gaps": self._gaps[-LISTED:], "compared": len(self._gaps)}
 
     def _standing(self) -> Numbers:
-        """What is small and sent with every update."""
+        """The small part that is sent with every update."""
         return {
             "state": self._asked(),
             "pause": self._pause,
@@ -370,7 +370,7 @@ class Picture:
         return {"t": self.t, **new}
 
     def _asked_of(self, request: Request) -> Numbers:
-        """A request as a line among the events; a pause is known from when it is asked for until it is over."""
+        """Add a request to the events; a pause is shown from its request to its end."""
         if request.kind == "pause":
             self._pause = {"t": request.t, "by": shown(request.by), "begun": request.done}
         elif request.kind == "go on" and (request.done or not (self._pause or {}).get("begun")):
@@ -397,7 +397,7 @@ class Picture:
         }  # fmt: skip
 
     def _asked(self) -> Numbers | None:
-        """What was asked for last, and whether it was read since."""
+        """The last request, and whether it was read since."""
         if self.state is None:
             return None
         state = self.state.state

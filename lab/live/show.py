@@ -1,4 +1,4 @@
-"""A recording followed and shown at an address, until it is told to end."""
+"""Follow a recording and show it at an address."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class NoModel(RuntimeError):
 
 
 class ModelProcess:
-    """Asks the process beside that knows the model (`expected`), one question at a time."""
+    """Asks the process that holds the model (`expected`), one question at a time."""
 
     def __init__(self, robot: str) -> None:
         self._robot = robot
@@ -71,11 +71,11 @@ class ModelProcess:
 
 
 AT_ONCE = 256
-"""Pieces that are read in one go while the beginning of a long run is caught up with."""
+"""Pieces read at once while catching up with a long run."""
 
 
 async def following(tail: Tail, over: Callable[[], bool]) -> AsyncIterator[list[Piece]]:
-    """What is in the file, then what comes, until it is finished; or until nothing more comes once `over`."""
+    """The content of the file, then what is added until it is finished; or, once `over`, until nothing more arrives."""
     while not tail.contents.finished:
         if tail.grown():
             yield await asyncio.to_thread(tail.read)
@@ -146,7 +146,7 @@ class ShownRecording:
 
     path: Path
     text: str = ""
-    """Which part of something larger it is."""
+    """Which part of a campaign it is."""
     more: bool = False
     """Others may follow it."""
 
@@ -183,7 +183,7 @@ class Show:
         self._parts.append(part)
 
     def over(self) -> None:
-        """The last run has ended, or nobody wants to look any more; from any thread."""
+        """The last run has ended, or no page is wanted any more; from any thread."""
         self._over.set()
 
     def run(self, stay: bool) -> None:
@@ -203,13 +203,13 @@ class Show:
                         await self._show(tail)
                 self._part = None if self._part is None else replace(self._part, more=False)
                 self._tell(self._of_part())
-                # a page gets the end of the run beside it
+                # viewers of an active run receive its end
                 await asyncio.sleep(0.0 if stay else 2.0)
             finally:
                 await self._viewers.end()
 
     async def _next(self) -> ShownRecording | None:
-        """What is to be shown next; None when all is over."""
+        """The recording to show next; None at the end."""
         while not self._parts and not self._over.is_set():
             await asyncio.sleep(0.05)
         return self._parts.popleft() if self._parts else None
@@ -221,7 +221,7 @@ class Show:
         return Tail(path)
 
     def _leaves(self) -> bool:
-        """Whether a recording that was never finished is left where nothing more comes."""
+        """Whether to stop at an unfinished recording that no longer grows."""
         return self._over.is_set() or bool(self._parts)
 
     async def _show(self, tail: Tail) -> None:
@@ -315,7 +315,7 @@ class Show:
 
     async def _beat(self) -> None:
         while True:
-            # ages go on while nothing comes
+            # ages increase while nothing arrives
             await asyncio.sleep(0.5)
             self._tell({})
 
@@ -340,7 +340,7 @@ class Show:
                 if len(picture.rows) > asked_rows and ((began := time.monotonic()) >= due or last_round):
                     asked_rows = len(picture.rows)
                     answer = await model.ask({"rows": [row.to_json() for row in picture.rows]})
-                    # the model rests four times as long as it has worked
+                    # the model pauses for four times its computing time
                     due = time.monotonic() + 4.0 * (time.monotonic() - began)
                     self._tell(picture.gaps(answer["gaps"]) if "gaps" in answer else picture.model_says("ready", answer["error"]))
                 question = picture.question()

@@ -1,7 +1,7 @@
 """The page's server: `GET /TOKEN/...` of a handful of fixed names, `POST /TOKEN/ask`, and nothing else.
 
-What a browser sends fits into a few hundred bytes. A head is read whole, within a time and a size, before anything of it is
-looked at; no path ever reaches a file system, since all answers lie in memory. Each connection carries one request. What is
+What a browser sends fits into a few hundred bytes. A head is read completely, within a time and a size, before it is parsed;
+no path ever reaches a file system, since all answers are in memory. Each connection carries one request. What is
 posted is a small JSON object that a script of the page itself has sent: the browser says so (Origin). Each viewer has a queue;
 slow viewers are disconnected, and get everything when they ask again.
 """
@@ -27,7 +27,7 @@ from recordings.json_text import plain_numbers, read_json
 LARGEST_HEAD = 8192
 """Bytes of a request."""
 HEAD_WITHIN = 5.0
-"""Host seconds in which it must be here."""
+"""Host seconds within which it must arrive."""
 _REQUEST = re.compile(rb"(GET|POST) (/[!-~]{0,200}) HTTP/1\.[01]\r\n((?:[!-9;-~]+:[^\r\n\x00]*\r\n)*)\r\n")
 _METHOD = re.compile(rb"[A-Z]{1,20} [!-~]+ HTTP/1\.[01]\r\n")
 POLICY = (
@@ -45,22 +45,16 @@ HEADERS = {
 }
 PAGE = {"": ("page.html", "text/html"), "page.css": ("page.css", "text/css"), "page.js": ("page.js", "text/javascript"),
         "draw.js": ("draw.js", "text/javascript")}  # fmt: skip
-"""What is asked for behind the token: a file beside this module, and its kind."""
+"""Name after the token -> a file next to this module, and its kind."""
 EVENTS, ASK = "events", "ask"
 
 
 class RefusedRequest(Exception):
-    """A request that gets nothing but this status."""
+    """A request that is answered by this status alone."""
 
     def __init__(self, status: HTTPStatus) -> None:
         super().__init__(status.phrase)
         self.status = status
-
-
-def page_files() -> dict[str, tuple[str, bytes]]:
-    """Kind and data of the page's files, from the package, by the name that is asked for."""
-    folder = files(__package__) / "page"
-    return {name: (kind, (folder / file).read_bytes()) for name, (file, kind) in PAGE.items()}
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,7 @@ def event(name: str, data: dict[str, Any]) -> bytes:
 
 
 Steer = Callable[[str, str], bool]
-"""Hands kind and text of a request on to the run; False when it does not take any more at the moment."""
+"""Passes kind and text of a request to the run; False if it accepts no more at the moment."""
 
 
 class Viewers:
@@ -164,7 +158,7 @@ class Viewers:
     def __init__(self, token: str, whole: Callable[[], dict[str, Any]], steer: Steer | None = None) -> None:
         self._token, self._whole, self._steer = token, whole, steer
         self._allowed, self._counted = BURST, time.monotonic()
-        self._files = page_files()
+        self._files = {name: (kind, (files(__package__) / "page" / file).read_bytes()) for name, (file, kind) in PAGE.items()}
         self._queues: set[asyncio.Queue[bytes | None]] = set()
         self._tasks: set[asyncio.Task[Any]] = set()
 
@@ -174,7 +168,7 @@ class Viewers:
         return len(self._queues)
 
     def tell(self, name: str, data: dict[str, Any]) -> None:
-        """Hand an update to all who look."""
+        """Send an update to all viewers."""
         if not self._queues:
             return
         text = event(name, data)
@@ -221,7 +215,7 @@ class Viewers:
         await asyncio.wait_for(writer.drain(), STUCK)
 
     def _ask(self, posted: dict[str, Any]) -> None:
-        """Hand a posted request on to the run; raises `RefusedRequest`, also beyond `RATE` and `BURST`."""
+        """Pass a posted request on to the run; raises `RefusedRequest`, also beyond `RATE` and `BURST`."""
         assert self._steer is not None
         now = time.monotonic()
         self._allowed = min(BURST, self._allowed + RATE * (now - self._counted))  # requests that may come at once
@@ -261,7 +255,7 @@ class Viewers:
             self._queues.discard(queue)
 
     async def end(self) -> None:
-        """Let everybody go, once what waits is sent, or after a moment."""
+        """Disconnect all viewers once their queues are sent, or after a moment."""
         for queue in self._queues:
             with contextlib.suppress(asyncio.QueueFull):
                 queue.put_nowait(None)

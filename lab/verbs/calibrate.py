@@ -77,7 +77,7 @@ def base_seen(rest: Array, moved: Array, expected: Array, expected_rest: Array) 
 def lines(found: BaseSeen, channels: Sequence[Sequence[int]], azimuths_deg: Sequence[float]) -> Iterator[str]:
     """Lines for robot.yaml, rig.yaml and map.yaml, each file under its name."""
     turned = {chamber: t for group, t in zip(channels, found.turned_deg, strict=True) for chamber in group}
-    azimuths = [round((a + turned.get(i, 0.0)) % 360, 1) for i, a in enumerate(azimuths_deg, 1)]
+    azimuths = [round(round(a + turned.get(i, 0.0), 1) % 360, 1) for i, a in enumerate(azimuths_deg, 1)]
     far = [", ".join(map(str, channels[k])) for k, t in enumerate(found.turned_deg) if abs(t) > FAR_OFF]
     yield "robot.yaml:"
     yield f"  azimuths_deg: {azimuths}    # ± {found.turned_sd_deg:.1f} deg; the first is taken from robot.yaml and shows x"

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from rich.table import Table
 import timing
 from drivers.errors import InstrumentError
 from drivers.frames import matrix_from_quaternion
-from drivers.interfaces import Identity
+from drivers.interfaces import BodySample, Identity
 from model.robot import Robot
 from protocols.actions import grow, home, ramp, release, vent
 from protocols.bench import Bench, Setup
@@ -340,9 +341,11 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
 
         failures = rig.open_all(note)
         counts_before, lost_before = dict(rig.counts), rig.lost()
-        span = _listen(rig, counts_before, seconds)
+        span, seen = _listen(rig, counts_before, seconds)
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
-        rig.notices += _misplaced(rig)
+        still = np.array([sample.position for sample in seen if sample.valid])
+        scatter = [round(1e3 * sd, 3) for sd in still.std(axis=0)] if len(still) > 1 else []
+        rig.notices += _misplaced(rig, seen)
         if robot is not None and all(r["ok"] for r in rows):
             moved, said = _moved(rig, robot, calibrate if calibrating else moves)
             if move:
@@ -352,6 +355,9 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
 
     def show() -> None:
         out.print(_table(rig.file.name, rows, span))
+        if scatter:
+            sd = ", ".join(f"{axis} {value:.2g} mm" for axis, value in zip("xyz", scatter, strict=True))
+            out.print(f"mocap: the tip at rest scatters by {sd} (sd; OptiTrack promises less than 0.5 mm)", soft_wrap=True)
         for f in failures:
             err.print(f"missing: {f}")
         for r in (r for r in rows if not r["ok"] and "samples" in r):
@@ -359,7 +365,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         if locked := Latch(rig_path).read():
             err.print(f"locked: {locked}. To unlock the rig: {typed('lab', 'safe', '--clear', '--rig', rig_path)}")
 
-    data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "warnings": rig.notices}
+    data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "scatter_mm": scatter, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
     data |= {"moved": [asdict(m) for m in moved]} if robot is not None else {}
     data |= {"calibration": said} if calibrating else {}
@@ -414,28 +420,24 @@ def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]
     return outcomes, said
 
 
-def _misplaced(rig: Rig) -> list[str]:
+def _misplaced(rig: Rig, seen: Sequence[BodySample]) -> list[str]:
     """Report implausible positions of tip and markers."""
-    try:
-        seen = rig.streams["mocap"].latest() if "mocap" in rig.identities else None
-    except InstrumentError:  # a body that is not tracked: reported when it is needed
-        seen = None
-    if seen is None:
-        return []
-    said = too_far(np.array([[seen.position, *seen.markers]]), bodies(rig.file, rig.file.body))
+    said = too_far(np.array([[s.position, *s.markers] for s in seen[-1:]]), bodies(rig.file, rig.file.body)) if seen else ""
     return [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"] if said else []
 
 
-def _listen(rig: Rig, before: dict[str, int], seconds: float) -> float:
-    """Collect samples for `seconds` of host time and until each instrument has sent one; return how long that took."""
-    began = timing.now()
-    timing.sleep(max(0.0, seconds))
+def _listen(rig: Rig, before: dict[str, int], seconds: float) -> tuple[float, list[BodySample]]:
+    """Collect samples for `seconds` of host time and until each instrument has sent one; return how long that took, and some of
+    the tip's."""
+    began, seen = timing.now(), list[BodySample]()
     awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
-    while (span := timing.now() - began) < rig.file.limits.max_age:
-        if all(rig.counts.get(topic, 0) > before.get(topic, 0) for topic in awaited):
+    while (span := timing.now() - began) < max(seconds, rig.file.limits.max_age):
+        with suppress(InstrumentError):  # a body that is not tracked: reported when it is needed
+            seen += [rig.streams["mocap"].latest()] if "mocap" in rig.identities else []
+        if span >= seconds and all(rig.counts.get(topic, 0) > before.get(topic, 0) for topic in awaited):
             break
         timing.sleep(LOOK)
-    return span
+    return span, seen
 
 
 def _row(

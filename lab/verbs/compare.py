@@ -40,6 +40,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
 
     def show() -> None:
         out.print(sheet(c.table, case.robot))
+        if c.elongation:
+            t = Sheet("spine", "pressure", "measured", "model", title="Elongation from the lowest pressure", title_justify="left")
+            for length, pressure, *longer in c.elongation:
+                t.add_row(f"{100 * length:.1f} cm", f"{pressure / 1e3:.0f} kPa", *(f"{1e3 * x:.2f} mm" for x in longer))
+            out.print(t)
         note(marked_notes(case.table))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
@@ -48,7 +53,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
                 out.print(f"figure: {path}")
 
     pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
-    data = {**c.table.as_dict(), "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum()), **pictures}
+    data = {**c.table.as_dict(), "elongation": c.elongation, "unsolved": c.unsolved, **pictures}
+    data["clipped"] = int(case.table.clipped.sum())
     return Result(data, show)
 
 

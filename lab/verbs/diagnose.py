@@ -235,7 +235,8 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     first = d.next_experiment[0]
     out.print(_proposals(d))
     if first.separates:
-        out.print(_separated(first))
+        pairs = " and ".join(" from ".join(pair) for pair in first.separates[:3])
+        out.print(f"{first.id} is expected to distinguish {pairs}.")
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
         out.print(
@@ -274,11 +275,6 @@ def _proposals(d: Diagnosis) -> Sheet:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")
     return t
-
-
-def _separated(p: Proposal) -> str:
-    pairs = " and ".join(" from ".join(pair) for pair in p.separates[:3])
-    return f"{p.id} is expected to distinguish {pairs}."
 
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:

@@ -6,7 +6,6 @@ An RO-Crate (https://w3id.org/ro/crate/1.1) is a folder that others understand w
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -224,15 +223,10 @@ def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence
     return Result({"files": [str(path) for path in files], **clipped}, show)
 
 
-def _export_verb(a: argparse.Namespace) -> Result:
-    form: Form = "case" if a.case else "crate" if a.crate else "streams"
-    return export(a.inputs, a.out, form, a.replace)
-
-
 VERBS = (
     Verb(
         "export",
-        _export_verb,
+        lambda a: export(a.inputs, a.out, "case" if a.case else "crate" if a.crate else "streams", a.replace),
         options=(
             JSON,
             ANY_SIZE,

@@ -203,11 +203,6 @@ def _mpa(e: Estimate) -> str:
     return f"{e.value / 1e6:.3f} ± {e.standard_error / 1e6:.3f} MPa"
 
 
-def _names(text: str) -> tuple[str, ...]:
-    """Names between commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
 VERBS = (
     Verb(
         "fit",
@@ -223,7 +218,7 @@ VERBS = (
                 "--with",
                 dest="with_effects",
                 action="extend",
-                type=_names,
+                type=lambda text: [name.strip() for name in text.split(",") if name.strip()],
                 metavar="EFFECT[,EFFECT..]",
                 help="fit these effects too, and write them into robot.yaml",
             ),

@@ -31,7 +31,6 @@ from ..rig.by_hand import by_hand, demand_limit
 from ..rig.keys import Keys, Line
 from .run import connect
 
-HELP = "p2 20 kPa | spine 5 cm | valve on | valve off | vent | q; Ctrl-C vents and ends"
 JOGGED, SEEN = ("pressure", "spine", "valve", "gauge"), ("mocap", "force")
 """Instruments whose readings are demanded, and those that are only shown."""
 RECENT, SHOWN_EVERY = 5.0, 0.2
@@ -125,7 +124,13 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
     if word == "vent":
         vent(bench)
         return "vented"
-    raise ConfigError(f"{line!r}: is no command of this rig; there are {HELP}")
+    raise ConfigError(f"{line!r}: is no command of this rig; there are {known(file)}")
+
+
+def known(file: RigFile) -> str:
+    """The commands that this rig can carry out."""
+    spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
+    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | q; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:
@@ -144,7 +149,7 @@ def jog(rig_path: Path, rate: str) -> Result:
     with Rig(file) as opened:
         connect(opened, (*JOGGED, *SEEN))
         with screen, by_hand(opened, screen, reports.append, JOGGED, at_once=True) as bench, commands(screen) as lines:
-            screen.say(HELP)
+            screen.say(known(file))
             ended = timing.Event()
             timing.Thread(target=_show, args=(bench, screen, ended), name="jog-readings", daemon=True).start()
             with contextlib.suppress(KeyboardInterrupt):
@@ -165,7 +170,7 @@ def _follow(bench: Bench, file: RigFile, screen: Screen, lines: queue.SimpleQueu
         if line == "q":
             return
         try:
-            screen.say(f"{act(bench, file, line, rate)}; {readings(bench)}" if line else HELP)
+            screen.say(f"{act(bench, file, line, rate)}; {readings(bench)}" if line else known(file))
         except (ConfigError, ProtocolError) as e:
             screen.say(str(e))
 

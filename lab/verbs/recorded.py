@@ -83,8 +83,7 @@ def _show(file: Path, s: Info) -> None:
         ended = s.outcome or "finished; its outcome was not recorded"
     else:
         ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `{typed('lab', 'recover', file)}` keeps them"
-    states = f"{s.rows} of {s.planned} planned states" if s.planned else f"{s.rows} of {s.states} states"
-    out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {states} read")
+    out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {_states(s)} states read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
     for topic, stream in s.streams.items():
         if stream.channels > 1:
@@ -222,9 +221,9 @@ def _show_recovered(r: Recovery) -> None:
 FILES = option("files", nargs="+", type=Path, metavar="FILE")
 
 
-def _states(run: RecordedRun) -> str:
+def _states(run: RecordedRun | Info) -> str:
     """How many states were read, of those planned or, where that is not known, asked for."""
-    return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}"
+    return f"{run.rows} of {run.planned} planned" if run.planned else f"{run.rows} of {run.states}" if run.states else "no"
 
 
 def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, RecordedRun]]:

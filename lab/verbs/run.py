@@ -417,7 +417,8 @@ def _poses_of_arm(result: Outcome) -> dict[str, Any]:
 
 
 def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
-    out.print(f"{result.outcome}: {counted(len(result.table), 'state')} in {result.file}")
+    streams_only = result.outcome == "completed" and not len(result.table)
+    out.print(f"{result.outcome}: {'streams' if streams_only else counted(len(result.table), 'state')} in {result.file}")
     if poses:
         then = typed("lab", "diagnose", poses["poses"], "--robot", "arm.yaml")
         out.print(f"poses: {poses['poses']}; go on with: {then}", soft_wrap=True)

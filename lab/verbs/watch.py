@@ -32,7 +32,7 @@ def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, 
     if speed is not None and not speed > 0:
         raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
     file = _recording(what)
-    going_on = _goes_on(file)
+    going_on = not ended(file) and time.time() - file.stat().st_mtime < GOING_ON
     if going_on and speed is not None:
         raise ConfigError(f"--speed: {file} is being written; an active run is shown live")
     if what != file and not going_on:
@@ -109,11 +109,6 @@ def _recording(what: Path) -> Path:
         return recording_of(what)
     with Tail(what):
         return what
-
-
-def _goes_on(file: Path) -> bool:
-    """Whether a recording is being written now."""
-    return not ended(file) and time.time() - file.stat().st_mtime < GOING_ON
 
 
 VERBS = (

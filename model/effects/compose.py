@@ -241,6 +241,7 @@ def _loads(q: Quantities, out: RodColumns) -> None:
     for k in range(3):
         gravity = q.gravity[..., k]
         out[col.DEAD_FORCE + k] = q.design.tip_mass * gravity + q.design.force[:, k] + q.tip_force[..., k]
+        out[col.DEAD_MOMENT + k] = q.design.moment[:, k] + q.tip_moment[..., k]
         for element, piece in zip(q.layout.elements, q.layout.pieces, strict=True):
             if element + col.LOAD + k not in q.layout.follows:
                 out[element + col.LOAD + k] = q.density * q.body.weight_area[piece] * gravity

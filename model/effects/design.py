@@ -78,6 +78,9 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
         nominal_vacuum=_usual(vacuum[with_spine]) if with_spine.any() else NOMINAL_VACUUM,
         tip_mass=_numbers(columns, "tip_mass", robot.tip_mass, n),
         force=np.where(stiffness, 0.0, [_numbers(columns, f"force_{a}", 0.0, n) for a in "xyz"]).T,
+        moment=np.where(
+            stiffness, 0.0, [_numbers(columns, f"tip_moment_{a}", m, n) for a, m in zip("xyz", robot.tip_moment, strict=True)]
+        ).T,
         roll=np.deg2rad(_numbers(columns, "roll_deg", 0.0, n)),
         pressure=pressure,
         used=highest_of_trial(trial, pressure) > USED * pressure.max(initial=0.0),

@@ -454,7 +454,8 @@ class ForwardModel:
         remembers = any(theta[k] for k in self._memory_sizes) or any(law.path is not None for law, _ in self._fixed.values())
         rods = self._rows(built)
         single_states = self._steps is None
-        hard_bare, hard_final = self._hard_nearby(theta)
+        nearest = min(self._hard, key=lambda hard: float(np.linalg.norm((hard[0] - theta) / self._sd)), default=None)
+        hard_bare, hard_final = (None, None) if nearest is None else nearest[1:]  # equilibria that were hard to find
         plain = single_states and not remembers
         bare = solve(self._layout, rods, self._arcs, self._steps, self._start, remembers, trial, plain, whole, hard_bare)
         final = bare.take(slice(0, self._moved_rows.size))
@@ -473,11 +474,6 @@ class ForwardModel:
         read = self._readings(q, final.result[None], spread)
         settled = not (trial or whole) or bool(bare.converged.all() and final.converged.all())
         return _At(theta.copy(), spread, q, built, bare, driven, rest, final, remembers, read, settled)
-
-    def _hard_nearby(self, theta: Array) -> tuple[SolvedRods | None, SolvedRods | None]:
-        """Without memory and with it, the nearest to parameters (p,) of the equilibria that were hard to find."""
-        away = [float(np.linalg.norm((there - theta) / self._sd)) for there, _, _ in self._hard]
-        return self._hard[int(np.argmin(away))][1:] if away else (None, None)
 
     def _rows(self, built: RodColumns) -> Array:
         """(m, layout.width) rods of one variant that are solved."""
@@ -527,7 +523,8 @@ class ForwardModel:
         by_stage: dict[tuple[bool, str], list[int]] = {}
         for k in slots:
             spec = self._table.source_of(k).spec
-            by_stage.setdefault((_moves(spec), spec.stage), []).append(k)
+            moves_rod = spec.law.before is not None or spec.law.path is not None
+            by_stage.setdefault((moves_rod, spec.stage), []).append(k)
         return [tuple(of_stage) for of_stage in by_stage.values()]
 
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
@@ -573,11 +570,8 @@ class ForwardModel:
         columns = sorted({c for b in batches for c in b.columns})
         by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
         if here.remembers and columns:
-
-            def driven_by(results: Array) -> Array:
-                return self._drive(here.built, results)[:, self._in_bare]
-
-            by_column[self._in_bare] = np.nan_to_num(_by_columns(here.bare, columns, driven_by))
+            slopes = _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
+            by_column[self._in_bare] = np.nan_to_num(slopes)
         lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
@@ -609,11 +603,6 @@ class ForwardModel:
         out[:, :, at.ORIENTATION] = 1.0
         out[:, self._moved_rows] = results
         return out
-
-
-def _moves(spec: EffectSpec) -> bool:
-    """Whether a source changes the rod, not its readings alone."""
-    return spec.law.before is not None or spec.law.path is not None
 
 
 def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:

@@ -95,6 +95,8 @@ class Quantities:
     """Share 0..1 of the spine's part of a section that does as the silicone does."""
     tip_force: Array = field(default_factory=no_vector)
     """(v, n, 3) N at the tip, base frame, besides the tip mass."""
+    tip_moment: Array = field(default_factory=no_vector)
+    """(v, n, 3) N m, likewise, besides the known moment."""
     payload: Array = constant(0.0)
     """kg at the tip besides the tip mass that is known."""
     payload_place: Array = field(default_factory=no_vector)

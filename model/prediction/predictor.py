@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -148,8 +148,12 @@ class Predictor:
         alike = np.lexsort((states.pressure.sum(axis=1), np.round(states.spine_length / 0.02)))
         order = alike if n > BATCH else np.arange(n)
         batches = [order[k : k + BATCH] for k in range(0, n, BATCH)]
-        joined = _joined(self._shared_out(part, batches), order)
-        return replace(joined, outside=self._outside(states.pressure))
+        if self._cores < 2 or len(batches) < 2:
+            parts = [part(rows) for rows in batches]
+        else:
+            with ThreadPoolExecutor(self._cores) as pool:
+                parts = list(pool.map(part, batches))
+        return replace(_joined(parts, order), outside=self._outside(states.pressure))
 
     def _outside(self, pressure: Array) -> NDArray[np.bool_]:
         """(n,) of pressures (n, chambers) Pa; warns where there are any."""
@@ -164,12 +168,6 @@ class Predictor:
                 stacklevel=3,
             )
         return outside
-
-    def _shared_out(self, part: Callable[[Order], Prediction], batches: Sequence[Order]) -> list[Prediction]:
-        if self._cores < 2 or len(batches) < 2:
-            return [part(rows) for rows in batches]
-        with ThreadPoolExecutor(self._cores) as pool:
-            return list(pool.map(part, batches))
 
 
 def predicted(

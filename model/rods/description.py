@@ -173,7 +173,8 @@ class Rods:
     def check(self) -> Rods:
         """Itself; raises `BadCondition` naming the field, rod and value that no kernel may see."""
         if not np.isfinite(self.values).all():
-            self._refuse_not_finite()
+            for name in self.form.fields():
+                self._refuse(name, ~np.isfinite(self.field(name)), "must be finite")
         for name in ("bend_stiffness", "stretch_stiffness"):
             self._refuse(name, self.field(name) <= 0, "must be positive")
         self._refuse("length", self.field("length") < 0, "must not be negative: does the spine end beyond the tip?")
@@ -186,10 +187,6 @@ class Rods:
             norm = np.linalg.norm(self.field("spring_direction"), axis=-1)
             self._refuse("spring_direction", np.abs(norm - 1) > 1e-6, "must be unit vectors")
         return self
-
-    def _refuse_not_finite(self) -> None:
-        for name in self.form.fields():
-            self._refuse(name, ~np.isfinite(self.field(name)), "must be finite")
 
     def _refuse(self, name: str, wrong: NDArray[np.bool_], reason: str) -> None:
         if wrong.any():

@@ -132,7 +132,7 @@ def export_case(recording: Recording, folder: str | os.PathLike[str], table: Tab
     """
     table = table_of(recording) if table is None else table
     if not len(table):
-        raise BadTable(f"{recording.path} has no concluded state; try `lab replay` to compute its states again")
+        raise BadTable(f"{recording.path} holds no states; try `lab replay` if it asked for some, else export its streams")
     if "robot.yaml" not in recording.attachments:
         raise MissingStream(f"{recording.path} has no attachment robot.yaml; add the robot's file to the folder by hand")
     folder = Path(folder)

@@ -94,7 +94,9 @@ class ClockFit:
         """The model of what came until now; None when there is too little to tell."""
         if self._count < 20 or not self._last > self._reference:
             return None
-        (xa, ya), (xb, yb) = _edge(self._hull, self._sum / self._count)
+        mean, last = self._sum / self._count, len(self._hull) - 1
+        corner = max(next((k for k, (x, _) in enumerate(self._hull) if x > mean), last), 1)
+        (xa, ya), (xb, yb) = self._hull[corner - 1 : corner + 1]  # the edge at the mean of x
         x, y = self._points.T
         drift = (yb - ya) / (xb - xa)
         delay = y - (ya + drift * (x - xa))
@@ -119,12 +121,6 @@ def _extend(hull: list[tuple[float, float]], xs: Numbers, ys: Numbers) -> None:
                 break  # q lies below the line from p to here
             hull.pop()
         hull.append((x, y))
-
-
-def _edge(hull: list[tuple[float, float]], mean: float) -> list[tuple[float, float]]:
-    """The two corners of a hull whose line is its edge at the mean of x."""
-    after = next((k for k, (x, _) in enumerate(hull) if x > mean), len(hull) - 1)
-    return hull[max(after, 1) - 1 : max(after, 1) + 1]
 
 
 def fit(device: Numbers, host: Numbers) -> ClockModel | None:

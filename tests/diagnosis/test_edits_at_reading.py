@@ -1,5 +1,6 @@
 """When a table is read, wrong units, wrong frames and mistakes in robot.yaml are named; unusual robots are left alone."""
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,8 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lab
+from diagnosis.edits.edit import Variants
 from diagnosis.edits.reading import Reading, read
 from lab.files.robot_numbers import doubts
+from model.actuators import Chambers
 from model.condition import conditions
 from model.robot import Robot, load_robot
 from model.rods import FINE, solve
@@ -258,6 +261,23 @@ def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[s
     assert reading(ROBOT, rows) == SILENT
     changed = [replace(r, pressures=(*r.pressures[3:6], *r.pressures[:3], *r.pressures[6:])) for r in rows]
     assert "counted the other way round" in " ".join(reading(ROBOT, changed).asked)
+
+
+@pytest.mark.parametrize("pair", [(0, 2), (1, 3)])
+def test_exchanged_chambers_of_four_are_stated_by_an_azimuth_that_changes(pair: tuple[int, int]) -> None:
+    four = ROBOT.model_copy(update={"chambers": Chambers(radius=0.008, path_radius=0.0385, azimuths_deg=(0, 90, 180, 270))})
+    rows = [row for chambers in ((1,), (2,), (3,), (4,)) for row in sweep(four, chambers=chambers, spines=(0.0,))]
+    order = [{pair[0]: pair[1], pair[1]: pair[0]}.get(k, k) for k in range(4)]
+    said = " ".join(reading(four, [replace(r, pressures=tuple(r.pressures[k] for k in order)) for r in rows]).asked)
+    (found, given) = re.search(r"azimuth of chamber \d ([\d.]+) deg instead of ([\d.]+) deg", said).groups()  # type: ignore[union-attr]
+    assert abs(float(found) - float(given)) == pytest.approx(180, abs=5), said
+
+
+def test_a_moment_turns_with_its_frame_and_is_no_vector_where_the_frame_is_mirrored() -> None:
+    rows = [replace(r, sensors={f"tip_moment_{a}": m for a, m in zip("xyz", (0.1, 0.2, 0.3), strict=True)}) for r in sweep()]
+    turned = Variants.of(ROBOT, Table.of(rows)).turned(np.array([[np.sqrt(0.5), 0, 0, np.sqrt(0.5)]]), np.array([-1, 1, 1]))
+    _, table = turned.written()
+    assert [table[f"tip_moment_{a}"][0] for a in "xyz"] == pytest.approx([-0.2, -0.1, -0.3])
 
 
 # ------------------------------------------------------------------ pushes

@@ -37,10 +37,6 @@ def calls() -> list[tuple[str, set[str]]]:
     return found
 
 
-def fields(template: str) -> set[str]:
-    return {name for _, name, _, _ in Formatter().parse(template) if name}
-
-
 def test_each_template_is_used_and_each_code_has_one() -> None:
     assert {code for code, _ in calls()} == set(SEVERITY)
     assert len(SEVERITY) == sum(map(len, TEMPLATES.values()))
@@ -50,7 +46,7 @@ def test_each_finding_has_the_values_that_its_template_states() -> None:
     own = set(vars(Chambers.words))
     for code, values in calls():
         template = TEMPLATES[SEVERITY[code]][code]
-        assert fields(template) - own <= values, code
+        assert {name for _, name, _, _ in Formatter().parse(template) if name} - own <= values, code
 
 
 def test_one_template_speaks_of_chambers_and_of_tendons() -> None:

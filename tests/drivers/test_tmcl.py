@@ -5,7 +5,6 @@ from functools import partial
 import pytest
 
 from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
-from drivers.tmcl.driver import TmclSpine
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import AxisNumber, TmclFake
 from tests.drivers.spines import Make, arrive, homed, make_pair, watch
@@ -45,10 +44,6 @@ def left(module: TmclFake, name: str, number: int, value: int) -> None:
         module.drum.heartbeat = value / 1000
 
 
-def held(spine: TmclSpine, name: str, number: int) -> int:
-    return spine._axis.get(number) if name == "axis" else spine._axis.get_global(number)
-
-
 WRITTEN = [
     ("axis", 13, 1, 0),
     ("axis", 26, 1, 0),
@@ -69,7 +64,7 @@ def test_settings_that_an_earlier_program_left_are_written_at_open_and_watched(
     spine, module = make()
     left(module, name, number, value)
     spine.open()
-    assert held(spine, name, number) == needed
+    assert (spine._axis.get if name == "axis" else spine._axis.get_global)(number) == needed
     spine.confirm_settings()
     left(module, name, number, value)
     with pytest.raises(WrongDevice, match=rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open"):

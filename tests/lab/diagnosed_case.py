@@ -11,7 +11,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.cli import main
 from lab.files.robot_file import paper_robot
@@ -96,13 +95,9 @@ def campaign(
     turn = np.stack([read[k] for k in ("rx", "ry", "rz")], axis=1) + TURN_NOISE * rng.normal(size=(n, 3))
     q = multiply(from_vector(turn), forward.observations.reference[:n])
     return [
-        TrialRow.from_cells({**c, **dict(zip("xyz", map(float, p), strict=True)), **_quaternion(o)})
+        TrialRow.from_cells({**c, **dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), map(float, (*p, *o)), strict=True))})
         for c, p, o in zip(cells, tip, q, strict=True)
     ]
-
-
-def _quaternion(q: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(("qw", "qx", "qy", "qz"), map(float, q), strict=True))
 
 
 def _asked(repeats: int, lengths: Sequence[float], pressures: Sequence[float], chambers: Sequence[int]) -> list[dict[str, Cell]]:

@@ -19,6 +19,7 @@ from lab.files.checked import Moved, keep, last, place
 from lab.files.config import load
 from lab.files.rig_file import load_rig
 from lab.files.robot_file import paper_robot
+from lab.verbs.calibrate import BaseSeen, lines
 from lab.verbs.fakes import write_rig
 from model.robot import Robot
 from recordings.file.reader import Recording
@@ -166,6 +167,11 @@ def test_calibrating_finds_where_base_axes_and_chambers_are(start: Start, cli: C
     assert turned == pytest.approx([0, 0, 120, 120, 120, -120, -120, -120, 0], abs=10)  # 60 frames
     assert "chambers 3, 4, 5; 6, 7, 8 are not where robot.yaml has them: exchanged hoses?" in text
     assert all(m["ok"] for m in told["moved"]) and highest(fakes) <= 5e3 * ROUNDING and not place(rig).exists()
+
+
+def test_an_azimuth_of_360_degrees_is_written_as_0() -> None:
+    seen = BaseSeen(np.eye(3), np.zeros(3), 0.0, (-0.03,), 1.0, 1e-4)
+    assert "azimuths_deg: [0.0] " in list(lines(seen, [(1,)], (0.0,)))[1]
 
 
 @pytest.mark.parametrize("driver", ["alicat", pytest.param("smc_itv", marks=pytest.mark.long)])

@@ -80,9 +80,9 @@ def test_a_run_on_fakes_is_read_fitted_and_compared(virtual_lab: VirtualLab, tmp
 def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_case: Path) -> None:
     case = lab.case(small_case)
     fitted, robot = lab.fit(case, "chamber_azimuth"), case.robot
-    found = lab.predict(fitted.robot, case.table.pressures, intervals=True)
+    found = fitted.robot.predict(case.table.pressures, intervals=True)
     assert np.array_equal(np.asarray(found), found.tip) and len([*found]) == 14 and found[:, 2].shape == (14,)
-    reached = lab.inverse(robot, [[-0.05, float("nan"), float("nan")]], spine_length=0.1)
+    reached = robot.inverse([[-0.05, float("nan"), float("nan")]], spine_length=0.1)
     answer = lab.diagnose(case, Options(quantify=False, experiments=False))
     shown = [(case, "x [m]"), (lab.compare(case), "measured x [mm]"), (lab.fit(case), "unit"), (fitted, "unit"), (robot, "unit"),
              (found, "sd of a reading of z [mm]"), (reached, "p9 [kPa]"), (answer, "probability")]  # fmt: skip

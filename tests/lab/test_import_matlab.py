@@ -232,17 +232,12 @@ def seen(tip: np.ndarray) -> np.ndarray:
     return np.column_stack([tip[:, 1], -tip[:, 2], -tip[:, 0]]) + BASE
 
 
-def turns() -> Rotation:
-    """Of the tip, in the robot's frame."""
-    bends = 0.013 * FRAMES[:, 1:4].clip(min=0)
-    return Rotation.from_rotvec(bends @ np.column_stack([np.sin(AZIMUTHS), -np.cos(AZIMUTHS), 0 * AZIMUTHS]))
-
-
 def motive(path: Path, rotation: str = "Quaternion", unit: str = "Millimeters") -> Path:
     """What Motive writes of two rigid bodies, one of them with a marker; in some frames the tip is not seen."""
     scale = {"Millimeters": 1.0, "Meters": 1e-3}[unit]
     frame = Rotation.from_matrix([[0, 1, 0], [0, 0, -1], [-1, 0, 0]])
-    turned = frame * turns() * frame.inv()
+    bends = 0.013 * FRAMES[:, 1:4].clip(min=0) @ np.column_stack([np.sin(AZIMUTHS), -np.cos(AZIMUTHS), 0 * AZIMUTHS])
+    turned = frame * Rotation.from_rotvec(bends) * frame.inv()
     angles = turned.as_quat() if rotation == "Quaternion" else turned.as_euler("xyz", degrees=True)
     axes = ["X", "Y", "Z", "W"][: angles.shape[1]]
     n = len(axes)

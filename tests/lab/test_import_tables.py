@@ -314,6 +314,16 @@ def test_the_unit_of_times_follows_from_their_steps_and_is_asked_about(step: int
     assert len(result.table) == PLATEAUS
 
 
+def test_the_units_of_trials_csv_are_known(tmp_path: Path) -> None:
+    own = ["t", "p1", "p2", "p3", "x", "y", "z", "trial", "step", "protocol", "repeat", "branch", "spine_length"]
+    cells = ["1", "0", "bending", "1", "load", "0"]
+    table = tmp_path / "table.csv"
+    table.write_text(text(MANY, headings=own, change=lambda k, c: [str(40 * k), *c[1:7], *cells]))
+    series = read(table, Source())
+    units = {"t": ["ms", "s"], "p1": ["kPa", "Pa"], "x": ["mm", "m"]}
+    assert [series.unit_of(c, known) for c, known in units.items()] == ["s", "Pa", "m"]
+
+
 def test_a_count_of_frames_with_gaps_tells_the_times(tmp_path: Path) -> None:
     lines = text(MANY, headings=["Frame", *HEADINGS[1:]], change=lambda k, c: [str(3 * k), *c[1:]]).splitlines()
     kept = [line for k, line in enumerate(lines) if k % 40 < 16 or k % 3]

@@ -266,17 +266,11 @@ HALF = ("mid x", "mid y", "mid z")
 EACH_AND_PAIRS = ((1,), (2,), (3,), (1, 2), (2, 3))
 
 
-def turned(group: tuple[int, ...], level: float) -> Rotation:
-    """Of an arc away from the chambers inflated (mbar)."""
-    away = -7e-4 * level * np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0)
-    return Rotation.from_rotvec([-away[1], away[0], 0.0])
-
-
 def cells(sweep: int, repeat: int, group: tuple[int, ...], level: int, row: int) -> list[str]:
-    """Angles about fixed axes, and a marker at half the length."""
-    angles = turned(group, TWO_RESTS[level]).as_euler("xyz", degrees=True)
-    away = np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0) * -0.0125 * TWO_RESTS[level]
-    return [f"{v:.3f}".replace(".", ",") for v in [*angles, *away, 75.0]]
+    """Of an arc away from the chambers inflated (mbar): angles about fixed axes, and a marker at half the length."""
+    away = np.sum([[np.cos(AZIMUTHS[c - 1]), np.sin(AZIMUTHS[c - 1])] for c in group], axis=0) * -TWO_RESTS[level]
+    angles = Rotation.from_rotvec([-7e-4 * away[1], 7e-4 * away[0], 0.0]).as_euler("xyz", degrees=True)
+    return [f"{v:.3f}".replace(".", ",") for v in [*angles, *(0.0125 * away), 75.0]]
 
 
 CONTENT = table(TWO_RESTS, cells, (*ANGLES, *HALF), groups=EACH_AND_PAIRS)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 from commands import SOUND, Cli
 from virtual_lab import VirtualLab
@@ -18,8 +19,10 @@ from lab.cli import main
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.files.robot_file import paper_robot
+from model.body import annulus_second_moment
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import stated_effects
+from recordings.table_file import write_csv
 from tests.lab.diagnosed_case import campaign, folder
 
 EFFECT = "chamber_azimuth"
@@ -187,6 +190,31 @@ def test_fit_gives_one_area_factor_for_all_lengths(small_case: Path, cli: Cli) -
     rows = (small_case / "trials.csv").read_text().count("\n") - 1
     counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]
     assert counts[-1] == rows == sum(counts[:-1])
+
+
+def test_compare_tabulates_a_recorded_elongation(tmp_path: Path, cli: Cli) -> None:
+    robot = lab.load_robot(paper_robot())
+    pressures, spine = np.tile(np.repeat([[0.0], [60e3]], 9, axis=1), (2, 1)), np.repeat([0.0, 0.1], 2)
+    z = robot.predict(pressures, spine).tip[:, 2] + [0, 1e-3, 0, 2e-3]
+    frame = pandas.DataFrame(pressures, columns=[f"p{c}" for c in range(1, 10)])
+    seen = {"protocol": "elongation", "t": 60.0 * np.arange(4), "spine_length": spine, "x": 0.0, "y": 0.0, "z": z}
+    case = lab.case(frame.assign(**seen), robot)
+    found = lab.compare(case).elongation
+    assert [(length, p) for length, p, *_ in found] == [(0.0, 60e3), (0.1, 60e3)]
+    assert [1e3 * (measured - model) for *_, measured, model in found] == pytest.approx([1, 2])
+    write_csv(case.table, tmp_path / "trials.csv")
+    shutil.copy(paper_robot(), tmp_path / "robot.yaml")
+    assert "Elongation from the lowest pressure" in cli("compare", tmp_path).out
+
+
+def test_a_moment_at_the_tip_bends_a_weightless_body_into_an_arc() -> None:
+    robot, moment = lab.load_robot(THREE).replace(gravity=(0.0, 0.0, 0.0), tip_mass=0.0), 0.01
+    curvature = moment / (robot.youngs_modulus * annulus_second_moment(robot.outer_radius, robot.inner_radius))
+    arc = np.array([1 - np.cos(curvature * robot.length), 0.0, np.sin(curvature * robot.length)]) / curvature
+    assert robot.replace(tip_moment=(0.0, moment, 0.0)).predict([0.0, 0.0, 0.0]).tip[0] == pytest.approx(arc, abs=1e-6)
+    rows = pandas.DataFrame({"t": [0.0, 9.0], "tip_moment_y": [0.0, moment], "x": 0.0, "y": 0.0, "z": 0.15})
+    found = lab.compare(lab.case(rows.assign(p1=0.0, p2=0.0, p3=0.0), robot))
+    assert found.predicted == pytest.approx(np.array([[0.0, 0.0, robot.length], arc]), abs=1e-6)
 
 
 def test_compare_names_the_axes_of_every_robot_alike(small_case: Path, cli: Cli) -> None:

@@ -49,11 +49,15 @@ def test_azimuths_in_rad_are_refused(paper_robot: Robot) -> None:
         robot_from_dict(data)
 
 
-def test_tendons_have_no_thrust(paper_robot: Robot) -> None:
+def test_tendons_have_no_thrust_and_one_limit(paper_robot: Robot) -> None:
     data = paper_robot.model_dump() | {"thrust": "walls"}
-    tendons = {"path_radius": 0.04, "azimuths_deg": (0, 120, 240)}
+    tendons = {"chambers": None, "tendons": {"path_radius": 0.04, "azimuths_deg": (0, 120, 240)}, "max_pressure": None}
     with pytest.raises(BadRobot, match="thrust: says nothing of a robot with tendons"):
-        robot_from_dict(data | {"chambers": None, "tendons": tendons})
+        robot_from_dict(data | tendons)
+    pulled = robot_from_dict(data | tendons | {"thrust": None, "max_tension": 5.0})
+    assert pulled.replace(max_pressure=2e4).max_tension is None and pulled.replace(max_tension=2.0).max_pressure == 2e4
+    with pytest.raises(BadRobot, match="max_pressure and max_tension are both given: keep max_tension"):
+        robot_from_dict(pulled.model_dump() | {"max_pressure": 2e4})
     walls = robot_from_dict(data)
     assert walls.causes["chamber_thrust"]["share"].value == 1.0 and not walls.effects and not paper_robot.causes
 

@@ -89,6 +89,8 @@ def test_a_waveform_is_sent_and_recorded_and_its_plan_is_short(
     assert "   2     0.5 s  wave (16 times)" in told and told.count("wave (") == 1
     assert main(["run", str(own), "--rig", str(rig), "--out", str(tmp_path)]) in (0, 3)
     (file,) = tmp_path.glob("*.mcap")
+    assert f"completed: streams in {file}" in capsys.readouterr().out.replace("\n", "") and main(["info", str(file)]) == 0
+    assert "no states read" in capsys.readouterr().out.replace("\n", " ")
     setpoints = Recording.open(file).stream("/pressure")["setpoint"]
     assert 25e3 < setpoints[:, 0].max() < 41e3 and (setpoints[:, 2] < 1e3).all()
     assert len(set(setpoints[:, 0].tolist())) > 3

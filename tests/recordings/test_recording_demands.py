@@ -196,11 +196,6 @@ def bent(t: float) -> list[tuple[float, float, float]]:
     return [(0.6 * share * arc, 0.0, arc) for arc in ARCS]
 
 
-def bent_with_a_marker_hidden(t: float) -> list[tuple[float, float, float]]:
-    """The same; the second marker is hidden meanwhile."""
-    return [(math.nan,) * 3 if k == 2 and 1.9 < t < 2.3 else place for k, place in enumerate(bent(t))]
-
-
 IMPOSSIBLE = {
     "tip and first marker": (swapped(0, 1, 1.5), r"marker 1 are \d+ mm apart, the stretched robot allows 125 mm"),
     "two markers": (swapped(1, 3, 1.5), r"marker \d"),
@@ -212,7 +207,7 @@ POSSIBLE = {
     "a swap before the last state": swapped(0, 1, 0.2, 0.8),
     "a swap that came back": swapped(0, 1, 2.0, 2.4),
     "bent quickly": bent,
-    "a marker hidden while the robot bends": bent_with_a_marker_hidden,
+    "a marker hidden meanwhile": lambda t: [(math.nan,) * 3 if k == 2 and 1.9 < t < 2.3 else p for k, p in enumerate(bent(t))],
     "markers not seen": lambda t: [straight(t)[0], *[(math.nan,) * 3] * 3],
 }
 

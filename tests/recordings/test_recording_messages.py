@@ -32,10 +32,6 @@ def value_of(field: Field) -> st.SearchStrategy[Any]:
     return one
 
 
-def values_of(message: MessageType) -> st.SearchStrategy[tuple[Any, ...]]:
-    return st.tuples(*[value_of(field) for field in message.fields[1:]])
-
-
 def independent(message: MessageType) -> Callable[[bytes], Any]:
     schema = Schema(id=1, data=message.schema, encoding="protobuf", name=message.full_name)
     decoder = DecoderFactory().decoder_for("protobuf", schema)
@@ -56,7 +52,7 @@ def same(a: Any, b: Any) -> bool:
 @given(data=st.data())
 def test_an_independent_protobuf_decoder_and_the_array_give_back_the_values(topic: str, data: st.DataObject) -> None:
     message = MESSAGES[topic]
-    values = data.draw(values_of(message))
+    values = data.draw(st.tuples(*map(value_of, message.fields[1:])))
     t = data.draw(st.floats(0, 1e6))
     payload = message.encode(t, values)
     assert len(payload) == message.size and message.fits(np.frombuffer(payload, np.uint8).reshape(1, -1))

@@ -76,21 +76,15 @@ NEVER: dict[str, tuple[Call, ...]] = {
 """Calls that are allowed in no state."""
 
 
-def serial_marks(fake: PtyFake, opened: bool) -> object:
-    return fake.heard
-
-
 def arm_marks(fake: Any, opened: bool) -> object:
     """While it is open, the arm hears the kicks of its watchdog; the log of commands must not grow."""
     state = fake.backdoor()
     return state["commands"], None if opened else (state["heard"], state["connections"])
 
 
-def mocap_marks(fake: MotiveFake, opened: bool) -> object:
-    return list(fake.messages), fake.keep_alives
-
-
-def machine(kind: str, driver: Call, fake: Callable[[], Any], marks: Callable[[Any, bool], object] = serial_marks) -> type:
+def machine(
+    kind: str, driver: Call, fake: Callable[[], Any], marks: Callable[[Any, bool], object] = lambda fake, opened: fake.heard
+) -> type:
     """The machine of a driver on its fake; `marks` is what a refused call must not change."""
 
     class Machine(RuleBasedStateMachine):
@@ -205,7 +199,7 @@ MACHINES = {
             "it", natnet.Config(server=f.host, body="Tip", mocap_to_base=BASE, max_age=1.0), RigClock(), nobody
         ),
         lambda: MotiveFake(Plant(), RigClock(1.0), free_host()),
-        mocap_marks,
+        lambda fake, opened: (list(fake.messages), fake.keep_alives),
     ),
 }
 

@@ -62,10 +62,6 @@ def one(folder: Path) -> Table:
     return live
 
 
-def slope(table: Table) -> float:
-    return float(np.polyfit(table["deflection"], table["force"], 1)[0])
-
-
 @pytest.mark.parametrize("rate", [0.08, -0.08, 0.0])
 def test_a_constant_drift_is_removed_and_stands_in_the_row_and_without_one_nothing_is_marked(
     house: House, tmp_path: Path, rate: float
@@ -77,7 +73,7 @@ def test_a_constant_drift_is_removed_and_stands_in_the_row_and_without_one_nothi
     assert len(table) == 6
     assert not table.doubtful.any()
     assert np.all((np.abs(table["force_drift"]) > 0.1) == (rate != 0.0)) and np.all(table["force_drift"] * rate <= 0.0)
-    assert slope(table) == pytest.approx(TRUE_SLOPE, rel=0.05)
+    assert np.polyfit(table["deflection"], table["force"], 1)[0] == pytest.approx(TRUE_SLOPE, rel=0.05)
 
 
 KINDS: dict[str, Callable[[float], float]] = {
