@@ -136,9 +136,8 @@ def _restricted(turned: Array, value: Array, share: float) -> tuple[float, float
     others, where errors of a `share` of the variance last; and that variance."""
     variance = 1 - share + share * np.maximum(value, 0.0)
     white = turned / np.sqrt(variance)[:, None]
-    q, r = np.linalg.qr(white[:, :-1])
-    away = white[:, -1] - q @ (q.T @ white[:, -1])
-    free = max(len(away) - q.shape[1], 1)
-    size = max(float(away @ away) / free, 1e-300)
-    log_det = 0.5 * float(np.log(variance).sum()) + float(np.log(np.abs(np.diag(r))).sum())
+    *of_others, away = np.abs(np.diag(np.linalg.qr(white, mode="r"))).tolist()
+    free = max(len(white) - len(of_others), 1)
+    size = max(away**2 / free, 1e-300)
+    log_det = 0.5 * float(np.log(variance).sum()) + float(np.log(of_others).sum())
     return -0.5 * free * float(np.log(size)) - log_det, size

@@ -135,7 +135,7 @@ class Reduced:
         factor = cholesky(inner)
         left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
-        half = np.linalg.inv(factor) * root[..., None, :]
+        half = solve_triangular(factor, root[..., None] * np.eye(len(self.information)), lower=True, check_finite=False)
         pulled = (half @ left[..., None])[..., 0]
         log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
         there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)

@@ -20,7 +20,8 @@ from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
 from model.actuators import Words
 
-from .figures import CALIBRATED, GIVEN, STYLE, colours, save
+from .figures import STYLE, colours, save
+from .report import CALIBRATED, GIVEN
 
 Array = NDArray[np.float64]
 SAME_LENGTH = 0.01

@@ -41,12 +41,6 @@ STYLE: dict[Any, Any] = {
 BLUE, GREY = "#20639b", "#b9c3cb"
 
 
-GIVEN, CALIBRATED, WITH_CAUSE = "uncalibrated", "calibrated", "with cause"
-"""Names of the models in every figure and table."""
-NEAREST = "with the closest hypothesis"
-"""Name of the last where nothing is named."""
-
-
 def colours(n: int) -> list[tuple[float, float, float, float]]:
     """n colours that also differ in lightness."""
     return [tuple(c) for c in plt.get_cmap("viridis")(np.linspace(0.0, 0.88, max(n, 2)))[:n]]

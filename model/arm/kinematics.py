@@ -1,16 +1,15 @@
 """Where the point on the tool of a serial arm is, and the torques of gravity on its joints.
 
 p_{k-1} = Rz(theta_k) [(a_k, 0, d_k) + Rx(alpha_k) Ry(beta_k) p_k] carries a point from frame k to frame k-1, from the tool to
-the base (Denavit and Hartenberg 1955; beta, for axes that are nearly parallel, Hayati and Mirmirani 1985). Only points are
-carried, so that variants of all parameters cost little, and every operation is analytic: complex numbers pass through.
+the base (Denavit and Hartenberg 1955; beta, for axes that are nearly parallel, Hayati and Mirmirani 1985).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm.description import Arm
 from model.robot import Array
@@ -18,29 +17,44 @@ from model.rotation import to_base, unit
 
 GRAVITY = 9.81
 """m/s^2."""
-Values = NDArray[Any]
-"""Real, or complex in a derivative by a complex step; shape (variants, 1) or (variants, n)."""
-Point = tuple[Values, Values, Values]
 
 
-def turn(axis: int, angle: Values, point: Point) -> Point:
-    """A point turned by an angle (rad) about axis 0 (x), 1 (y) or 2 (z)."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = list(point)
-    out[i], out[j] = c * point[i] - s * point[j], s * point[i] + c * point[j]
-    return out[0], out[1], out[2]
+class Motion(NamedTuple):
+    """A turn (rad) about axis 0 (x), 1 (y) or 2 (z), or a shift (m) along it, by the amount of its name."""
+
+    name: str
+    axis: int
+    turns: bool
 
 
-def to_frame_0(
-    theta: list[Values], a: list[Values], d: list[Values], alpha: list[Values], beta: list[Values], tool: Point
-) -> Point:
-    """The point on the tool in frame 0, m, of one value a joint (rad, m) and the point in the frame of the flange."""
-    point = tool
-    for k in reversed(range(len(theta))):
-        x, y, z = turn(0, alpha[k], turn(1, beta[k], point))
-        point = turn(2, theta[k], (x + a[k], y, z + d[k]))
-    return point
+def carried(motions: Sequence[Motion], amounts: Mapping[str, Array], point: Array) -> list[Array]:
+    """Points (3, n) before the first motion and after each; amounts (n,) or (1,)."""
+    out = [point]
+    for name, axis, turns in motions:
+        point, i, j = point.copy(), (axis + 1) % 3, (axis + 2) % 3
+        if turns:
+            c, s = np.cos(amounts[name]), np.sin(amounts[name])
+            point[i], point[j] = c * out[-1][i] - s * out[-1][j], s * out[-1][i] + c * out[-1][j]
+        else:
+            point[axis] += amounts[name]
+        out.append(point)
+    return out
+
+
+def slopes(
+    motions: Sequence[Motion], amounts: Mapping[str, Array], points: Sequence[Array], axes: Array
+) -> tuple[dict[str, Array], Array]:
+    """Motion -> derivative (3, n) by its amount; and the axes of the frame before all motions. `points`: of `carried`; `axes`
+    (axis, 3, n): of the frame after all."""
+    out = {}
+    for (name, axis, turns), point in reversed(list(zip(motions, points[1:], strict=True))):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        out[name] = axes[j] * point[i] - axes[i] * point[j] if turns else axes[axis]
+        if turns:
+            c, s, old = np.cos(amounts[name]), np.sin(amounts[name]), axes
+            axes = axes.copy()
+            axes[i], axes[j] = c * old[i] + s * old[j], c * old[j] - s * old[i]
+    return out, axes
 
 
 def base_rotation(arm: Arm) -> Array:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -75,7 +74,7 @@ def placed(
 
 def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
     """The arm with base and tool where positions (n, 3) show them, and how far each is missed (n,), m."""
-    points = ArmModel(arm).predict({}, inputs)
+    points = ArmModel(arm)({}, inputs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # points on a line leave a turn about it open
         turn, _ = Rotation.align_vectors(at - at.mean(axis=0), points - points.mean(axis=0))
@@ -88,11 +87,11 @@ def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
         return dict(zip(FRAME, x * size, strict=True))
 
     x = least_squares(
-        lambda x: (model.predict(theta(x), inputs) - at).ravel(), np.zeros(len(FRAME)),
-        lambda x: model.derivatives(theta(x), inputs, FRAME).reshape(-1, len(FRAME)) * size, loss="soft_l1", f_scale=ROBUST,
-        max_nfev=STEPS,
+        lambda x: (model(theta(x), inputs) - at).ravel(), np.zeros(len(FRAME)),
+        lambda x: np.transpose([d.ravel() for d in model.derivatives(theta(x), inputs).values()]) * size,
+        loss="soft_l1", f_scale=ROBUST, max_nfev=STEPS,
     ).x  # fmt: skip
-    missed = np.linalg.norm(model.predict(theta(x), inputs) - at, axis=1)
+    missed = np.linalg.norm(model(theta(x), inputs) - at, axis=1)
     shift, tilt, tool = np.split(x * size, 3)
     return _at(arm, base + shift, Rotation.from_euler("xyz", tilt), tool), missed
 
@@ -160,7 +159,7 @@ def _misfit(arm: Arm, inputs: pd.DataFrame, at: Array) -> float:
     within = (np.abs(inputs[list(arm.joints)]) <= LARGEST_ANGLE).all(axis=1).to_numpy()
     if within.mean() < 1 - MOST_STRAYS:
         return math.inf
-    own = _extent(ArmModel(arm).predict({}, inputs[within]))
+    own = _extent(ArmModel(arm)({}, inputs[within]))
     if not 0 < own / EXTENT <= _extent(at[within]) <= own * EXTENT:
         return math.inf
     return float(np.median(_fitted(arm, inputs[within], at[within])[1])) / own
@@ -189,18 +188,3 @@ def poses_within(arm: Arm, count: int) -> pd.DataFrame | None:
         return None
     low, high = np.radians(np.array(limits, float)).T
     return pd.DataFrame(np.random.default_rng(0).uniform(low, high, (count, len(low))), columns=list(arm.joints))
-
-
-@dataclass(frozen=True)
-class ArmForward:
-    """The arm as the diagnosis of any model asks for it: a row of x, y, z for each pose."""
-
-    model: ArmModel
-
-    def __call__(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> Array:
-        """Position of the tool point (n, 3), m."""
-        return self.model.predict(theta, inputs)
-
-    def derivatives(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> dict[str, Array]:
-        """Parameter -> its derivatives (n, 3), m per unit."""
-        return dict(zip(theta, np.moveaxis(self.model.derivatives(theta, inputs, list(theta)), -1, 0), strict=True))
