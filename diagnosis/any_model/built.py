@@ -200,8 +200,8 @@ def _plausible(every: Sequence[Parameter]) -> Array:
 
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
     """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
-    plausible = _plausible(every)
-    kept, responses, offered = [], [], model.offered(np.zeros(len(every)))
+    size, offered = _plausible(every), model.offered(np.zeros(len(every)))
+    made: dict[int, tuple[Parameter, Array]] = {}
 
     def moved(theta: Array, since: Array) -> Array:
         change = model.table(theta) - since
@@ -214,25 +214,34 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
         one = np.arange(len(every)) == i
         slope = offered.get(p.key)
         if slope is not None and p.group == "calibration" and least(slope[model.kept] * p.sd):
-            kept.append(p)
-            responses.append(slope[model.kept] * p.sd)
+            made[i] = p, slope[model.kept] * p.sd
             continue
-        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
+        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(size[i])]
         change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
-        if effective := tuple(s for s, own in change.items() if least(own)):
-            responses.append(max(change.values(), key=lambda own: float(own @ own)))
+        acts = [s for s, own in change.items() if least(own)]
+        for times in TIMES_PLAUSIBLE[1:] if p.group == "effect" and not acts else ():  # it may begin to act at a larger size
+            larger = {
+                s: model.predict(np.where(one, s, 0.0)) - at_nominal[model.kept]
+                for s in np.clip(times * np.array(sides), p.low, p.high).tolist()
+            }
+            change = {s: np.where(np.isfinite(own), own, 0.0) for s, own in larger.items()}
+            if acts := [s for s, own in change.items() if least(own)]:
+                sides, size[i] = [*change], acts[0]
+                break
+        if acts:
+            most = max(change, key=lambda s: float(change[s] @ change[s]))
             if p.group == "effect":
                 # by the other side, else by a tenth of the size
                 line = -change[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
-                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(responses[-1])
-                p = replace(p, sides=effective, linear=not bent)
-            kept.append(p)
-            continue
-        together = np.where([q.source == p.source for q in every], plausible, 0.0)
-        in_shape = moved(together, model.table(np.where(one, 0.0, together)))
+                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(change[most])
+                p = replace(p, sides=tuple(acts), linear=not bent)
+            made[i] = p, change[most] * p.sd / abs(most)
+    for i, p in ((i, p) for i, p in enumerate(every) if i not in made):
+        together = np.where([q.source == p.source for q in every], size, 0.0)
+        in_shape = moved(together, model.table(np.where(np.arange(len(every)) == i, 0.0, together)))
         if least(in_shape):
-            kept.append(replace(p, role="shape", sides=(float(plausible[i]),), linear=False))
-            responses.append(in_shape)
+            made[i] = replace(p, role="shape", sides=(float(size[i]),), linear=False), in_shape
+    kept, responses = [made[i][0] for i in sorted(made)], [made[i][1] for i in sorted(made)]
     for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
         own = [i for i, p in enumerate(kept) if p.source == cause]
         if all(kept[i].role == "shape" for i in own):  # none does anything without the others

@@ -39,8 +39,8 @@ from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats, series
 from .together import together
 
-FOLDS = 5
-"""Parts in which a table without groups is held out."""
+FOLDS, PIECES, ONE_PART = 5, 8, 0.8
+"""Parts in which a table without groups is held out; pieces of a series in each, where one part has that share of what acts."""
 NAMING = Naming(comparable=0.1, outstanding=judgement.LEAST_NAMED_FLOORS)
 """Several causes of a machine act at once: all are named that carry a noise floor."""
 LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
@@ -274,10 +274,15 @@ class _Diagnosis:
         else:
             # the first part is in every fit, as it alone says where the series begins
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
-        named = self._p.mask(w.best.named)
+        named, fitted = self._p.mask(w.best.named), self._fitted(w.best.named)
+        without = b.problem.forward.predict(np.where(self._p.of_effect, 0.0, fitted.theta))
+        done = np.bincount(part[b.row] + 1, np.nan_to_num(fitted.predicted - without) ** 2)
+        if not b.by_row and done.max() > ONE_PART * done.sum() > 0:  # what acts there alone is not seen without it
+            part = (b.table.order * (FOLDS * PIECES - 1e-9)).astype(np.int64) % FOLDS
+            how = f"every fifth of {FOLDS * PIECES} pieces of each series left out in turn"
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(self._p.prior(named, 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, 0.0), 0.0, fitted.theta),
             Refitted(self._p.prior(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how

@@ -199,6 +199,39 @@ def test_a_relative_that_does_as_well_is_doubt_and_one_that_does_better_takes_th
     assert answer.effects == ("gear",) and answer.certain and answer.relatives == ()
 
 
+def test_a_cause_that_begins_to_act_beyond_its_plausible_size_is_named() -> None:
+    def clipped(theta: Values, inputs: pd.DataFrame) -> Array:
+        return np.minimum(
+            theta["slope"] * inputs["u"].to_numpy() + theta["bend"] * inputs["u"].to_numpy() ** 2, 10 - theta["limit"]
+        )
+
+    rng = np.random.default_rng(0)
+    data = pd.DataFrame({"u": rng.uniform(0, 7, 120)})
+    data["y"] = clipped({"slope": 1.02, "bend": 0, "limit": 4.5}, data) + rng.normal(0, 0.02, 120)
+    causes = [lab.Cause("stop", {"limit": (0.0, 1.5, "V")}), lab.Cause("curve", {"bend": (0.0, 0.02, "1/V")})]
+    answer = lab.diagnose_model(clipped, data, {"y": "V"}, causes, {"slope": (1.0, 0.03, "1")})
+    assert answer.effects == ("stop",) and answer.sizes[0].value == pytest.approx(4.5, abs=0.1)
+
+
+def test_a_cause_that_acts_in_one_series_alone_is_named() -> None:
+    """With that series left out nothing shows how large it is."""
+    inputs = pd.DataFrame({"trial": np.repeat(np.arange(4), 60), "flow": np.repeat([0.4, 0.6, 1.0, 0.5], 60)})
+
+    def filled(theta: Values, inputs: pd.DataFrame) -> Array:
+        flow, level, rows = inputs["flow"].to_numpy().reshape(-1, 60), np.zeros(4), []
+        for i in range(60):
+            level = np.minimum(level + flow[:, i] * (1 + 0.5 * np.sin(i / 4)) - theta["drain"] * level, 9 - theta["rim"])
+            rows.append(level * (1 + theta["gain"]))
+        return np.transpose(rows).ravel()
+
+    level = filled({"drain": 0.102, "rim": 2.0, "gain": 0.0}, inputs) + np.random.default_rng(1).normal(0, 0.02, 240)
+    causes = [lab.Cause("overflow", {"rim": (0.0, 1.0, "m", 0.0, 8.0)}), lab.Cause("scale", {"gain": (0.0, 0.05, "1")})]
+    answer = lab.diagnose_model(
+        filled, inputs.assign(level=level), {"level": "m"}, causes, {"drain": (0.1, 0.01, "1/s")}, group="trial"
+    )
+    assert answer.effects == ("overflow",) and answer.certain and "pieces of each series" in answer.how
+
+
 def test_single_values_far_from_every_model_hide_no_cause() -> None:
     strayed = posed(2, zero=0.012)
     strayed.loc[[3, 11], "x"] += [0.4, -0.3]
