@@ -78,7 +78,7 @@ def main() -> None:
         names += [*cause.parameters] if cause else []
         theta, noise = fit(model, names, q, at)
         figures = (f"{distance(theta, q, at):.4f}", f"{distance(theta, q_new, at_new):.4f}", f"{1e6 * noise:.1f}")
-        table.add_row(f"+ {cause.id}" if cause else "as given", str(len(names)), *figures)
+        table.add_row(f"+ {cause.name}" if cause else "as given", str(len(names)), *figures)
     poses, rng, errors = q.iloc[:, :6].assign(**dict(zip("xyz", at.T, strict=True))), np.random.default_rng(0), []
     for _ in range(options.draws):
         pool = poses.iloc[rng.choice(len(q), len(q) // 2, replace=False)].reset_index(drop=True)

@@ -20,10 +20,10 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
     from numpy.typing import ArrayLike
 
     from diagnosis.answer.result import Diagnosis
-    from diagnosis.any_model import Cause as Cause
     from diagnosis.any_model import diagnose_model as diagnose_model
     from diagnosis.diagnose import Options
     from diagnosis.fit_effects import Fitted
+    from model.cause import Cause as Cause
     from model.prediction import Prediction
     from model.prediction.inverse import Reached
     from recordings.file.reader import Recording
@@ -36,7 +36,7 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
 
 Place = str | Path
 HOMES = {
-    "Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model",
+    "Case": "lab.files.inputs", "Cause": "model.cause", "diagnose_model": "diagnosis.any_model",
     "mujoco_model": "lab.mujoco_adapter", "save": "lab.pages.answer_page",
 }  # fmt: skip
 """Names that stand here and are made elsewhere."""

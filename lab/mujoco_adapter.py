@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from diagnosis.any_model import Cause
 from diagnosis.errors import BadCase
+from model.cause import Cause
 
 NEVER_NEGATIVE = ("armature", "damping", "density", "frictionloss", "mass", "stiffness", "timeconst")
 """Fields whose bound is 0 where none is stated."""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.cause import Cause
+
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
@@ -15,7 +17,7 @@ from ..inference.discrepancy import by_channel
 from ..inference.evidence import Hypothesis
 from ..inference.fit import Fit, fit
 from ..inference.problem import FitParameters, Problem
-from .cause import Cause, Parameter
+from .cause import Parameter
 from .model import Model, Predict
 from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
 from .table import Table, repeats, rows_in_words, scaled, smooth_functions

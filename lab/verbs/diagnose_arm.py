@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from rich.table import Table as Sheet
 
-from diagnosis.any_model import Cause, diagnose_model
+from diagnosis.any_model import diagnose_model
 from diagnosis.any_model.answer import Answer
 from model.arm import Arm, ArmModel, placed, poses_within, weighed
 from model.errors import BadCondition
@@ -78,8 +78,7 @@ def diagnose_poses(
         joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
         candidates = candidates.assign(**{b: candidates[joint] for b, joint in joints.items() if b not in candidates})
     answer = diagnose_model(
-        model, poses[kept], dict.fromkeys(POSITION, "m"),
-        [Cause(c.id, c.parameters, c.stage, c.says, c.exact) for c in causes], calibration,
+        model, poses[kept], dict.fromkeys(POSITION, "m"), causes, calibration,
         repeat="repeat" if "repeat" in poses else None, candidates=candidates,
     )  # fmt: skip
     return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), model

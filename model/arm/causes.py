@@ -28,6 +28,7 @@ import pandas as pd
 
 from model.arm.description import Arm
 from model.arm.kinematics import Motion, base_rotation, carried, gravity_torques, greatest_torques, slopes
+from model.cause import Cause
 from model.errors import BadCondition, BadEffect, nearest
 from model.robot import Array
 
@@ -48,19 +49,7 @@ POSES = 256
 """Poses over which gravity's torques are compared."""
 
 
-@dataclass(frozen=True)
-class ArmCause:
-    """Something that may be wrong: parameter -> (nominal value, plausible size as a standard deviation, unit)."""
-
-    id: str
-    parameters: Mapping[str, tuple[float, float, str]]
-    stage: str
-    says: str
-    exact: bool = False
-    """Whether its law is geometry."""
-
-
-def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
+def arm_causes(arm: Arm) -> tuple[Cause, ...]:
     """The causes of an arm; parameters of joint k end in _k, counted from 1.
 
     Plausible sizes: 10 mm and 10 mrad of the base's place, 2 mm of the tool; 1 mm and 1 mrad of machined and assembled parts;
@@ -90,25 +79,23 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     twists = each(("alpha", inner, 0.001, "rad"), ("beta", parallel, 0.001, "rad"))
     mount = each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 5e-4, "rad"))
     causes = (
-        ArmCause("base_frame", frame, "boundary", "the base stands elsewhere than stated", exact=True),
-        ArmCause(
+        Cause("base_frame", frame, "boundary", "the base stands elsewhere than stated", exact=True),
+        Cause(
             "tool", each(("tool", axes, 0.002, "m")), "measurement", "the measured point sits elsewhere on the flange", exact=True
         ),
-        ArmCause(
-            "joint_zeros", each(("zero", joints, 0.001, "rad")), "structure", "joints read zero at another angle", exact=True
-        ),
-        ArmCause("link_lengths", lengths, "structure", "links have other lengths", exact=True),
-        ArmCause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn", exact=True),
-        ArmCause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
-        ArmCause("minor_sag", each(("sag", minor, 1e-4, "rad")), "load", "joints that carry little yield under their weight"),
-        ArmCause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
-        ArmCause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
-        ArmCause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
-        ArmCause("lost_motion", each(("lost", joints, 1e-4, "rad")), "actuation", "joints stop on either side by their approach"),
-        ArmCause(
+        Cause("joint_zeros", each(("zero", joints, 0.001, "rad")), "structure", "joints read zero at another angle", exact=True),
+        Cause("link_lengths", lengths, "structure", "links have other lengths", exact=True),
+        Cause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn", exact=True),
+        Cause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
+        Cause("minor_sag", each(("sag", minor, 1e-4, "rad")), "load", "joints that carry little yield under their weight"),
+        Cause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
+        Cause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
+        Cause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
+        Cause("lost_motion", each(("lost", joints, 1e-4, "rad")), "actuation", "joints stop on either side by their approach"),
+        Cause(
             "tracker_scale", each(("tracker", ("scale",), 2e-4, "1")), "measurement", "lengths of the tracker are off", exact=True
         ),
-        ArmCause("loose_mount", mount, "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
+        Cause("loose_mount", mount, "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
     )
     return tuple(cause for cause in causes if cause.parameters)
 
@@ -122,12 +109,12 @@ class ArmModel:
     """Poses that were asked for last, by their angles."""
 
     @cached_property
-    def causes(self) -> tuple[ArmCause, ...]:
+    def causes(self) -> tuple[Cause, ...]:
         """See `arm_causes`."""
         return arm_causes(self.arm)
 
     @cached_property
-    def parameters(self) -> dict[str, tuple[float, float, str]]:
+    def parameters(self) -> dict[str, Sequence[Any]]:
         """Nominal value, plausible size and unit of every parameter of every cause."""
         return {name: values for cause in self.causes for name, values in cause.parameters.items()}
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from model.arm.causes import LARGEST_ANGLE, ArmCause, ArmModel
+from model.arm.causes import LARGEST_ANGLE, ArmModel
 from model.arm.description import Arm
 from model.arm.kinematics import base_rotation
+from model.cause import Cause
 from model.errors import BadCondition
 from model.robot import Array, Pose
 
@@ -165,10 +167,10 @@ def _misfit(arm: Arm, inputs: pd.DataFrame, at: Array) -> float:
     return float(np.median(_fitted(arm, inputs[within], at[within])[1])) / own
 
 
-def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[str, tuple[float, float, str]], tuple[str, ...]]:
+def weighed(model: ArmModel, poses: int) -> tuple[tuple[Cause, ...], Mapping[str, Sequence[Any]], tuple[str, ...]]:
     """Causes for which there are enough poses, what is always calibrated, and notes. Raises `BadCondition`."""
     calibration = {name: values for name, values in model.parameters.items() if name in FRAME}
-    chosen, notes, count = list[ArmCause](), list[str](), len(calibration)
+    chosen, notes, count = list[Cause](), list[str](), len(calibration)
     for cause in (c for c in model.causes if not c.parameters.keys() <= {*FRAME} and len(c.parameters) <= MOST_PARAMETERS):
         needed = math.ceil(VALUES * (count + len(cause.parameters)) / 3)
         if poses >= needed:
@@ -177,7 +179,7 @@ def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[
         elif not chosen:
             raise BadCondition(f"{poses} poses, must be at least {needed} to weigh any cause of {model.arm.name}: measure more")
         else:
-            notes.append(f"{cause.id} is not weighed: with {needed} poses it would be")
+            notes.append(f"{cause.name} is not weighed: with {needed} poses it would be")
     return tuple(chosen), calibration, tuple(notes)
 
 

@@ -306,11 +306,12 @@ def test_derivatives_that_a_model_offers_are_used() -> None:
 
 
 def test_rows_that_lack_values_are_left_out_with_a_note() -> None:
-    data = posed(8, zero=0.01)
-    data.loc[3, "q1"], data.loc[5, "y"] = np.nan, np.nan
-    answer = of_arm(data)
+    data = posed(8, zero=0.01).assign(remark=None, spare=np.nan)
+    data.loc[3, "q1"], data.loc[5, "y"], data.loc[7, "remark"] = np.nan, np.nan, "slow"
+    answer = of_arm(data, candidates=pd.DataFrame({"q1": [0.3, np.nan, 0.5], "q2": 1.0, "remark": None, "spare": np.nan}))
     assert answer.effects == ("elbow",) and answer.rows == len(data) - 1
-    assert "1 of 50 rows lack an input and are ignored: rows 3" in answer.notes
+    assert "1 of 50 rows lack q1 and are ignored: rows 3" in answer.notes
+    assert sorted(p.at for p in answer.next_experiment) == [0, 2]
     assert any("lack an output" in note and "rows 5" in note for note in answer.notes)
 
 
@@ -328,6 +329,21 @@ def test_rows_that_the_model_does_not_answer_are_left_out_with_a_note() -> None:
 def test_inputs_that_never_change_are_diagnosed() -> None:
     answer = of_arm(posed(8, zero=0.03).assign(q1=0.3, q2=0.4), calibration={}, predict=lambda t, x: arm({**AS_DRAWN, **t}, x))
     assert answer.rows == 50 and not answer.certain
+
+
+def test_columns_of_a_prediction_go_by_their_names_and_names_may_be_numbers() -> None:
+    data = posed(8, zero=0.01).rename(columns={"x": 0, "y": 1})
+    for kind in (dict, pd.DataFrame):
+        answer = of_arm(
+            data, outputs={0: "m", 1: "m"}, predict=lambda t, x, kind=kind: kind({"1": arm(t, x)[:, 1], "0": arm(t, x)[:, 0]})
+        )
+        assert answer.effects == ("elbow",) and answer.certain
+
+
+def test_copies_of_rows_are_no_repeats_that_show_the_noise() -> None:
+    data = posed(8, repeats=1, zero=0.012)
+    answer = of_arm(pd.concat([data, data]))
+    assert answer.effects == ("elbow",) and answer.steps[-1].seen.by_output["x"] == pytest.approx(2e-4, rel=0.5)
 
 
 def test_a_cause_that_changes_nothing_is_said_to_be_unseen() -> None:

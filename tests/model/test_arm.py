@@ -103,7 +103,7 @@ def test_a_cause_of_size_zero_does_nothing_and_every_other_one_moves_the_tool() 
     assert np.array_equal(model(dict.fromkeys(model.parameters, 0.0), inputs), nominal)
     for cause in model.causes:
         sizes = {name: size for name, (_, size, _) in cause.parameters.items()}
-        assert 1e-6 < np.abs(model(sizes, inputs) - nominal).max() < 0.1, cause.id
+        assert 1e-6 < np.abs(model(sizes, inputs) - nominal).max() < 0.1, cause.name
 
 
 def test_the_tilt_of_a_parallel_axis_is_a_small_parameter() -> None:
@@ -123,7 +123,7 @@ def test_the_tilt_of_a_parallel_axis_is_a_small_parameter() -> None:
 def test_an_arm_of_hidden_errors_is_fitted_and_well_chosen_poses_say_more(tmp_path: Path) -> None:
     model, rng = ArmModel(UR5), np.random.default_rng(3)
     names = [
-        n for c in model.causes if c.id in ("base_frame", "joint_zeros", "link_lengths", "axis_twists") for n in c.parameters
+        n for c in model.causes if c.name in ("base_frame", "joint_zeros", "link_lengths", "axis_twists") for n in c.parameters
     ]
     truth = {n: model.parameters[n][1] * rng.normal() for n in names}
     inputs = poses(UR5, 120)
