@@ -21,7 +21,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+
+from model.arrays import Array
 
 if TYPE_CHECKING:
     from model.prediction import Prediction
@@ -29,14 +30,12 @@ if TYPE_CHECKING:
 
     from ..comparison import Comparison
 
-Array = NDArray[np.float64]
 
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
     "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10, "text.parse_math": False,
     "svg.hashsalt": "softlab",
 }  # fmt: skip
-
 
 BLUE, GREY = "#20639b", "#b9c3cb"
 

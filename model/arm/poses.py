@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from model.arm.causes import LARGEST_ANGLE, ArmModel
 from model.arm.description import Arm
 from model.arm.kinematics import base_rotation
+from model.arrays import Mask
 from model.cause import Cause
 from model.errors import BadCondition
 from model.robot import Array, Pose
@@ -49,9 +49,7 @@ STEPS = 30
 """Of the fit of base and tool: one that fits needs fewer."""
 
 
-def placed(
-    arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]
-) -> tuple[Arm, NDArray[np.bool_], tuple[str, ...]]:
+def placed(arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]) -> tuple[Arm, Mask, tuple[str, ...]]:
     """The arm with base and tool where measured positions `at` (n, 3) m show them, if not where they are stated; (n,) the poses
     that can be its own; notes, in which `place` names a row. Raises `BadCondition` where the poses are not its own in rad and m.
     """

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import lab
 from diagnosis.any_model.answer import Answer
 from diagnosis.errors import BadCase
+from model.arrays import Array
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 ROWS, STEP, SUB_STEPS = 30, 0.1, 10

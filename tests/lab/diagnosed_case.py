@@ -11,10 +11,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.cli import main
 from lab.files.robot_file import paper_robot
+from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
 from model.robot import load_robot
 from model.rotation import from_vector, multiply
@@ -101,7 +101,7 @@ def campaign(
     ]
 
 
-def _quaternion(q: NDArray[np.float64]) -> dict[str, float]:
+def _quaternion(q: Array) -> dict[str, float]:
     return dict(zip(("qw", "qx", "qy", "qz"), map(float, q), strict=True))
 
 

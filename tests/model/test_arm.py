@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -14,6 +13,7 @@ from benchmarks.ur5 import fit, read
 from diagnosis.any_model.diagnose import most_telling
 from model.arm import Arm, ArmModel, arm_from_dict, gravity_torques, link_frames, load_arm
 from model.arm.kinematics import greatest_torques
+from model.arrays import Array
 from model.errors import BadArm, BadCondition, BadEffect
 
 UR5 = load_arm(Path(__file__).parent.parent.parent / "examples" / "ur5" / "arm.yaml")
@@ -39,12 +39,12 @@ def poses(arm: Arm, count: int, seed: int = 0) -> pd.DataFrame:
     return table.join(table.shift().add_suffix("_before"))
 
 
-def screw(axis: NDArray[np.float64], point: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+def screw(axis: Array, point: Array, angle: float) -> Array:
     """The homogeneous matrix of a turn about a line."""
     out = np.zeros((4, 4))
     out[:3, :3] = np.cross(np.eye(3), axis)
     out[:3, 3] = -np.cross(axis, point)
-    matrix: NDArray[np.float64] = expm(angle * out)
+    matrix: Array = expm(angle * out)
     return matrix
 
 
@@ -75,10 +75,10 @@ def test_the_tool_is_where_a_product_of_exponentials_puts_it(arm: Arm) -> None:
 def test_torques_of_gravity_are_the_slopes_of_the_potential_energy(arm: Arm) -> None:
     masses, centres = arm.masses
 
-    def energy(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    def energy(q: Array) -> Array:
         rotations, origins = link_frames(arm, q)
         at = origins[1:] + np.einsum("knij,kj->kni", rotations[1:], centres)
-        result: NDArray[np.float64] = -9.81 * np.einsum("k,kni,i->n", masses, at, np.array(arm.down))
+        result: Array = -9.81 * np.einsum("k,kni,i->n", masses, at, np.array(arm.down))
         return result
 
     q = poses(arm, 20)[list(arm.joints)].to_numpy()
