@@ -8,10 +8,10 @@ poses         whether measured poses can be the arm's own, and where its base st
 
 from model.arm.causes import ArmModel, arm_causes
 from model.arm.description import Arm, Link, arm_from_dict, load_arm
-from model.arm.kinematics import gravity_torques, link_frames
+from model.arm.kinematics import gravity_torques
 from model.arm.poses import placed, poses_within, weighed
 
 __all__ = [
     "Arm", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques",
-    "link_frames", "load_arm", "placed", "poses_within", "weighed",
+    "load_arm", "placed", "poses_within", "weighed",
 ]  # fmt: skip

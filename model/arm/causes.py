@@ -27,7 +27,7 @@ import numpy as np
 import pandas as pd
 
 from model.arm.description import Arm
-from model.arm.kinematics import Motion, base_rotation, carried, gravity_torques, greatest_torques, slopes
+from model.arm.kinematics import Motion, base_rotation, carried, gravity_torques, greatest_torques, links, nominal, slopes
 from model.cause import Cause
 from model.errors import BadCondition, BadEffect, nearest
 from model.robot import Array
@@ -121,11 +121,7 @@ class ArmModel:
     @cached_property
     def _links(self) -> list[Motion]:
         """From the tool to frame 0."""
-        out = [Motion(f"tool_{axis}", i, False) for i, axis in enumerate("xyz")]
-        for k in reversed(range(1, len(self.arm.links) + 1)):
-            out += [Motion(f"beta_{k}", 1, True), Motion(f"alpha_{k}", 0, True), Motion(f"a_{k}", 0, False)]
-            out += [Motion(f"d_{k}", 2, False), Motion(f"zero_{k}", 2, True)]
-        return out
+        return [*(Motion(f"tool_{axis}", i, False) for i, axis in enumerate("xyz")), *links(self.arm)]
 
     def __call__(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> Array:
         """Return the tool point in the world, m: (n, 3).
@@ -154,19 +150,16 @@ class ArmModel:
 
     def _carried(self, amounts: Mapping[str, Array], poses: _Poses) -> tuple[list[Array], list[Array]]:
         """The point (3, n) between tool and frame 0, and between there and the world; see `carried`."""
-        links = carried(self._links, amounts, np.zeros((3, len(poses.q))))
-        return links, carried(STAND, amounts, base_rotation(self.arm) @ links[-1])
+        in_links = carried(self._links, amounts, np.zeros((3, len(poses.q))))
+        return in_links, carried(STAND, amounts, base_rotation(self.arm) @ in_links[-1])
 
     def _amounts(self, theta: Mapping[str, float], poses: _Poses) -> dict[str, Array]:
         """Motion -> amount (n,) or (1,); and the tracker's scale."""
         if unknown := [name for name in theta if name not in self.parameters]:
             raise BadEffect(f"theta: {unknown[0]!r} is no parameter of {self.arm.name}: {nearest(unknown[0], self.parameters)}")
-        out: dict[str, Any] = {"tracker_scale": 0.0}
+        out = nominal(self.arm, poses.q) | {"tracker_scale": 0.0}
         for axis, base, tool in zip("xyz", self.arm.base_to_world.position, self.arm.tool, strict=True):
             out |= {f"base_r{axis}": 0.0, f"base_{axis}": base, f"tool_{axis}": tool}
-        for k, (link, q) in enumerate(zip(self.arm.links, poses.q.T, strict=True), 1):
-            out |= {f"a_{k}": link.a, f"d_{k}": link.d, f"alpha_{k}": np.radians(link.alpha_deg), f"beta_{k}": 0.0}
-            out[f"zero_{k}"] = q + np.radians(link.offset_deg)
         for name, value in theta.items():
             for moved, factor in poses.moves.get(name, ((name, 1.0),)):
                 out[moved] = out[moved] + value * factor
