@@ -54,6 +54,8 @@ class Built:
     """(k, n) what each parameter does at its plausible size."""
     calibrated: Fit
     """The fit of the calibration alone."""
+    richest: Fit
+    """That of all causes at once and the calibration."""
     apart: bool
     """Whether something is calibrated for one group alone, such as where it begins, which no other group repeats or shows."""
     of_relatives: tuple[Parameter, ...] = ()
@@ -146,17 +148,29 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
     built = Built(
-        table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
+        table,
+        of_made,
+        problem,
+        made,
+        row,
+        output,
+        estimate,
+        text,
+        by_row,
+        notes,
+        response,
+        calibrated,
+        calibrated,
+        apart,
+        of_relatives,
     )
-    built = replace(built, begun=tuple(_begun(built)))
-    return _with_discrepancy(_with_sizes(_with_estimate(built, estimated) if estimated.any() else built))
+    return _with_discrepancy(_with_sizes(_with_richest(replace(built, begun=tuple(_begun(built))), estimated)))
 
 
 def without_strays(b: Built) -> Table | None:
     """The table without single values that are `STRAY` times farther from the richest model than the median; None where there are
     none."""
-    fitted = fit(b.problem, b.problem.parameters.all_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    missed = np.abs(b.by_row_and_output(b.problem.observed - fitted.predicted))
+    missed = np.abs(b.by_row_and_output(b.problem.observed - b.richest.predicted))
     far: Mask = missed > STRAY * np.nanmedian(missed, axis=0)
     far &= far.mean(axis=0) <= MOST_STRAYS
     if not far.any():
@@ -270,20 +284,25 @@ def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
     return points
 
 
-def _with_estimate(b: Built, estimated: Mask) -> Built:
-    """With the noise of outputs of too few repeats: what the richest model leaves, all causes at once, calibration, and smooth
-    functions."""
+def _with_richest(b: Built, estimated: Mask) -> Built:
+    """With the richest model, all causes at once and calibration, and what it and smooth functions leave as the noise of outputs
+    of too few repeats; fits of causes that are not linear begin there, too."""
     p = b.problem.parameters
-    wide = p.all_effects()
     points = [b.calibrated.theta, *(theta for _, theta in b.begun)]
     costs = [float(np.sum(b.problem.noise.whiten(b.problem.observed - b.model.predict(theta)) ** 2)) for theta in points]
     points = [points[0], *(points[i] for i in np.argsort(costs)[:1] if i)]
-    for _ in range(ESTIMATES):
-        fitted = min((fit(b.problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
-        b, points = b.with_noise(_left(b, fitted, estimated)), [fitted.theta]
+    for _ in range(ESTIMATES if estimated.any() else 1):
+        richest = min((fit(b.problem, p.all_effects(), 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
+        points = [richest.theta]
+        if estimated.any():
+            b = b.with_noise(_left(b, richest, estimated))
     lasting = tuple(name for name, q, own in zip(b.table.outputs, b.estimate.share, estimated, strict=True) if own and q)
+    begun = list(b.begun)
+    for named in dict.fromkeys(h for h, _ in b.begun):
+        start = np.where(np.isin(p.effects, ["", *named]), richest.theta, 0.0)
+        begun.append((named, fit(b.problem, p.prior(p.mask(named), 0.0), 0.0, start, FREE_ROUNDS).theta))
     again = fit(b.problem, p.no_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    return replace(b, calibrated=again, estimated=True, lasting=lasting)
+    return replace(b, calibrated=again, richest=richest, estimated=bool(estimated.any()), lasting=lasting, begun=tuple(begun))
 
 
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
