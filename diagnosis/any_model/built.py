@@ -24,8 +24,8 @@ from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
-TIMES_PLAUSIBLE = (1.0, 3.0, 10.0, 30.0)
-"""Times its stated plausible size that a cause may be expected to have."""
+TIMES_STARTED, TIMES_PLAUSIBLE = (1.0, 3.0), (1.0, 3.0, 10.0, 30.0)
+"""Times its stated plausible size at which fits of a cause begin, and that it may be expected to have."""
 STRAY, MOST_STRAYS = 15.0, 0.05
 """Median distances from the richest model beyond which a value is a mistake of reading, ten standard deviations of noise; and the
 largest share of an output's values that are."""
@@ -266,19 +266,22 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
 
 
 def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
-    """Each cause that is not linear, by itself, fitted with the calibration from its plausible size on every side; the better two
-    of each cause."""
-    points: list[tuple[Hypothesis, Array]] = []
-    for cause in b.problem.parameters.ids:
+    """Each cause that is not linear, by itself, fitted with the calibration, which without it may have gone astray and begins at
+    nominal, too; from its plausible size and more on every side; the better two of each cause."""
+    points, p = list[tuple[Hypothesis, Array]](), b.problem.parameters
+    for cause in p.ids:
         own = [i for i, p in enumerate(b.parameters) if p.source == cause]
         if all(b.parameters[i].linear for i in own):
             continue
         starts = []
-        for sizes in itertools.islice(itertools.product(*(b.parameters[i].sides for i in own)), MOST_STARTS):
-            theta = b.calibrated.theta.copy()
-            theta[own] = sizes
+        ways = itertools.product(
+            TIMES_STARTED, (b.calibrated.theta, p.mean), itertools.product(*(b.parameters[i].sides for i in own))
+        )
+        for times, calibration, sizes in itertools.islice(ways, MOST_STARTS):
+            theta = calibration.copy()
+            theta[own] = np.clip(times * np.array(sizes), p.lower[own], p.upper[own])
             starts.append(theta)
-        prior = b.problem.parameters.prior(b.problem.parameters.mask((cause,)), 0.0)
+        prior = p.prior(p.mask((cause,)), 0.0)
         fits = sorted((fit(b.problem, prior, 0.0, theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
         points += [((cause,), f.theta) for f in fits[:2]]
     return points

@@ -212,6 +212,32 @@ def test_a_cause_that_begins_to_act_beyond_its_plausible_size_is_named() -> None
     assert answer.effects == ("stop",) and answer.sizes[0].value == pytest.approx(4.5, abs=0.1)
 
 
+def tanks(theta: Values, inputs: pd.DataFrame) -> Array:
+    """Level of the lower of two tanks, fed by the upper one, which overflows at its rim."""
+    upper, lower, rows = theta["upper"], theta["lower"], []
+    rim = 10 - theta["low"] if theta["low"] > 0 else np.inf
+    for u in inputs["u"].to_numpy():
+        rows.append(lower)
+        for _ in range(2):
+            out = theta["k1"] * np.sqrt(max(upper, 0.0))
+            upper += theta["k3"] * (1 - theta["bend"] * u) * u - out
+            lower += out - theta["k2"] * np.sqrt(max(lower, 0.0)) + 0.3 * max(upper - rim, 0.0) - theta["leak"] * lower
+            upper = min(upper, rim)
+    return np.array(rows)
+
+
+def test_a_cause_without_which_the_calibration_goes_astray_is_named() -> None:
+    angle, phase = np.outer(np.arange(200) * 2 * np.pi / 200, np.arange(1, 8)), np.random.default_rng(4).uniform(0, 6.28, 7)
+    inputs = pd.DataFrame({"u": 2.6 + 0.8 * np.sin(angle + phase).sum(axis=1) / np.sqrt(3.5)})
+    truth = {"k1": 0.07, "k2": 0.08, "k3": 0.076, "upper": 5.0, "lower": 4.0, "low": 2.0, "leak": 0.0, "bend": 0.0}
+    level = tanks(truth, inputs) + np.random.default_rng(4).normal(0, 0.02, 200)
+    causes = [lab.Cause("overflow", {"low": (0.0, 1.0, "V")}), lab.Cause("leak", {"leak": (0.0, 0.004, "1/s")}),
+              lab.Cause("pump", {"bend": (0.0, 0.005, "1/V")})]  # fmt: skip
+    calibration = dict.fromkeys(("k1", "k2", "k3"), (0.1, 0.06, "1/s")) | dict.fromkeys(("upper", "lower"), (4.0, 3.0, "V"))
+    answer = lab.diagnose_model(tanks, inputs.assign(level=level), {"level": "V"}, causes, calibration)
+    assert answer.effects == ("overflow",) and answer.certain and answer.sizes[0].value == pytest.approx(2.0, abs=0.3)
+
+
 def test_a_cause_that_acts_in_one_series_alone_is_named() -> None:
     """With that series left out nothing shows how large it is."""
     inputs = pd.DataFrame({"trial": np.repeat(np.arange(4), 60), "flow": np.repeat([0.4, 0.6, 1.0, 0.5], 60)})
