@@ -21,19 +21,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from diagnosis.judgement import CAUSE_PROBABILITY
 from lab.verbs.diagnose_arm import diagnose_poses
 from model.arm import load_arm
+from model.arrays import Array
 
 from .blind.metrics import HALF, carries_enough, counted
 from .blind.workers import spread
 from .ur5 import read
 
-Array = NDArray[np.float64]
 HIDDEN = {
     "zeros": ([1] * 6, "joint_zeros"),
     "lengths": ([1, 1, 1, 1, 1, 0, 1, 0, 0, 1, 1, 0], "link_lengths"),

@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from benchmarks.blind.metrics import clopper_pearson
@@ -30,6 +29,7 @@ from diagnosis.errors import BadCase
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.files.robot_file import robot_yaml
+from model.arrays import Array
 from model.body import body_of
 from model.condition import conditions
 from model.robot import Robot, robot_from_dict
@@ -37,7 +37,6 @@ from model.rods import FINE, solve
 from model.section import rods_of
 from recordings.errors import BadTable
 
-Array = NDArray[np.float64]
 PSI, ATMOSPHERE = 6894.76, 101_325.0
 FLOOR, TRUE_MODULUS, TRUE_AREA = 0.15e-3, 1.06, 1.25
 """m of noise at each reading; what the robot's E and area are in units of what robot.yaml states."""

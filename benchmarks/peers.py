@@ -19,17 +19,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_bvp
 
 from benchmarks.figures import write
 from benchmarks.rod_cases import eased, paper_rods
+from model.arrays import Array
 from model.rods import Fast, Paper, Rods, solve
 from tests.model.rods.reference import REFERENCE
 
-Array = NDArray[np.float64]
 Solver = Callable[[], Array]
 
 GRAVITY = 9.81

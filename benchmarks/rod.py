@@ -21,12 +21,11 @@ from rich.table import Table
 
 from benchmarks.figures import write
 from benchmarks.rod_cases import directions, paper_rods, split, tips_of, wild_rods
+from model.arrays import Array, Mask
 from model.rods import FAST, FINE, Fast, Rods, Solution, Status, sensitivities, solve
 from model.rods.fast import direct
 from model.rods.fast.batches import steps_of
 from model.rods.solution import RESULT
-
-Array = NDArray[np.float64]
 
 
 def measure(call: Callable[[], object], rounds: int, clock: Callable[[], float] = time.thread_time) -> tuple[float, float]:
@@ -96,7 +95,7 @@ FARTHEST = 1e-5
 AT_ONCE = 100
 
 
-def compare(fast: Solution, rows: Array, tips: Array, status: NDArray[np.int8]) -> tuple[Array, NDArray[np.bool_]]:
+def compare(fast: Solution, rows: Array, tips: Array, status: NDArray[np.int8]) -> tuple[Array, Mask]:
     """Distances (m) of the sampled tips that both solvers trust, and which samples are silent errors."""
     ok = fast.converged[rows]
     both = ok & (status <= Status.SOLVED_IN_STEPS)

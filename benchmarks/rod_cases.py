@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods import Form, Rods, Solution, rods
-
-Array = NDArray[np.float64]
 
 LENGTH, OUTER, INNER, BODY, GRAVITY = 0.40, 0.05, 0.029, 0.507147e6, 9.81
 AREA, SECOND = math.pi * (OUTER**2 - INNER**2), math.pi / 4 * (OUTER**4 - INNER**4)

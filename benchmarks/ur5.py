@@ -39,8 +39,8 @@ def fit(model: ArmModel, names: list[str], q: pd.DataFrame, at: Array) -> tuple[
     sizes, x, sigma = np.array([model.parameters[n][1] for n in names]), np.zeros(len(names)), 1e-4
     for _ in range(ROUNDS):
         theta = dict(zip(names, x * sizes, strict=True))
-        jac = model.derivatives(theta, q, names).reshape(at.size, -1) * sizes
-        misfit = (at - model.predict(theta, q)).ravel() + jac @ x
+        jac = np.transpose([d.ravel() for d in model.derivatives(theta, q, names).values()]) * sizes
+        misfit = (at - model(theta, q)).ravel() + jac @ x
         gram = jac.T @ jac
         inverse = np.linalg.inv(gram / sigma**2 + np.eye(len(names)))
         x = inverse @ (jac.T @ misfit) / sigma**2
@@ -71,14 +71,14 @@ def main() -> None:
     (q, at), (q_new, at_new) = read(options.folder / "grid.csv"), read(options.folder / "random.csv")
 
     def distance(theta: dict[str, float], q: pd.DataFrame, at: Array) -> float:
-        return 1e3 * float(np.linalg.norm(at - model.predict(theta, q), axis=1).mean())
+        return 1e3 * float(np.linalg.norm(at - model(theta, q), axis=1).mean())
 
     table, names = Table("model", "parameters", "grid, mm", "held out, mm", "noise, um"), []
     for cause in (None, *model.causes):
         names += [*cause.parameters] if cause else []
         theta, noise = fit(model, names, q, at)
         figures = (f"{distance(theta, q, at):.4f}", f"{distance(theta, q_new, at_new):.4f}", f"{1e6 * noise:.1f}")
-        table.add_row(f"+ {cause.id}" if cause else "as given", str(len(names)), *figures)
+        table.add_row(f"+ {cause.name}" if cause else "as given", str(len(names)), *figures)
     poses, rng, errors = q.iloc[:, :6].assign(**dict(zip("xyz", at.T, strict=True))), np.random.default_rng(0), []
     for _ in range(options.draws):
         pool = poses.iloc[rng.choice(len(q), len(q) // 2, replace=False)].reset_index(drop=True)

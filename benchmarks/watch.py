@@ -24,9 +24,9 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lab.live.beside import Page
+from model.arrays import Array
 
 from .figures import Figure, show
 from .recording.speed import Paced, paced_run
@@ -121,7 +121,7 @@ def cost(folder: Path, seconds: float) -> list[Figure]:
     """Samples lost, delays of the writer's producers, ages at the viewers."""
     alone: list[Paced] = []
     beside: list[Paced] = []
-    ages: list[NDArray[np.float64]] = []
+    ages: list[Array] = []
     whole = True
     for turn in range(TURNS):
         alone.append(paced_run(folder / f"alone-{turn}.mcap", seconds, seconds, 1.0))

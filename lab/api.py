@@ -20,11 +20,10 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
     from numpy.typing import ArrayLike
 
     from diagnosis.answer.result import Diagnosis
-    from diagnosis.any_model import Cause as Cause
     from diagnosis.any_model import diagnose_model as diagnose_model
-    from diagnosis.any_model.answer import Answer
     from diagnosis.diagnose import Options
     from diagnosis.fit_effects import Fitted
+    from model.cause import Cause as Cause
     from model.prediction import Prediction
     from model.prediction.inverse import Reached
     from recordings.file.reader import Recording
@@ -32,12 +31,13 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
     from .comparison import Comparison
     from .files.inputs import Case as Case
     from .mujoco_adapter import mujoco_model as mujoco_model
+    from .pages.answer_page import save as save
     from .rig.assembly import Rig
 
 Place = str | Path
 HOMES = {
-    "Case": "lab.files.inputs", "Cause": "diagnosis.any_model", "diagnose_model": "diagnosis.any_model",
-    "mujoco_model": "lab.mujoco_adapter",
+    "Case": "lab.files.inputs", "Cause": "model.cause", "diagnose_model": "diagnosis.any_model",
+    "mujoco_model": "lab.mujoco_adapter", "save": "lab.pages.answer_page",
 }  # fmt: skip
 """Names that stand here and are made elsewhere."""
 
@@ -209,13 +209,6 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
     from diagnosis.diagnose import diagnose as _diagnose
 
     return _diagnose(measured, options)
-
-
-def save(answer: Answer, folder: Place) -> Path:
-    """Write diagnosis.json and diagnosis.html of an answer of `diagnose_model`; returns the page."""
-    from .pages.answer_page import save as _save  # with what draws
-
-    return _save(answer, folder)
 
 
 def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.data.case import states
 from diagnosis.data.levels import PRESSURE_GAP, levels
 from diagnosis.inference.prepare import table_columns
+from model.arrays import Array, Ints
 from model.compare import ErrorTable, error_table
 from model.condition import States
 from model.effects import CATALOGUE, EffectSpec
@@ -27,8 +28,8 @@ class Comparison(Shown):
     """Tips measured and predicted (n, 3) m, the error table, and how many states the model could not solve."""
 
     condition: States
-    measured: NDArray[np.float64]
-    predicted: NDArray[np.float64]
+    measured: Array
+    predicted: Array
     branch: NDArray[np.str_]
     protocol: NDArray[np.str_]
     table: ErrorTable
@@ -51,7 +52,7 @@ class Comparison(Shown):
             rows += [(length, mean[0], *(mean[1:] - means[0][1:])) for mean in means[1:]]
         return rows
 
-    def _columns(self) -> dict[str, NDArray[np.float64]]:
+    def _columns(self) -> dict[str, Array]:
         pressures = {f"p{c} [kPa]": 1e-3 * p for c, p in enumerate(self.condition.pressure.T, 1)}
         tips = by_axis("measured {} [mm]", self.measured) | by_axis("predicted {} [mm]", self.predicted)
         return {**pressures, **tips, "error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1)}
@@ -61,7 +62,7 @@ class Comparison(Shown):
 class Expected:
     """What the model expects of the states of a case that have a tip."""
 
-    row: NDArray[np.int64]
+    row: Ints
     """(n,) index of each state among the rows of the case's table."""
     table: Table
     prediction: Prediction

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from diagnosis.any_model import Cause
 from diagnosis.errors import BadCase
+from model.arrays import Array
+from model.cause import Cause
 
 NEVER_NEGATIVE = ("armature", "damping", "density", "frictionloss", "mass", "stiffness", "timeconst")
 """Fields whose bound is 0 where none is stated."""
@@ -42,7 +42,7 @@ class MujocoModel:
     _places: Mapping[str, tuple[Any, str, int]] = field(repr=False)
     """Parameter -> element, field and index in it."""
 
-    def predict(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> NDArray[np.float64]:
+    def predict(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> Array:
         """Sensors (n, outputs) at the rows of `inputs`; NaN from where the simulation diverges."""
         import mujoco
 

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.robot import Robot
 from model.sections import Section
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", float, Array)
 
 PIECES = 6

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
+from model.arrays import Array
 from model.condition import States
 from model.errors import BadCondition, NotIdentified
 from model.estimate import Estimate, estimate, readings
@@ -20,7 +21,6 @@ from model.rods import FINE, solve
 from model.rods.beam import bar_deflection
 from model.section import annulus_second_moment, body_second_moment, rods_of
 
-Array = NDArray[np.float64]
 Labels = NDArray[np.generic]
 
 

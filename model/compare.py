@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.condition import States
 from model.errors import BadCondition
 from model.estimate import readings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.arrays import Array, Ints, Mask
 from model.errors import BadCondition
 from model.robot import Robot
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+Flags = Mask
 
 LOWEST_PRESSURE = -101_325.0
 """Pa gauge: a perfect vacuum."""
@@ -37,23 +37,23 @@ class States:
     Made by `conditions` of settings, by `model.effects.design.design_from_columns` of a table.
     """
 
-    trial: NDArray[np.int64]
+    trial: Ints
     """(n,) 0..trials-1; states of one trial follow each other and share one history."""
-    trial_id: NDArray[np.int64]
+    trial_id: Ints
     """(trials,) the numbers the table gives them."""
     stiffness: Flags
     """(n,) rows of force over deflection; the others are states of the robot."""
     body: Flags
     """(n,) stiffness rows whose specimen is the body, not the bare spine."""
     unload: Flags
-    repeat: NDArray[np.int64]
+    repeat: Ints
     t: Array
     """(n,) s."""
     rate: Array
     """(n,) Pa/s, magnitude."""
     hold: Array
     """(n,) s; 0 = read while ramping."""
-    sitting: NDArray[np.int64]
+    sitting: Ints
     """(n,) number 0.. of the sitting: a new one, with the robot perhaps mounted anew, begins with a trial before which t starts
     again or nothing was read for longer than `model.effects.design.PAUSE`."""
     progress: Array
@@ -84,7 +84,7 @@ class States:
     def __len__(self) -> int:
         return len(self.trial)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.integer[Any]]) -> States:
+    def __getitem__(self, rows: slice | Mask | NDArray[np.integer[Any]]) -> States:
         """The states picked by a slice, mask or index array; trials keep their numbers."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STATE})
 
@@ -112,7 +112,7 @@ class States:
         """How many markers are observed."""
         return sum(1 for name in self.channels if re.fullmatch(r"m\d+x", name))
 
-    def by_spine_length(self) -> Iterator[tuple[float, NDArray[np.bool_]]]:
+    def by_spine_length(self) -> Iterator[tuple[float, Mask]]:
         """Each spine length (m, to 0.1 mm) with the mask of its states, shortest first."""
         rounded = np.round(self.spine_length, 4)
         for length in np.unique(rounded):
@@ -195,7 +195,7 @@ def conditions(
     return states
 
 
-def highest_of_trial(trial: NDArray[np.int64], pressure: Array) -> Array:
+def highest_of_trial(trial: Ints, pressure: Array) -> Array:
     """(n, chambers) the largest of pressures (n, chambers) in each state's trial 0..."""
     top = np.full((int(trial.max(initial=-1)) + 1, pressure.shape[1]), -np.inf)
     np.maximum.at(top, trial, pressure)
@@ -209,7 +209,7 @@ def _floats(field: str, value: ArrayLike) -> Array:
         raise BadCondition(f"{field}: {value!r} is not an array of numbers") from error
 
 
-def _refuse(field: str, unit: str, values: Array, wrong: NDArray[np.bool_], limit: str) -> None:
+def _refuse(field: str, unit: str, values: Array, wrong: Mask, limit: str) -> None:
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
         value = f"{values[where]:g} {unit}".strip()

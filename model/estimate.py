@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
+from model.arrays import Array
 from model.errors import BadCondition, NotIdentified
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

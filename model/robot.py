@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
 
 from model.actuators import PULL_AREA, Chambers, Tendons
+from model.arrays import Array
 from model.errors import BadRobot
 from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
-
-Array = NDArray[np.float64]
 
 MOST_BEYOND = np.log(2.0)
 """Logarithm of the factor on an end entry that is approached far beyond it."""

@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.body import annulus_second_moment, body_of
 from model.condition import States
 from model.robot import Robot
@@ -21,7 +22,6 @@ from model.robot import Robot
 if TYPE_CHECKING:
     from model.rods import Rods
 
-Array = NDArray[np.float64]
 
 __all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "combined_modulus", "rods_of"]
 

@@ -22,10 +22,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-Array = NDArray[np.float64]
+from model.arrays import Array
 
 AREA_FACTOR = "area_factor"
 """Stands for robot.yaml's area factor among the parameters of a posterior."""

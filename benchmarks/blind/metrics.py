@@ -12,15 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import beta
 
 from diagnosis.judgement import CAUSE_PROBABILITY
+from model.arrays import Array
 
 from .answers import Answer, Effects
 from .truth import KINDS
 
-Array = NDArray[np.float64]
 LEAST_PROBABILITY = 1e-4
 """A truth that was given no probability costs as much as this."""
 HALF, FLOORS = 0.5, 2.0

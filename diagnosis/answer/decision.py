@@ -39,7 +39,7 @@ class Decision:
     too_small: tuple[str, ...] = ()
     """Effects that lead but are not named, as probably nothing stands out."""
     relatives: tuple[str, ...] = ()
-    """Causes outside the catalogue with the same signature in these readings (`criticism.relatives`)."""
+    """Causes outside the catalogue with the same signature in these readings (`criticism.relatives`), of any model in words."""
     second: Mapping[str, float] = field(default_factory=dict)
     """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
 

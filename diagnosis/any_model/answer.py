@@ -9,7 +9,7 @@ from typing import Any
 
 from model.shown import Shown
 
-from ..answer.decision import Verdict
+from ..answer.decision import Decision
 from ..arrays import Array
 from ..judgement import CAUSE_PROBABILITY
 
@@ -82,18 +82,10 @@ class Experiment:
     """Of that row; the first of a group."""
 
 
-@dataclass(frozen=True)
-class Answer(Shown):
+@dataclass(frozen=True, kw_only=True)
+class Answer(Decision, Shown):
     """Which cause explains the gap between a model and its data."""
 
-    verdict: Verdict
-    """effect, none, or unknown: a cause that is not in the list."""
-    effects: tuple[str, ...]
-    """Names of the causes that act."""
-    probability: float
-    """Of the verdict."""
-    outside: float
-    """Probability of a cause outside of the list."""
     says: tuple[str, ...]
     """The causes as sentences."""
     stages: Mapping[str, str]
@@ -115,18 +107,16 @@ class Answer(Shown):
     """Why the verdict is not certain; its probability is then at most `judgement.DOUBTED_PROBABILITY`."""
     notes: tuple[str, ...]
     rows: int
-    outputs: Mapping[str, str] = field(default_factory=dict)
+    outputs: Mapping[str, str]
     """Name -> unit."""
-    names: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str]
     """Every cause as a sentence."""
-    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    budget: Mapping[str, Mapping[str, float]]
     """Cause, named or tolerated -> rms by which it moves each output beyond what calibration does; largest first."""
-    corrected: Callable[[], Mapping[str, float]] = field(default=dict, repr=False, compare=False)
+    corrected: Callable[[], Mapping[str, float]] = field(repr=False, compare=False)
     """Returns `values`, which take a fit of their own."""
-    residuals: Mapping[str, Array] = field(default_factory=dict, compare=False)
+    residuals: Mapping[str, Array] = field(compare=False)
     """Step -> (rows, outputs) measured minus predicted, of fits that did not see the row; NaN where not measured."""
-    relatives: tuple[str, ...] = ()
-    """Relatives of the causes that explain the data as well, in words."""
 
     @cached_property
     def values(self) -> Mapping[str, float]:

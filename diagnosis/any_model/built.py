@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from model.cause import Cause
+
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
@@ -15,15 +17,15 @@ from ..inference.discrepancy import by_channel
 from ..inference.evidence import Hypothesis
 from ..inference.fit import Fit, fit
 from ..inference.problem import FitParameters, Problem
-from .cause import Cause, Parameter
+from .cause import Parameter
 from .model import Model, Predict
 from .noise import NOISE_FLOOR, NoiseEstimate, blocks, left, of_repeats
 from .table import Table, repeats, rows_in_words, scaled, smooth_functions
 
 FREE_ROUNDS, ESTIMATES, MOST_STARTS = 12, 3, 8
 """Steps of a fit by itself; times the noise is estimated; most starts of a cause."""
-TIMES_PLAUSIBLE = (1.0, 3.0, 10.0, 30.0)
-"""Times its stated plausible size that a cause may be expected to have."""
+TIMES_STARTED, TIMES_PLAUSIBLE = (1.0, 3.0), (1.0, 3.0, 10.0, 30.0)
+"""Times its stated plausible size at which fits of a cause begin, and that it may be expected to have."""
 STRAY, MOST_STRAYS = 15.0, 0.05
 """Median distances from the richest model beyond which a value is a mistake of reading, ten standard deviations of noise; and the
 largest share of an output's values that are."""
@@ -52,6 +54,8 @@ class Built:
     """(k, n) what each parameter does at its plausible size."""
     calibrated: Fit
     """The fit of the calibration alone."""
+    richest: Fit
+    """That of all causes at once and the calibration."""
     apart: bool
     """Whether something is calibrated for one group alone, such as where it begins, which no other group repeats or shows."""
     of_relatives: tuple[Parameter, ...] = ()
@@ -144,17 +148,29 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
     built = Built(
-        table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, apart, of_relatives
+        table,
+        of_made,
+        problem,
+        made,
+        row,
+        output,
+        estimate,
+        text,
+        by_row,
+        notes,
+        response,
+        calibrated,
+        calibrated,
+        apart,
+        of_relatives,
     )
-    built = replace(built, begun=tuple(_begun(built)))
-    return _with_discrepancy(_with_sizes(_with_estimate(built, estimated) if estimated.any() else built))
+    return _with_discrepancy(_with_sizes(_with_richest(replace(built, begun=tuple(_begun(built))), estimated)))
 
 
 def without_strays(b: Built) -> Table | None:
     """The table without single values that are `STRAY` times farther from the richest model than the median; None where there are
     none."""
-    fitted = fit(b.problem, b.problem.parameters.all_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    missed = np.abs(b.by_row_and_output(b.problem.observed - fitted.predicted))
+    missed = np.abs(b.by_row_and_output(b.problem.observed - b.richest.predicted))
     far: Mask = missed > STRAY * np.nanmedian(missed, axis=0)
     far &= far.mean(axis=0) <= MOST_STRAYS
     if not far.any():
@@ -200,8 +216,8 @@ def _plausible(every: Sequence[Parameter]) -> Array:
 
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
     """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
-    plausible = _plausible(every)
-    kept, responses, offered = [], [], model.offered(np.zeros(len(every)))
+    size, offered = _plausible(every), model.offered(np.zeros(len(every)))
+    made: dict[int, tuple[Parameter, Array]] = {}
 
     def moved(theta: Array, since: Array) -> Array:
         change = model.table(theta) - since
@@ -214,25 +230,34 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
         one = np.arange(len(every)) == i
         slope = offered.get(p.key)
         if slope is not None and p.group == "calibration" and least(slope[model.kept] * p.sd):
-            kept.append(p)
-            responses.append(slope[model.kept] * p.sd)
+            made[i] = p, slope[model.kept] * p.sd
             continue
-        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(plausible[i])]
+        sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(size[i])]
         change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
-        if effective := tuple(s for s, own in change.items() if least(own)):
-            responses.append(max(change.values(), key=lambda own: float(own @ own)))
+        acts = [s for s, own in change.items() if least(own)]
+        for times in TIMES_PLAUSIBLE[1:] if p.group == "effect" and not acts else ():  # it may begin to act at a larger size
+            larger = {
+                s: model.predict(np.where(one, s, 0.0)) - at_nominal[model.kept]
+                for s in np.clip(times * np.array(sides), p.low, p.high).tolist()
+            }
+            change = {s: np.where(np.isfinite(own), own, 0.0) for s, own in larger.items()}
+            if acts := [s for s, own in change.items() if least(own)]:
+                sides, size[i] = [*change], acts[0]
+                break
+        if acts:
+            most = max(change, key=lambda s: float(change[s] @ change[s]))
             if p.group == "effect":
                 # by the other side, else by a tenth of the size
                 line = -change[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
-                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(responses[-1])
-                p = replace(p, sides=effective, linear=not bent)
-            kept.append(p)
-            continue
-        together = np.where([q.source == p.source for q in every], plausible, 0.0)
-        in_shape = moved(together, model.table(np.where(one, 0.0, together)))
+                bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(change[most])
+                p = replace(p, sides=tuple(acts), linear=not bent)
+            made[i] = p, change[most] * p.sd / abs(most)
+    for i, p in ((i, p) for i, p in enumerate(every) if i not in made):
+        together = np.where([q.source == p.source for q in every], size, 0.0)
+        in_shape = moved(together, model.table(np.where(np.arange(len(every)) == i, 0.0, together)))
         if least(in_shape):
-            kept.append(replace(p, role="shape", sides=(float(plausible[i]),), linear=False))
-            responses.append(in_shape)
+            made[i] = replace(p, role="shape", sides=(float(size[i]),), linear=False), in_shape
+    kept, responses = [made[i][0] for i in sorted(made)], [made[i][1] for i in sorted(made)]
     for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
         own = [i for i, p in enumerate(kept) if p.source == cause]
         if all(kept[i].role == "shape" for i in own):  # none does anything without the others
@@ -241,38 +266,46 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
 
 
 def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
-    """Each cause that is not linear, by itself, fitted with the calibration from its plausible size on every side; the better two
-    of each cause."""
-    points: list[tuple[Hypothesis, Array]] = []
-    for cause in b.problem.parameters.ids:
+    """Each cause that is not linear, by itself, fitted with the calibration, which without it may have gone astray and begins at
+    nominal, too; from its plausible size and more on every side; the better two of each cause."""
+    points, p = list[tuple[Hypothesis, Array]](), b.problem.parameters
+    for cause in p.ids:
         own = [i for i, p in enumerate(b.parameters) if p.source == cause]
         if all(b.parameters[i].linear for i in own):
             continue
         starts = []
-        for sizes in itertools.islice(itertools.product(*(b.parameters[i].sides for i in own)), MOST_STARTS):
-            theta = b.calibrated.theta.copy()
-            theta[own] = sizes
+        ways = itertools.product(
+            TIMES_STARTED, (b.calibrated.theta, p.mean), itertools.product(*(b.parameters[i].sides for i in own))
+        )
+        for times, calibration, sizes in itertools.islice(ways, MOST_STARTS):
+            theta = calibration.copy()
+            theta[own] = np.clip(times * np.array(sizes), p.lower[own], p.upper[own])
             starts.append(theta)
-        prior = b.problem.parameters.prior(b.problem.parameters.mask((cause,)), 0.0)
+        prior = p.prior(p.mask((cause,)), 0.0)
         fits = sorted((fit(b.problem, prior, 0.0, theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
         points += [((cause,), f.theta) for f in fits[:2]]
     return points
 
 
-def _with_estimate(b: Built, estimated: Mask) -> Built:
-    """With the noise of outputs of too few repeats: what the richest model leaves, all causes at once, calibration, and smooth
-    functions."""
+def _with_richest(b: Built, estimated: Mask) -> Built:
+    """With the richest model, all causes at once and calibration, and what it and smooth functions leave as the noise of outputs
+    of too few repeats; fits of causes that are not linear begin there, too."""
     p = b.problem.parameters
-    wide = p.all_effects()
     points = [b.calibrated.theta, *(theta for _, theta in b.begun)]
     costs = [float(np.sum(b.problem.noise.whiten(b.problem.observed - b.model.predict(theta)) ** 2)) for theta in points]
     points = [points[0], *(points[i] for i in np.argsort(costs)[:1] if i)]
-    for _ in range(ESTIMATES):
-        fitted = min((fit(b.problem, wide, 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
-        b, points = b.with_noise(_left(b, fitted, estimated)), [fitted.theta]
+    for _ in range(ESTIMATES if estimated.any() else 1):
+        richest = min((fit(b.problem, p.all_effects(), 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
+        points = [richest.theta]
+        if estimated.any():
+            b = b.with_noise(_left(b, richest, estimated))
     lasting = tuple(name for name, q, own in zip(b.table.outputs, b.estimate.share, estimated, strict=True) if own and q)
+    begun = list(b.begun)
+    for named in dict.fromkeys(h for h, _ in b.begun):
+        start = np.where(np.isin(p.effects, ["", *named]), richest.theta, 0.0)
+        begun.append((named, fit(b.problem, p.prior(p.mask(named), 0.0), 0.0, start, FREE_ROUNDS).theta))
     again = fit(b.problem, p.no_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    return replace(b, calibrated=again, estimated=True, lasting=lasting)
+    return replace(b, calibrated=again, richest=richest, estimated=bool(estimated.any()), lasting=lasting, begun=tuple(begun))
 
 
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:

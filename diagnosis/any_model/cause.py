@@ -1,4 +1,4 @@
-"""What may be wrong with a model, as a person states it: causes and calibration with their parameters."""
+"""Parameters of causes and calibration, as a person states them."""
 
 from __future__ import annotations
 
@@ -7,24 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from model.cause import Cause
+
 from ..errors import BadCase
-
-
-@dataclass(frozen=True)
-class Cause:
-    """Something that may be wrong: parameters of the model that are nominal unless this is the cause."""
-
-    name: str
-    parameters: Mapping[str, Sequence[Any]]
-    """Name -> (nominal, plausible size, unit), perhaps with two bounds (.., low, high)."""
-    stage: str = "structure"
-    """Where it enters: actuation, measurement, or another word."""
-    says: str = ""
-    """The cause in a sentence."""
-    exact: bool = False
-    """Whether its law is geometry."""
-    relatives: Sequence[Cause] = ()
-    """Other forms of it, and what looks like it: weighed in its place, never named."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import pandas as pd
+
+from model.cause import Cause
 
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
@@ -32,15 +35,15 @@ from ..inference.fit import Fit, fit
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build, without_strays
-from .cause import Cause, parameters
+from .cause import parameters
 from .model import Predict
 from .relatives import alike, related
 from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats, series
 from .together import together
 
-FOLDS = 5
-"""Parts in which a table without groups is held out."""
+FOLDS, PIECES, ONE_PART = 5, 8, 0.8
+"""Parts in which a table without groups is held out; pieces of a series in each, where one part has that share of what acts."""
 NAMING = Naming(comparable=0.1, outstanding=judgement.LEAST_NAMED_FLOORS)
 """Several causes of a machine act at once: all are named that carry a noise floor."""
 LEFT_SQUARES, LARGEST_SIZE = 0.02, 3.0
@@ -71,12 +74,13 @@ def diagnose_model(
     `candidates`: inputs that could be measured next. Raises `BadCase`.
     """
     table = read(data, outputs, group, repeat)
+    next_ = None if candidates is None else _candidates(candidates, table)
     made = parameters(causes, calibration or {})
     built = build(predict, table, list(causes), made)
     if (rest := without_strays(built)) is not None:
         built = build(predict, rest, list(causes), made)
     seen = [c for c in causes if c.name in built.problem.parameters.ids]
-    return _Diagnosis(built, seen).answer(None if candidates is None else _candidates(candidates, table))
+    return _Diagnosis(built, seen).answer(next_)
 
 
 def _candidates(candidates: pd.DataFrame, table: Table) -> pd.DataFrame:
@@ -113,7 +117,9 @@ class _Diagnosis:
         decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
         before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
-        closed = (before[0] ** 2 - after[0] ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
+        closed = (
+            (before[0] ** 2 - max(after[0], 1.0) ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
+        )
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
             # one of several that cannot be told apart, so that each may be zero
@@ -148,7 +154,7 @@ class _Diagnosis:
             for h, q in ranked.ranking
         )
         return Answer(
-            verdict=decision.verdict, effects=decision.effects, probability=decision.probability, outside=decision.outside,
+            **vars(replace(decision, relatives=as_well)),
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
             calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
@@ -156,8 +162,7 @@ class _Diagnosis:
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
-            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), relatives=as_well,
-            outputs=b.table.outputs,
+            noise_from=b.noise_from, doubts=tuple(why), notes=b.notes, rows=len(b.table.inputs), outputs=b.table.outputs,
             names={name: cause.says or name for name, cause in self._causes.items()}, budget=self._budget(),
             corrected=lambda: b.model.values(self._every),
             residuals={s.step: b.by_row_and_output(r) for s, r in zip(steps[1:], unseen, strict=False)},
@@ -274,10 +279,15 @@ class _Diagnosis:
         else:
             # the first part is in every fit, as it alone says where the series begins
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
-        named = self._p.mask(w.best.named)
+        named, fitted = self._p.mask(w.best.named), self._fitted(w.best.named)
+        without = b.problem.forward.predict(np.where(self._p.of_effect, 0.0, fitted.theta))
+        done = np.bincount(part[b.row] + 1, np.nan_to_num(fitted.predicted - without) ** 2)
+        if not b.by_row and done.max() > ONE_PART * done.sum() > 0:  # what acts there alone is not seen without it
+            part = (b.table.order * (FOLDS * PIECES - 1e-9)).astype(np.int64) % FOLDS
+            how = f"every fifth of {FOLDS * PIECES} pieces of each series left out in turn"
         models = [
             Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(self._p.prior(named, 0.0), 0.0, self._fitted(w.best.named).theta),
+            Refitted(self._p.prior(named, 0.0), 0.0, fitted.theta),
             Refitted(self._p.prior(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
@@ -299,12 +309,18 @@ class _Diagnosis:
         labels = pd.Series(candidates.index)
         if not b.by_row and b.table.group_name in candidates.columns:
             labels = candidates[b.table.group_name]
+        answered = np.isfinite(columns).all(axis=1)
+        columns = np.where(answered[:, None], columns, 0.0)
         rows = {at: np.repeat(labels.to_numpy() == at, len(b.sd)) for at in labels.unique()}
+        rows = {at: own for at, own in rows.items() if answered[own].all()}
         names = tuple(" + ".join(h) or "none" for h, _ in leading)
         first = candidates.groupby(labels.to_numpy()).first()
         return tuple(
             Experiment(
-                at if isinstance(at, str) else int(at), float((columns[rows[at]] ** 2).sum()), names, first.loc[at].to_dict()
+                int(at) if isinstance(at, Integral) else str(at),
+                float((columns[rows[at]] ** 2).sum()),
+                names,
+                first.loc[at].to_dict(),
             )
             for at in most_telling(columns, rows)
         )

@@ -69,6 +69,8 @@ class Model:
             shown = ", ".join(f"{k}={v:.6g}" for k, v in values.items())
             raise BadCase(f"predict raised {type(error).__name__}: {error} at {shown}; it must answer there") from error
         try:
+            if isinstance(returned, Mapping | pd.DataFrame) and {*self._outputs} <= {*returned}:
+                returned = np.transpose([returned[name] for name in self._outputs])
             answer = np.asarray(returned, float)
         except (TypeError, ValueError):
             raise BadCase(f"predict returned {type(returned).__name__}, must be an array of numbers {shape}") from None

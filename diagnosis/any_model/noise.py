@@ -22,7 +22,7 @@ from .table import Table
 LEAST_DIFFERENCES = 5
 """Independent differences between repeats from which an output's noise is taken from them."""
 NOISE_FLOOR = 1e-4
-"""Least noise of an output, standard deviations of its measured values: what repeats that agree exactly are given."""
+"""Least noise of an output, standard deviations of its measured values."""
 LASTING_SHARES, MEMORIES = np.array([0.3, 0.5, 0.7, 0.85, 0.95, 0.99]), (1.5, 4.0, 10.0, 30.0, 100.0)
 """Shares q and memories T (rows) that are tried."""
 LASTING_GAIN = 4.0
@@ -64,7 +64,7 @@ def blocks(table: Table) -> tuple[Ints, Ints]:
 
 
 def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
-    """What readings differ by from the mean of their repeats; sd NaN where there are too few."""
+    """What readings differ by from the mean of their repeats; sd NaN where there are too few, or all are equal."""
     outputs = table.measured.shape[1]
     sd, share, memory = np.full(outputs, np.nan), np.zeros(outputs), np.ones(outputs)
     block, place = blocks(table)
@@ -75,6 +75,8 @@ def of_repeats(table: Table, repeat: Ints) -> NoiseEstimate:
         if free >= LEAST_DIFFERENCES:
             own = np.isfinite(values) & (count > 1)
             away = ((values - by.transform("mean").to_numpy()) * np.sqrt(count / np.maximum(count - 1, 1)))[own]
+            if not away.any():  # copies of one reading
+                continue
             share[i], memory[i], _ = _lasting(block[own], place[own], away, np.zeros((len(away), 0)))
             sd[i] = max(np.sqrt(np.mean(away**2)), NOISE_FLOOR * table.spread[i])
     return NoiseEstimate(sd, share, memory, sd)
@@ -136,9 +138,8 @@ def _restricted(turned: Array, value: Array, share: float) -> tuple[float, float
     others, where errors of a `share` of the variance last; and that variance."""
     variance = 1 - share + share * np.maximum(value, 0.0)
     white = turned / np.sqrt(variance)[:, None]
-    q, r = np.linalg.qr(white[:, :-1])
-    away = white[:, -1] - q @ (q.T @ white[:, -1])
-    free = max(len(away) - q.shape[1], 1)
-    size = max(float(away @ away) / free, 1e-300)
-    log_det = 0.5 * float(np.log(variance).sum()) + float(np.log(np.abs(np.diag(r))).sum())
+    *of_others, away = np.abs(np.diag(np.linalg.qr(white, mode="r"))).tolist()
+    free = max(len(white) - len(of_others), 1)
+    size = max(away**2 / free, 1e-300)
+    log_det = 0.5 * float(np.log(variance).sum()) + float(np.log(of_others).sum())
     return -0.5 * free * float(np.log(size)) - log_det, size

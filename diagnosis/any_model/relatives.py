@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from model.cause import Cause
+
 from .. import judgement
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
@@ -16,7 +18,6 @@ from ..inference.fit import fit
 from ..inference.posterior import log_weight
 from ..inference.problem import FitParameters
 from .built import FREE_ROUNDS, Built
-from .cause import Cause
 
 
 @dataclass(frozen=True)

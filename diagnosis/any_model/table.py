@@ -84,22 +84,27 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
     try:
         measured = data[list(outputs)].to_numpy(float)
     except (TypeError, ValueError) as error:
-        raise BadCase(f"outputs {', '.join(outputs)}: {error}; measured values must be numbers, empty where missing") from None
+        raise BadCase(
+            f"outputs {', '.join(map(str, outputs))}: {error}; measured values must be numbers, empty where missing"
+        ) from None
     measured = np.where(np.isfinite(measured), measured, np.nan)
-    whole = ~inputs.isna().any(axis=1).to_numpy()
-    numbers = inputs.select_dtypes("number").to_numpy(float)
-    whole &= np.isfinite(numbers).all(axis=1)
-    notes = []
+    # a remark may be missing, and a column without any number is no input
+    numbers = inputs.select_dtypes("number").dropna(axis=1, how="all").columns
+    needed = inputs[[name for name in inputs if name in labels or name in numbers]]
+    lacking = needed.isna() | needed.isin([np.inf, -np.inf])
+    whole, notes = ~lacking.any(axis=1).to_numpy(bool), list[str]()
     if not whole.all():
-        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack an input and are ignored: {rows_in_words(~whole)}")
+        which = ", ".join(map(str, lacking.columns[lacking.any()]))
+        notes.append(f"{int((~whole).sum())} of {len(whole)} rows lack {which} and are ignored: {rows_in_words(~whole)}")
     if missing := int(np.isnan(measured[whole]).any(axis=1).sum()):
         notes.append(f"{missing} rows lack an output, which is ignored: {rows_in_words(whole & np.isnan(measured).any(axis=1))}")
     inputs, measured = inputs[whole].reset_index(drop=True), measured[whole]
     if np.isfinite(measured).sum() < 3 or not np.isfinite(measured).any(axis=0).all():
         empty = [name for name, column in zip(outputs, measured.T, strict=True) if not np.isfinite(column).any()]
-        raise BadCase(f"data: {', '.join(empty) or 'the outputs'}: too few measured values; give at least three rows")
+        why = f"too few measured values; give at least three rows{''.join(f'; {note}' for note in notes[:1])}"
+        raise BadCase(f"data: {', '.join(map(str, empty)) or 'the outputs'}: {why}")
     number = np.zeros(len(inputs), np.int64) if group is None else pd.factorize(inputs[group])[0].astype(np.int64)
-    return Table(inputs, measured, dict(outputs), number, group, labels, tuple(notes))
+    return Table(inputs, measured, {str(name): unit for name, unit in outputs.items()}, number, group, labels, tuple(notes))
 
 
 def rows_in_words(chosen: Mask) -> str:

@@ -127,7 +127,8 @@ class Noise:
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape)
         for b in self._blocks:
-            out[b.rows] = matrix(b) @ columns[b.rows]
+            of = matrix(b)
+            out[b.rows] = of @ columns[b.rows] if of.shape[1] > 1 else of * columns[b.rows]
         return out.reshape(values.shape)
 
     @cached_property

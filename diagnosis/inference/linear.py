@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from ..arrays import Array, Mask
 from .arrow import cholesky
@@ -135,7 +136,8 @@ class Reduced:
         factor = cholesky(inner)
         left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
-        half = np.linalg.inv(factor) * root[..., None, :]
+        inverse = np.reshape([dtrtri(f, lower=True)[0] for f in factor.reshape(-1, *factor.shape[-2:])], factor.shape)
+        half = inverse * root[..., None, :]
         pulled = (half @ left[..., None])[..., 0]
         log_det = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
         there = self.base + 0.5 * ((self.score + left) * prior.mean).sum(axis=-1)

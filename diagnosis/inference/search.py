@@ -273,9 +273,8 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""
         here = self._whole(c)
-        (own,) = self.around(here, [c.named], c.with_tolerances)
-        out = [replace(own, turns=c.turns, ended=True), *self.around(here, [c.named], not c.with_tolerances)]
-        out += self.around(here, self._with_one_more(c.named), c.with_tolerances)
+        own, *more = self.around(here, [c.named, *self._with_one_more(c.named)], c.with_tolerances)
+        out = [replace(own, turns=c.turns, ended=True), *self.around(here, [c.named], not c.with_tolerances), *more]
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
             exchanged = [h for h in self._with_one_more(kept) if h != c.named]

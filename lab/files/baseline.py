@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.on_baseline import Baseline
+from model.arrays import Array, Ints
 from model.condition import conditions
 from model.effects.nominal import TOLERANCES
 from model.effects.spec import EffectSpec
@@ -25,7 +26,6 @@ from .config import ConfigError
 from .inputs import Case
 from .packages import installed, python_file, without
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.generic]]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
@@ -50,7 +50,7 @@ def from_table(path: Path, case: Case) -> Baseline:
     return baseline
 
 
-def _by_step(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
+def _by_step(path: Path, predicted: Columns, case: Case) -> Ints:
     """(rows,) line of the file for each row of the table, -1 where it has none."""
     keys = list(zip(predicted["trial"].tolist(), predicted["step"].tolist(), strict=True))
     twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
@@ -63,7 +63,7 @@ def _by_step(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
     return place
 
 
-def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
+def _by_state(path: Path, predicted: Columns, case: Case) -> Ints:
     """(rows,) line of the file's nearest state, within `SPINE_WITHIN` and `PRESSURE_WITHIN`; -1: none. Raises ConfigError."""
     pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
     missing = [name for name in pressures if name not in predicted]
@@ -96,7 +96,7 @@ def _by_state(path: Path, predicted: Columns, case: Case) -> NDArray[np.int64]:
     return line_of_row
 
 
-def _baseline(name: str, predicted: Columns, place: NDArray[np.int64], case: Case) -> Baseline:
+def _baseline(name: str, predicted: Columns, place: Ints, case: Case) -> Baseline:
     """The columns of a file as a baseline: `place` (rows,) names its line for each row of the case's table, -1 for none (NaN)."""
     table, (setting, read) = case.table, _names(case)
     measured = dict(zip(setting, (np.clip(table.spine_length, 0.0, None), *table.pressures.T), strict=True))
@@ -200,7 +200,7 @@ def from_simulator(
     return replace(baselines[""], varied={p: (step, baselines[p]) for p, step in variants if p})
 
 
-def _distinct(settings: Array) -> tuple[Array, NDArray[np.int64]]:
+def _distinct(settings: Array) -> tuple[Array, Ints]:
     """Some of settings (n, ..), (m, ..), and which of them stands for each (n,): the first that is near enough."""
     within = np.array([TOGETHER[0], *[TOGETHER[1]] * (settings.shape[1] - BEHIND - 1), *TOGETHER[2:]])
     kept: list[int] = []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
 from diagnosis.findings import Finding, finding
+from model.arrays import Array, Ints, Mask
 from model.condition import States
 from model.robot import Robot
 from model.shown import Shown
@@ -53,7 +54,7 @@ class Case(Shown):
         return self.table.of_protocols(*protocols)
 
     @property
-    def tips(self) -> tuple[States, NDArray[np.float64], NDArray[np.int64]]:
+    def tips(self) -> tuple[States, Array, Ints]:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""
         states = self.table.take(self.table.with_tip)
         if not len(states):
@@ -205,7 +206,7 @@ def marked_notes(table: Table) -> list[str]:
     return [f"{text} {own.sum()} of {len(table)} states: {_named(table, own)}{more}" for text, own, more in notes if own.any()]
 
 
-def _named(table: Table, own: NDArray[np.bool_]) -> str:
+def _named(table: Table, own: Mask) -> str:
     states = np.flatnonzero(own).tolist()
     return ", ".join(table.place(i) for i in states[:5]) + (f" and {len(states) - 5} more" if len(states) > 5 else "")
 

@@ -10,10 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from model.arrays import Array, Ints, Mask
 
 EPOCH = (6e8, 4.2e9)
 """s since 1970, from 1989 to 2103."""
@@ -102,7 +100,7 @@ def seconds(values: Array, unit: str, factor: float) -> Array:
     return values * factor
 
 
-def gaps(t: Array) -> NDArray[np.bool_]:
+def gaps(t: Array) -> Mask:
     """(n,) rows that follow the row before by far more than the period."""
     found = np.zeros(len(t), bool)
     found[1:] = np.diff(t) > max(FAR * period(t), LEAST_GAP)

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
+
 from .headings import unit_named
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 MISSING_WORDS = """
 na n/a n.a. n.a nan -nan nan(ind) -nan(ind) 1.#qnan -1.#qnan -1.#ind 1.#ind 1.#inf -1.#inf

@@ -9,8 +9,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.robot import Robot
 from recordings.ambient import AMBIENT
 from recordings.trials import unit_of
@@ -41,8 +41,6 @@ from .proposal import Guess
 from .quantities import quantities_of
 from .series import Series, texts
 from .trials import Change, Stages, changes
-
-Array = NDArray[np.float64]
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
 """Highest pressures of soft robots by unit, in the order in which they are considered."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Mask
 from model.condition import conditions
 from model.robot import Robot
 from model.rods import FINE, solve
@@ -24,7 +25,6 @@ from .proposal import Guess
 from .quantities import clearly_worse, misfits
 from .series import Series, at_rest, unit_in, unseen
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 ORDERS_IN_WORDS = (
@@ -36,7 +36,6 @@ NO_ORDER_FITS = 10.0
 FITS = 1.5
 """Largest factor between the resting tip's distance and the robot's length that identifies a unit of length."""
 
-
 AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
 
 
@@ -47,7 +46,7 @@ class Tip:
     columns: tuple[str, ...]
     places: Array
     """(n, 3) m, in the recorded axes, against the base where one is recorded."""
-    resting: NDArray[np.bool_]
+    resting: Mask
     """(n,) rows with the lowest pressures and a place."""
     mentioned: tuple[str, ...]
     """Columns of all places, used or not."""
@@ -139,7 +138,7 @@ def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> l
     return still
 
 
-def _lowest(g: Guess, series: Series, known: NDArray[np.bool_], robot: Robot) -> NDArray[np.bool_]:
+def _lowest(g: Guess, series: Series, known: Mask, robot: Robot) -> Mask:
     """(n,) of the rows with a place those with the lowest pressures in sum."""
     total = proposed_pressures(g, series, robot).sum(axis=1)
     total = np.where(known & np.isfinite(total), total, np.inf)
@@ -151,7 +150,7 @@ def _whole(found: Sequence[Triple]) -> list[Triple]:
     return [t for t in found if not any(w.startswith("marker") for w in t.words)] or list(found)
 
 
-def _xyz(series: Series, t: Triple, rest: NDArray[np.bool_] | None = None, unit: str = "") -> Array:
+def _xyz(series: Series, t: Triple, rest: Mask | None = None, unit: str = "") -> Array:
     """(n, 3) of the file's numbers, without rows in which nothing was seen; in `unit` where the file states others."""
     length = KINDS["m"]
     factors = [length[said] / length[unit] if unit and (said := unit_in(series, c, KINDS["m"])) else 1.0 for c in t.columns]
@@ -173,7 +172,7 @@ def proposed_pressures(g: Guess, series: Series, robot: Robot) -> Array:
     return np.column_stack(every) if every else np.zeros((len(series), 0))
 
 
-def _at_rest(g: Guess, series: Series, robot: Robot) -> NDArray[np.bool_]:
+def _at_rest(g: Guess, series: Series, robot: Robot) -> Mask:
     """(n,) rows with the lowest pressures."""
     pressures = proposed_pressures(g, series, robot)
     return at_rest(pressures) if pressures.shape[1] else np.ones(len(series), bool)
@@ -266,7 +265,7 @@ def _aside(place: Array) -> float:
     return float(np.linalg.norm(np.delete(place, int(np.argmax(np.abs(place))))))
 
 
-def _mass_at_rest(series: Series, rest: NDArray[np.bool_]) -> float | None:
+def _mass_at_rest(series: Series, rest: Mask) -> float | None:
     """kg that hang at the tip in the rows at rest, where a column of the file says so; else None."""
     for name, values in series.numbers.items():
         h = heading(name, series.units.get(name, ""))

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array, Ints, Mask
 from recordings.trials import present
 
 from ..files.config import ConfigError
@@ -21,9 +21,6 @@ from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, 
 from .headings import heading, is_unit, own_column, quantity, triples
 from .map_file import Column, Map, Name
 from .series import Series, Texts, axes_of, listed, name_of, numbers, unit_in
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 JOIN = "join them in time first (docs: data from elsewhere)"
 """The remedy where tables cannot be joined here."""
@@ -130,7 +127,7 @@ def _words_at(at: Array, times: Array, words: Texts, oldest: float) -> Texts:
     return np.where(far, "", words[seen][before])
 
 
-def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, NDArray[np.bool_]]:
+def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, Mask]:
     """Of times in order, those before, after and nearest to each of `at`, and whether the nearest is older than `oldest`."""
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, None)
     after = np.clip(before + (times[before] < at), 0, len(times) - 1)
@@ -326,7 +323,7 @@ def _by_name(series: Series) -> Series:
     return replace(series, columns=columns, units={**series.units, **stated})
 
 
-def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Series:
+def _part(series: Series, rows: Ints, names: Sequence[str]) -> Series:
     """Some rows and columns."""
     strange = {
         n: replace(s, row=int(np.argmax(np.isin(s.column[rows], s.words))), column=s.column[rows])
@@ -337,9 +334,9 @@ def _part(series: Series, rows: NDArray[np.int64], names: Sequence[str]) -> Seri
     return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, notes=())
 
 
-def _in_turn(series: Series) -> Iterator[tuple[NDArray[np.int64], list[str]]]:
+def _in_turn(series: Series) -> Iterator[tuple[Ints, list[str]]]:
     """Rows and filled columns of each stream where the rows of several stand in one table in turn; else nothing."""
-    masks: list[tuple[NDArray[np.bool_], list[str]]] = []
+    masks: list[tuple[Mask, list[str]]] = []
     for name, values in series.numbers.items():
         filled = np.isfinite(values)
         if name in series.strange or filled.mean() > OWN_ROWS:

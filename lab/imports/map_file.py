@@ -11,16 +11,14 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from model.actuators import Words
+from model.arrays import Array
 from recordings.trials import TEXTS, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable
 from ..files.units import KINDS, UnitError, plain_unit, to_si
-
-Array = NDArray[np.float64]
 
 AXES = {f"{sign}{axis}": (i, -1.0 if sign == "-" else 1.0) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
 

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from diagnosis.data.campaign import settings
+from model.arrays import Array, Mask
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
@@ -22,8 +22,6 @@ from recordings.trials import Table
 
 from ..files.config import ConfigError
 from .series import at_rest
-
-Array = NDArray[np.float64]
 
 LEAST_TURN = np.radians(10.0)
 FEWEST = 6
@@ -50,7 +48,7 @@ def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
 
 
-def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float | None:
+def turn_misfit(tip: Array, turn: Rotation, resting: Mask) -> float | None:
     """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None: hardly turns."""
     bent, axis = _from_rest(turn, resting), _across(tip, resting)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
@@ -61,12 +59,12 @@ def turn_misfit(tip: Array, turn: Rotation, resting: NDArray[np.bool_]) -> float
     return float(np.sqrt(((bent - about[:, None] * axis)[told] ** 2).sum(axis=1).mean()))
 
 
-def _from_rest(turn: Rotation, resting: NDArray[np.bool_]) -> Array:
+def _from_rest(turn: Rotation, resting: Mask) -> Array:
     """(n, 3) rad, rotation vectors from the mean of the states at rest."""
     return np.asarray((turn * turn[resting].mean().inv()).as_rotvec())
 
 
-def _across(tip: Array, resting: NDArray[np.bool_]) -> Array:
+def _across(tip: Array, resting: Mask) -> Array:
     """(n, 3) m, the displacement from rest across z, turned by a quarter about z: the axis about which a body bends there."""
     moved = tip - tip[resting].mean(axis=0)
     return np.column_stack([-moved[:, 1], moved[:, 0], np.zeros(len(tip))])
@@ -204,7 +202,7 @@ def moves_within(tip: Array, markers: Array, length: float) -> int | None:
     return None
 
 
-def strays(tip: Array, markers: Array, length: float) -> NDArray[np.bool_]:
+def strays(tip: Array, markers: Array, length: float) -> Mask:
     """(n,) rows of a state within which a place jumps that hold it far from where most rows do."""
     out = np.zeros(len(tip), bool)
     for place in (tip, *np.swapaxes(markers, 0, 1)):

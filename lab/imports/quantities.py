@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from model.actuators import Words
+from model.arrays import Array, Ints, Mask
 from recordings.ambient import AMBIENT
 from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns
@@ -25,8 +26,6 @@ from .headings import heading
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
 from .series import Series, at_rest, axes_of, listed, name_of, numbers, texts, unit_in, unseen
-
-Array = NDArray[np.float64]
 
 OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
@@ -47,9 +46,9 @@ class FileRows:
     """What the map names. Orientations are from the straight robot's frame, or from the recorded one's where nothing says which
     reading is straight."""
     constants: Mapping[str, Any]
-    run: NDArray[np.int64]
+    run: Ints
     """(n,) of runs that follow each other in one file, from 0."""
-    row: NDArray[np.int64]
+    row: Ints
     """(n,) in the file, from 0."""
     counts: Mapping[tuple[str, str], NDArray[np.str_]] = field(default_factory=dict)
     """Key of the map and heading -> cells of the columns whose changes begin trials; empty where they are missing."""
@@ -63,7 +62,7 @@ class FileRows:
         return self.table.values["t"]
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
+    def seen(self) -> Mask:
         """(n,) rows with a tip and all pressures."""
         return np.asarray(np.isfinite(np.column_stack([self.table.tip, self.table.pressures])).all(axis=1))
 
@@ -71,7 +70,7 @@ class FileRows:
         """The same with these columns (n,) in place of their own."""
         return replace(self, table=self.table.replaced(columns))
 
-    def of(self, rows: NDArray[np.int64]) -> FileRows:
+    def of(self, rows: Ints) -> FileRows:
         """The same of these rows, in their order."""
         counts = {name: cells[rows] for name, cells in self.counts.items()}
         return replace(self, table=self.table.take(rows), run=self.run[rows], row=self.row[rows], counts=counts)
@@ -86,7 +85,7 @@ class File:
     notes: list[str] = field(default_factory=list)
     contradicted: dict[str, dict[str, str]] = field(default_factory=dict)
     """Note on a unit -> column whose unit it is -> key of the map."""
-    resting: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+    resting: Mask = field(default_factory=lambda: np.zeros(0, bool))
     """(n,) rows at rest, once pressures are known."""
     factors: dict[str, float] = field(default_factory=dict)
     """Key of the map -> how many SI units one of its column's is, once it is read."""
@@ -280,13 +279,13 @@ def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
     return orientation_columns(onto * made * onto.inv(), there)
 
 
-def orientation_columns(turn: Rotation, there: NDArray[np.bool_]) -> dict[str, Array]:
+def orientation_columns(turn: Rotation, there: Mask) -> dict[str, Array]:
     """Columns of the orientations (n,) of a table, NaN of states that have none."""
     values = np.where(there[:, None], turn.as_quat(canonical=True, scalar_first=True), np.nan)
     return dict(zip(ORIENTATION, values.T, strict=True))
 
 
-def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> dict[str, float]:
+def misfits(series: Series, given: Orientation, frame: Array, tip: Array, resting: Mask) -> dict[str, float]:
     """Order of three angles -> deg (rms) by which the tip, (n, 3) m, then turns about another axis than the one across its
     displacement; empty where it hardly turns.
 
@@ -306,7 +305,7 @@ def clearly_worse(off: float, other: float) -> bool:
     return off > max(TIMES_WORSE * other, other + DEGREES_WORSE)
 
 
-def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: NDArray[np.bool_]) -> Iterator[str]:
+def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: Mask) -> Iterator[str]:
     """Ask for a check of the order of angles where another one fits the bending of the tip, (n, 3) m, clearly better."""
     angles = wanted.orientation
     off_by = misfits(series, angles, frame, tip, resting) if angles is not None and angles.order in OF_ANGLES else {}
@@ -320,7 +319,7 @@ def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: 
         )
 
 
-def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.bool_]]:
+def stated(series: Series, given: Orientation) -> tuple[Rotation, Mask]:
     """Rotations (n,) in the recorded axes, and the rows that have one; raises ConfigError."""
     values = np.column_stack([numbers(series, c, "orientation.columns") for c in given.columns])
     known_rows = np.asarray(np.isfinite(values).all(axis=1), bool)
@@ -340,7 +339,7 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, NDArray[np.boo
     return Rotation.from_euler(given.order.split()[1], filled, degrees=unit == "deg"), known_rows
 
 
-def _fitted(file: File, points: Points) -> tuple[Rotation, NDArray[np.bool_]]:
+def _fitted(file: File, points: Points) -> tuple[Rotation, Mask]:
     """From the first row with all markers to each other one."""
     every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zstandard
 from mcap.records import Channel, Schema
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from recordings.errors import Damaged, RecordingError, Truncated
 from recordings.file.reader import Recording
 from recordings.file.samples import message_class
@@ -37,7 +37,6 @@ from .series import Series, Texts, leaves, name_in
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
 
 MOST_FIELDS = 5000

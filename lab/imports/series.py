@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Mask
 from recordings.file.budget import OPTION, lifted
 from recordings.trials import REQUIRED, unit_of
 
@@ -25,7 +26,6 @@ from .columns import Judged, Strange, is_missing, without_fillers
 from .headings import heading, unit_named
 from .map_file import Name
 
-Array = NDArray[np.float64]
 Texts = NDArray[np.str_]
 
 LARGEST = 500_000_000
@@ -243,7 +243,7 @@ def unit_in(series: Series, name: str, units: Collection[str], place: str = "") 
 
 
 # ------------------------------------------------------------------ rows
-def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+def unseen(xyz: Array, resting: Mask | None = None) -> Mask:
     """(n,) rows at exactly 0, 0, 0, which programs write where nothing was seen; `xyz` (n, 3), `resting` (n,) rows at rest.
 
     No row is where zeros may be positions: others come as near to the origin, or the rows at zero are exactly those at rest."""
@@ -259,7 +259,7 @@ def unseen(xyz: Array, resting: NDArray[np.bool_] | None = None) -> NDArray[np.b
     return zero
 
 
-def at_rest(pressures: Array) -> NDArray[np.bool_]:
+def at_rest(pressures: Array) -> Mask:
     """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
     low, high = _range(pressures)
     above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
 from model.actuators import Words
+from model.arrays import Array, Ints, Mask
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
@@ -33,8 +34,6 @@ from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, st
 from .quantities import SENSOR_OR_SD, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
-
-Array = NDArray[np.float64]
 
 FORCES = ("force_x", "force_y", "force_z")
 MOST_JUMPS = 3
@@ -67,7 +66,7 @@ def _with(table: Table, names: Sequence[str], values: Array) -> Table:
     return table.replaced(dict(zip(names, values.T, strict=True)))
 
 
-def _turns(table: Table) -> tuple[Rotation, NDArray[np.bool_]]:
+def _turns(table: Table) -> tuple[Rotation, Mask]:
     """Orientations of the tip, none where there is none, and (n,) where there is one."""
     turned = np.asarray(np.isfinite(table.orientation).all(axis=1))
     kept = np.where(turned[:, None], table.orientation, [1.0, 0.0, 0.0, 0.0])
@@ -422,7 +421,7 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 
 # ------------------------------------------------------------------ states
-def _averages(rows: Sequence[NDArray[np.int64]]) -> Callable[[Array], Array]:
+def _averages(rows: Sequence[Ints]) -> Callable[[Array], Array]:
     """A function from values (n, ..) of all rows to their means (m, ..) over the `rows` of each state; NaN is no value, and the
     mean of a state without any."""
     at = np.concatenate([*rows, [0]]).astype(np.int64)  # the last is of no state: each begin must lie within
@@ -534,7 +533,7 @@ def _falling(highest: Array, gap: float) -> list[bool]:
     return out
 
 
-def _kinds(states: Table, trial: NDArray[np.int64], gap: float) -> list[tuple[int, ...]]:
+def _kinds(states: Table, trial: Ints, gap: float) -> list[tuple[int, ...]]:
     """What trials, (n,) from 0, that repeat each other have in common: how far each chamber is inflated, spine, mass, roll."""
     first = np.unique(trial, return_index=True)[1]
     highest = np.maximum.reduceat(states.pressures, first, axis=0)
@@ -544,7 +543,7 @@ def _kinds(states: Table, trial: NDArray[np.int64], gap: float) -> list[tuple[in
     return [tuple(int(v) for v in kind) for kind in zip(*settings, strict=True)]
 
 
-def _with_pushes(states: Table, file: NDArray[np.int64], forces: Sequence[float | None], wanted: Map) -> Table:
+def _with_pushes(states: Table, file: Ints, forces: Sequence[float | None], wanted: Map) -> Table:
     """Append stiffness rows, one per file with a force (N), deflected from that of the repeat with 0 N. Raises ConfigError."""
     assert wanted.stiffness is not None
     axis, sign = AXES[wanted.stiffness.along]

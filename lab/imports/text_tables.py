@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Mask
 from recordings.bounded import read_bounded
 from recordings.trials import present
 
@@ -276,8 +276,8 @@ def _heading_cells(text: str, width: int) -> list[str]:
 
 # ------------------------------------------------------------------ which lines are data
 def _data_rows(
-    path: Path, frame: pd.DataFrame, number: NDArray[np.bool_], records: Sequence[Record], source: Source, separator: str
-) -> tuple[NDArray[np.bool_], int]:
+    path: Path, frame: pd.DataFrame, number: Mask, records: Sequence[Record], source: Source, separator: str
+) -> tuple[Mask, int]:
     """(lines,) whether each is data, and the index of the first that is; `number` (lines, columns): cells that are plain numbers.
     Data are lines with about as many numbers as most, or with fewer but no word in a column of numbers; not comments, lines up to
     the stated heading or units, numbers above headings, nor sums and means below the table. Raises ConfigError where none is."""
@@ -317,7 +317,7 @@ def _data_rows(
     return data, int(np.argmax(data))
 
 
-def _numbers_above_headings(data: NDArray[np.bool_], commented: NDArray[np.bool_], words: NDArray[np.bool_]) -> int:
+def _numbers_above_headings(data: Mask, commented: Mask, words: Mask) -> int:
     """The line below which the table's own rows begin, where lines of numbers, of channels say, stand above a heading."""
     rows = np.flatnonzero(data)
     headed = ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
@@ -343,7 +343,7 @@ def _decimals(cell: str) -> int:
     return len(found[1]) if found else 0
 
 
-def _counted_headings(frame: pd.DataFrame, number: NDArray[np.bool_], source: Source) -> bool:
+def _counted_headings(frame: pd.DataFrame, number: Mask, source: Source) -> bool:
     """Whether the first line of numbers only counts the columns, from 0 or 1."""
     rows = np.flatnonzero(number.all(axis=1))
     if source.heading is not None or len(rows) < 2 or frame.shape[1] < 3:
@@ -354,7 +354,7 @@ def _counted_headings(frame: pd.DataFrame, number: NDArray[np.bool_], source: So
 
 
 def _left_out(
-    path: Path, records: Sequence[Record], width: int, data: NDArray[np.bool_], first: int, too_long: Sequence[Record]
+    path: Path, records: Sequence[Record], width: int, data: Mask, first: int, too_long: Sequence[Record]
 ) -> Iterator[str]:
     """Notes on lines that look like part of the table and are not read; raises ConfigError where they are many."""
     if len(too_long) > 0.1 * int(data.sum()):
@@ -378,9 +378,7 @@ def _unit(cell: str) -> str:
     return (unit_named(cell) or ("", ""))[1]
 
 
-def _demand_one_table(
-    path: Path, frame: pd.DataFrame, records: Sequence[Record], data: NDArray[np.bool_], first: int, head: Head
-) -> None:
+def _demand_one_table(path: Path, frame: pd.DataFrame, records: Sequence[Record], data: Mask, first: int, head: Head) -> None:
     """Raise ConfigError where other headings or units stand among the data: below them the columns are others."""
     unit_of = {n: head.units.get(n) or heading(n).unit for n in head.names}
     last = len(data) - int(np.argmax(data[::-1]))

@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model.actuators import Words
+from model.arrays import Array, Ints, Mask
 
 from .clock import gaps
 from .map_file import Map, Plateaus, States
 from .quantities import FileRows
 from .series import Series
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Texts = NDArray[np.str_]
 
 MOST_NOTES = 3
@@ -43,7 +42,7 @@ class Cut:
     """All pressures are zero whatever was read."""
 
 
-def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], force: Array | None = None) -> list[Cut]:
+def cuts(states: States, t: Array, pressures: Array, trial: Ints, force: Array | None = None) -> list[Cut]:
     """Cut the rows (n) of one file into states, in their order: plateaus, single rows, or windows of each trial.
 
     `t` (n,) s, `pressures` (n, chambers) Pa, `trial` (n,) from 0, `force` (n, k) N on the tip."""
@@ -65,7 +64,7 @@ def cuts(states: States, t: Array, pressures: Array, trial: NDArray[np.int64], f
     return cut_list
 
 
-def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int64]) -> list[Cut]:
+def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: Ints) -> list[Cut]:
     """Stretches in which no pressure varies by more than `steady` within `shortest`, and no row is `steady` off the next.
 
     Rows without a pressure neither end nor begin a stretch; a gap in time does."""
@@ -77,7 +76,7 @@ def plateaus(wanted: Plateaus, t: Array, pressures: Array, trial: NDArray[np.int
     ]
 
 
-def _spread(values: Array, ends: NDArray[np.int64]) -> Array:
+def _spread(values: Array, ends: Ints) -> Array:
     """(n,) largest difference within a column of (n, k) values, from each row up to the one before `ends`."""
     n = len(values)
     lengths = ends - np.arange(n)
@@ -93,7 +92,7 @@ def _spread(values: Array, ends: NDArray[np.int64]) -> Array:
         span *= 2
 
 
-def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: NDArray[np.int64]) -> list[Cut]:
+def _stretches(wanted: Plateaus, t: Array, filled: Array, trial: Ints) -> list[Cut]:
     """Plateaus of rows that all have pressures, `filled` (n, chambers) Pa at `t` (n,) s; rows of them that are averaged."""
     n = len(t)
     if not n:
@@ -151,7 +150,7 @@ class Stages:
     """(m,) row behind each."""
     pressures: Array
     """(m, chambers) Pa"""
-    resting: NDArray[np.bool_]
+    resting: Mask
     """(m,) without pressure."""
 
     @classmethod
@@ -170,7 +169,7 @@ class Stages:
         resting = carried(np.where(known, np.abs(held).max(axis=1, initial=0.0) < below, np.nan)) > 0
         return cls(begin, start, stop, held, resting)
 
-    def inflated(self, rows: int) -> NDArray[np.bool_]:
+    def inflated(self, rows: int) -> Mask:
         """(rows,) in stages under pressure."""
         edges = np.zeros(rows + 1, np.int64)
         edges[self.start[~self.resting]] += 1

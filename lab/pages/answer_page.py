@@ -8,18 +8,16 @@ import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from diagnosis.answer.headline import hypothesis_name, percent, stated, with_id
 from diagnosis.any_model.answer import Answer, Experiment, Left
 from recordings.own_files import replaced
 
 from ..version import version_text
-from . import diagnosis_figures as draw
-from .figures import CALIBRATED, GIVEN, WITH_CAUSE, apart, legend_below
-from .report import PageSection, Report
+from .report import CALIBRATED, GIVEN, WITH_CAUSE, PageSection, Report
 
 NAMES = {"as given": GIVEN, "calibrated": CALIBRATED, "with the cause": WITH_CAUSE}
 """Steps of an answer -> names of the models on every page."""
@@ -31,7 +29,7 @@ NONE_NEXT = "No candidates were given. Give inputs that could be measured next t
 
 
 def save(answer: Answer, folder: str | Path) -> Path:
-    """See `lab.save`."""
+    """Write diagnosis.json and diagnosis.html of an answer of `diagnose_model`; returns the page."""
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     write_json(answer, place / "diagnosis.json")
@@ -45,6 +43,8 @@ def write_json(answer: Answer, path: Path) -> None:
 
 def write(answer: Answer, path: Path, title: str, source: str) -> Path:
     """Write one offline page: the answer, how far the gap shrinks and what to measure next; the evidence; details folded."""
+    from . import diagnosis_figures as draw  # takes as long to import as the rest of the page
+
     identifiers = f"Identifier: {' + '.join(answer.effects)}. " if answer.effects else ""
     first = answer.next_experiment[0] if answer.next_experiment else None
     when = f"{time.strftime('%Y-%m-%d %H:%M')}{source and ', '}{source}"
@@ -144,6 +144,8 @@ def proposals(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
 
 def _steps(s: PageSection, answer: Answer, folder: Path) -> None:
     """Write each model's error, as a table and as residuals of every row."""
+    from .figures import apart
+
     s.table(*steps(answer))
     closed = "" if answer.share_closed is None else f"; {percent(answer.share_closed)} % of the reducible gap is closed"
     s.text(f"Unseen: {answer.how}{closed}.")
@@ -151,15 +153,18 @@ def _steps(s: PageSection, answer: Answer, folder: Path) -> None:
     s.figure(apart(panels, folder / "residuals.svg"), "Residual of each row by fits that did not see it; grey: noise floor")
 
 
-def _residuals(axis: Axes, answer: Answer, unit: str) -> None:
+def _residuals(axis: Any, answer: Answer, unit: str) -> None:
     """Draw the length of the residual of the outputs of one unit over the rows, before and after."""
+    from .diagnosis_figures import BLUE, GREY
+    from .figures import legend_below
+
     own = [i for i, u in enumerate(answer.outputs.values()) if u == unit]
     factor, shown = SMALL.get(unit, (1.0, unit))
     floor = answer.steps[-1].seen.by_output
     axis.axhspan(
         0, factor * float(np.sqrt(sum(floor[name] ** 2 for name, u in answer.outputs.items() if u == unit))), color="0.9"
     )
-    for (step, residual), colour, mark in zip(answer.residuals.items(), (draw.GREY, draw.BLUE), "os", strict=False):
+    for (step, residual), colour, mark in zip(answer.residuals.items(), (GREY, BLUE), "os", strict=False):
         length = np.sqrt((residual[:, own] ** 2).sum(axis=1)) * factor
         axis.plot(np.arange(1, len(length) + 1), length, mark, ms=3, color=colour, label=NAMES[step])
     axis.set_xlabel("row")

@@ -12,23 +12,22 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from diagnosis.answer.headline import for_people, hypothesis_name, plain_name
 from diagnosis.answer.result import Diagnosis, Ranked, Waterfall
 from diagnosis.any_model.answer import Ranked as OfAnyModel
 from diagnosis.data.levels import levels
 from model.actuators import Words
+from model.arrays import Array, Mask
 
-from .figures import CALIBRATED, GIVEN, STYLE, colours, save
+from .figures import STYLE, colours, save
+from .report import CALIBRATED, GIVEN
 
-Array = NDArray[np.float64]
 SAME_LENGTH = 0.01
 """m within which spine lengths are one setting."""
 MOST_GROUPS = 8
 """Panels, one for each group of chambers."""
 GREY, BLUE, RED, LIGHT = "#8a8a8a", "#20639b", "#b5382a", "#d5dadd"
-
 
 HATCHES = {
     "calibration": "", "simulator": "\\\\", "cause": "", "tolerances": "//", "regular": "..", "irregular": "xx", "noise": "||",
@@ -74,7 +73,7 @@ class StateGroup:
     """States with the same actuators driven."""
 
     name: str
-    selected: NDArray[np.bool_]
+    selected: Mask
     side: Array
     """(3,) unit vector, horizontal: the direction in which these states bend."""
     lengths: Array
@@ -285,7 +284,7 @@ def _grain(pressure: Array) -> float:
 
 
 def _mapped(
-    s: dict[str, Array], gap: Array, of_branch: NDArray[np.bool_], rows: Sequence[tuple[StateGroup, float]], pressures: Array
+    s: dict[str, Array], gap: Array, of_branch: Mask, rows: Sequence[tuple[StateGroup, float]], pressures: Array
 ) -> Array:
     """(rows, pressures) mm, rms of `gap` (n, 3) m of a branch by group and spine length and nearest pressure (Pa); NaN: none."""
     mapped = np.full((len(rows), len(pressures)), np.nan)

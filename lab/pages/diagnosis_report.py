@@ -27,10 +27,10 @@ from ..files.inputs import Case
 from ..next_step import FIRST, command, nothing_next
 from ..version import version_text
 from . import diagnosis_figures as draw
-from .figures import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, apart, quantities
+from .figures import apart, quantities
 from .figures import numbers as sensor_numbers
 from .figures import sensors as draw_sensors
-from .report import CommandCell, PageSection, Report
+from .report import CALIBRATED, GIVEN, NEAREST, WITH_CAUSE, CommandCell, PageSection, Report
 
 OUTLIER, SURPRISE = "outlier_trial", "outlier_surprise"
 MISFIT_LABELS = {

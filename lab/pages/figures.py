@@ -21,7 +21,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
+
+from model.arrays import Array
 
 if TYPE_CHECKING:
     from model.prediction import Prediction
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     from ..comparison import Comparison
 
-Array = NDArray[np.float64]
 
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
@@ -37,14 +37,7 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "softlab",
 }  # fmt: skip
 
-
 BLUE, GREY = "#20639b", "#b9c3cb"
-
-
-GIVEN, CALIBRATED, WITH_CAUSE = "uncalibrated", "calibrated", "with cause"
-"""Names of the models in every figure and table."""
-NEAREST = "with the closest hypothesis"
-"""Name of the last where nothing is named."""
 
 
 def colours(n: int) -> list[tuple[float, float, float, float]]:

@@ -20,6 +20,11 @@ from recordings.own_files import replaced
 
 from ..plain import plain
 
+GIVEN, CALIBRATED, WITH_CAUSE = "uncalibrated", "calibrated", "with cause"
+"""Names of the models in every figure and table."""
+NEAREST = "with the closest hypothesis"
+"""Name of the last where nothing is named."""
+
 
 @dataclass(frozen=True)
 class Term:

@@ -11,11 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.frames import quaternion_from_matrix
-
-Array = NDArray[np.float64]
+from model.arrays import Array
 
 FLATTEST = 0.2
 """Least ratio of the displacements' extents in the plane: with less, no plane is determined."""

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 import timing
 from drivers.errors import InstrumentError
 from drivers.frames import matrix_from_quaternion
 from drivers.interfaces import BodySample, Identity
+from model.arrays import Array
 from model.robot import Robot
 from protocols.actions import grow, home, ramp, release, vent
 from protocols.bench import Bench, Setup
@@ -44,8 +44,6 @@ from ..rig.assembly import Rig, newly_lost
 from ..rig.by_hand import by_hand, demand_limit
 from ..rig.limits import bodies
 from .calibrate import NotDetermined, base_seen, lines
-
-Array = NDArray[np.float64]
 
 STEP = 5e3
 """Pa to which each channel is inflated, and never above."""

@@ -10,15 +10,16 @@ import numpy as np
 import pandas as pd
 from rich.table import Table as Sheet
 
-from diagnosis.any_model import Cause, diagnose_model
+from diagnosis.any_model import diagnose_model
 from diagnosis.any_model.answer import Answer
-from model.arm import Arm, ArmForward, ArmModel, placed, poses_within, weighed
+from model.arm import Arm, ArmModel, placed, poses_within, weighed
 from model.errors import BadCondition
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, Source, check, demand_writable
 from ..files.poses import POSITION, read_poses
 from ..options import Result
+from ..pages.answer_page import proposals, shares, steps, write, write_json
 
 RANDOM_POSES = 500
 """Within the joints' limits, among which the next are proposed."""
@@ -50,8 +51,6 @@ def diagnose_arm(
     if named is not None:  # by their lines in the file
         answer = replace(answer, next_experiment=tuple(replace(p, at=named(int(p.at))) for p in answer.next_experiment))
     unseen = "" if holdout is None else _held_out(answer, forward, arm, holdout)
-    from ..pages.answer_page import write, write_json  # what draws takes a third of the start, and only a page needs it
-
     if json is not None:
         write_json(answer, json)
     show(answer)
@@ -65,7 +64,7 @@ def diagnose_arm(
 
 def diagnose_poses(
     arm: Arm, poses: pd.DataFrame, candidates: pd.DataFrame | None = None, place: Callable[[int], str] = "row {}".format
-) -> tuple[Answer, ArmForward]:
+) -> tuple[Answer, ArmModel]:
     """The causes that move an arm's point, and its model with base and tool where the poses show them.
 
     `poses`: joint angles q1 .. (rad), measured x, y, z (m), perhaps repeat; `candidates`: angles that could be measured next;
@@ -78,16 +77,14 @@ def diagnose_poses(
         # what was read with the poses, an approach say, is as if each stood where it is
         joints = {f"{joint}_before": joint for joint in arm.joints if f"{joint}_before" in poses}
         candidates = candidates.assign(**{b: candidates[joint] for b, joint in joints.items() if b not in candidates})
-    forward = ArmForward(model)
     answer = diagnose_model(
-        forward, poses[kept], dict.fromkeys(POSITION, "m"),
-        [Cause(c.id, c.parameters, c.stage, c.says, c.exact) for c in causes], calibration,
+        model, poses[kept], dict.fromkeys(POSITION, "m"), causes, calibration,
         repeat="repeat" if "repeat" in poses else None, candidates=candidates,
     )  # fmt: skip
-    return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), forward
+    return replace(answer, notes=(*misplaced, *left_out, *answer.notes)), model
 
 
-def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
+def _held_out(answer: Answer, forward: ArmModel, arm: Arm, path: Path) -> str:
     """Error of the description and of the answer on poses that no fit saw."""
     poses, notes, _ = read_poses(path, arm)
     note(notes)
@@ -104,8 +101,6 @@ def _held_out(answer: Answer, forward: ArmForward, arm: Arm, path: Path) -> str:
 
 def show(answer: Answer) -> None:
     """Print an answer."""
-    from ..pages.answer_page import proposals, shares, steps
-
     out.print(answer.statement)
     note(answer.notes)
     titles = ("How far the gap shrinks", "What the data support", "What to measure next, most informative first")

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from rich.table import Table
 
+from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
 from model.effects.scales import scales
 from model.effects.spec import STAGES
@@ -31,7 +32,6 @@ from ..files.robot_file import paper_robot
 from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, option
 from ..pages.figures import STYLE, colours, plt, save
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[np.generic]]
 
 OWN = ("signatures.png",)
@@ -42,7 +42,6 @@ RATE, HOLD = 25e3, 2.0
 """Pa/s and s of the ramps in between."""
 DEFLECTIONS = np.linspace(0.0, 0.02, 9)
 """Of the specimen's length."""
-
 
 LEAST_CHANGE = 1e-5
 """m or N; smaller changes are no signature."""

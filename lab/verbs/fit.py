@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from diagnosis.answer.headline import sized
 from diagnosis.answer.result import Diagnosis, FittedRobot
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
+from model.arrays import Array
 from model.calibration import AreaFit
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.scales import scales
@@ -231,9 +231,6 @@ VERBS = (
         page="docs/howto/use-the-answer.md",
     ),
 )
-
-
-Array = NDArray[np.float64]
 
 LEAST_AREA, MOST_AREA = 1e-6, 20.0
 

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table as Sheet
 
 from model.actuators import Words
+from model.arrays import Array
 from model.effects import EffectSpec
 from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
@@ -32,8 +32,6 @@ from ..files.config import ConfigError, demand_writable, load
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import Columns, planned_columns, protocol_plan, robot_facts
-
-Array = NDArray[np.float64]
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """Columns of states that are each reached from rest by one ramp."""

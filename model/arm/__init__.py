@@ -1,17 +1,17 @@
 """A serial arm of revolute joints: its description, where its tool is, and what may be wrong with it.
 
 description   Arm: Denavit-Hartenberg numbers, base, tool, masses; load_arm reads arm.yaml
-kinematics    where the point on the tool is, for many variants of the parameters at once; torques of gravity
-causes        ArmCause, and ArmModel: predict and derivatives over named parameters
+kinematics    motions from the tool to the base, and their derivatives; torques of gravity
+causes        what may be wrong, and ArmModel: positions and their derivatives by named parameters
 poses         whether measured poses can be the arm's own, and where its base stands among them
 """
 
-from model.arm.causes import ArmCause, ArmModel, arm_causes
+from model.arm.causes import ArmModel, arm_causes
 from model.arm.description import Arm, Link, arm_from_dict, load_arm
-from model.arm.kinematics import gravity_torques, link_frames
-from model.arm.poses import ArmForward, placed, poses_within, weighed
+from model.arm.kinematics import gravity_torques
+from model.arm.poses import placed, poses_within, weighed
 
 __all__ = [
-    "Arm", "ArmCause", "ArmForward", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques",
-    "link_frames", "load_arm", "placed", "poses_within", "weighed",
+    "Arm", "ArmModel", "Link", "arm_causes", "arm_from_dict", "gravity_torques",
+    "load_arm", "placed", "poses_within", "weighed",
 ]  # fmt: skip

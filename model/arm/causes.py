@@ -1,7 +1,7 @@
 """What may be wrong with an arm, as named parameters that are 0 for the nominal one, and the arm with all of it.
 
     model = ArmModel(arm)
-    model.predict({"zero_2": 0.001}, inputs)         # inputs: columns q1, q2 .. in rad -> (n, 3) x, y, z in m
+    model({"zero_2": 0.001}, inputs)         # inputs: columns q1, q2 .. in rad -> (n, 3) x, y, z in m
 
 Joint angle k with its errors, q the commanded one, q' the one before the move, tau_k gravity's torque and T_k its bound:
 
@@ -18,22 +18,22 @@ Geometry after Hayati and Mirmirani (1985); sag, lost motion and gear errors as 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from model.arm.description import Arm
-from model.arm.kinematics import Point, Values, base_rotation, gravity_torques, greatest_torques, to_frame_0, turn
+from model.arm.kinematics import Motion, base_rotation, carried, gravity_torques, greatest_torques, links, nominal, slopes
+from model.cause import Cause
 from model.errors import BadCondition, BadEffect, nearest
 from model.robot import Array
 
-STEP = 1e-20
-"""Of a derivative by a complex step, in the parameter's unit: so small that its square vanishes."""
+STAND = tuple(Motion(f"base_{kind}{axis}", i, bool(kind)) for kind in ("r", "") for i, axis in enumerate("xyz"))
+"""From the frame at the nominal base, turned as the world, to the world."""
 MAIN_SAG = 0.1
 """Joints with at least this share of the greatest torque of gravity (rms over poses) carry the arm."""
 LARGEST_ANGLE = 4 * np.pi
@@ -49,19 +49,7 @@ POSES = 256
 """Poses over which gravity's torques are compared."""
 
 
-@dataclass(frozen=True)
-class ArmCause:
-    """Something that may be wrong: parameter -> (nominal value, plausible size as a standard deviation, unit)."""
-
-    id: str
-    parameters: Mapping[str, tuple[float, float, str]]
-    stage: str
-    says: str
-    exact: bool = False
-    """Whether its law is geometry."""
-
-
-def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
+def arm_causes(arm: Arm) -> tuple[Cause, ...]:
     """The causes of an arm; parameters of joint k end in _k, counted from 1.
 
     Plausible sizes: 10 mm and 10 mrad of the base's place, 2 mm of the tool; 1 mm and 1 mrad of machined and assembled parts;
@@ -91,25 +79,23 @@ def arm_causes(arm: Arm) -> tuple[ArmCause, ...]:
     twists = each(("alpha", inner, 0.001, "rad"), ("beta", parallel, 0.001, "rad"))
     mount = each(("mount", ("compliance_x", "compliance_y"), 0.001, "rad"), ("mount", ("play",), 5e-4, "rad"))
     causes = (
-        ArmCause("base_frame", frame, "boundary", "the base stands elsewhere than stated", exact=True),
-        ArmCause(
+        Cause("base_frame", frame, "boundary", "the base stands elsewhere than stated", exact=True),
+        Cause(
             "tool", each(("tool", axes, 0.002, "m")), "measurement", "the measured point sits elsewhere on the flange", exact=True
         ),
-        ArmCause(
-            "joint_zeros", each(("zero", joints, 0.001, "rad")), "structure", "joints read zero at another angle", exact=True
-        ),
-        ArmCause("link_lengths", lengths, "structure", "links have other lengths", exact=True),
-        ArmCause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn", exact=True),
-        ArmCause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
-        ArmCause("minor_sag", each(("sag", minor, 1e-4, "rad")), "load", "joints that carry little yield under their weight"),
-        ArmCause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
-        ArmCause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
-        ArmCause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
-        ArmCause("lost_motion", each(("lost", joints, 1e-4, "rad")), "actuation", "joints stop on either side by their approach"),
-        ArmCause(
+        Cause("joint_zeros", each(("zero", joints, 0.001, "rad")), "structure", "joints read zero at another angle", exact=True),
+        Cause("link_lengths", lengths, "structure", "links have other lengths", exact=True),
+        Cause("axis_twists", twists, "structure", "axes of joints are not parallel or perpendicular as drawn", exact=True),
+        Cause("gravity_sag", each(("sag", main, 0.001, "rad")), "load", "joints that carry the arm yield under its weight"),
+        Cause("minor_sag", each(("sag", minor, 1e-4, "rad")), "load", "joints that carry little yield under their weight"),
+        Cause("gear_once", gears(1, 1), "actuation", "gears or encoders err once a turn"),
+        Cause("gear_twice", gears(2, 2), "actuation", "gears or encoders err twice a turn"),
+        Cause("gear_ripple", gears(3, HARMONICS), "actuation", f"gears or encoders err 3 to {HARMONICS} times a turn"),
+        Cause("lost_motion", each(("lost", joints, 1e-4, "rad")), "actuation", "joints stop on either side by their approach"),
+        Cause(
             "tracker_scale", each(("tracker", ("scale",), 2e-4, "1")), "measurement", "lengths of the tracker are off", exact=True
         ),
-        ArmCause("loose_mount", mount, "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
+        Cause("loose_mount", mount, "boundary", "the base tilts under the arm's weight or towards the outstretched arm"),
     )
     return tuple(cause for cause in causes if cause.parameters)
 
@@ -123,79 +109,61 @@ class ArmModel:
     """Poses that were asked for last, by their angles."""
 
     @cached_property
-    def causes(self) -> tuple[ArmCause, ...]:
+    def causes(self) -> tuple[Cause, ...]:
         """See `arm_causes`."""
         return arm_causes(self.arm)
 
     @cached_property
-    def parameters(self) -> dict[str, tuple[float, float, str]]:
+    def parameters(self) -> dict[str, Sequence[Any]]:
         """Nominal value, plausible size and unit of every parameter of every cause."""
         return {name: values for cause in self.causes for name, values in cause.parameters.items()}
 
-    def predict(self, theta: Mapping[str, ArrayLike], inputs: pd.DataFrame) -> Array:
-        """Return the tool point in the world, m: (n, 3), or (variants, n, 3) if a value of theta is an array (variants,).
+    @cached_property
+    def _links(self) -> list[Motion]:
+        """From the tool to frame 0."""
+        return [*(Motion(f"tool_{axis}", i, False) for i, axis in enumerate("xyz")), *links(self.arm)]
+
+    def __call__(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> Array:
+        """Return the tool point in the world, m: (n, 3).
 
         theta: parameter -> value in its unit, 0 where it is missing. inputs: n rows, columns q1, q2 .. in rad. Optional columns
         q1_before, q2_before .. are the angles before the move to the pose: without them lost motion does nothing.
         Raises `BadEffect` for an unknown parameter, `BadCondition` for missing or non-finite angles.
         """
-        values = self._values(theta, np.float64)
-        out: Array = self._positions(values, self._poses(inputs))
-        return out if any(np.ndim(value) for value in theta.values()) else out[0]
-
-    def derivatives(self, theta: Mapping[str, float], inputs: pd.DataFrame, names: Sequence[str]) -> Array:
-        """d position / d parameter at theta, (n, 3, names), m per unit; exact to rounding.
-
-        By a complex step (Squire and Trapp 1998); errors of a joint's angle by the chain rule from the joint's zero.
-        """
         poses = self._poses(inputs)
-        if not names:
-            return np.empty((len(inputs), 3, 0))
-        values = self._values(theta, np.complex128)
-        self._values(dict.fromkeys(names, 0.0), np.complex128)
-        sources = {name: f"zero_{poses.errors[name][0] + 1}" if name in poses.errors else name for name in names}
-        varied = sorted(set(sources.values()))
-        for i, name in enumerate(varied):
-            values[name] = values.get(name, np.zeros((1, 1))) + 1j * STEP * np.eye(len(varied))[i][:, None]
-        slopes = dict(zip(varied, np.imag(self._positions(values, poses)) / STEP, strict=True))
-        columns = [slopes[sources[n]] * (poses.errors[n][1][:, None] if n in poses.errors else 1.0) for n in names]
-        return np.stack(columns, axis=-1)
+        amounts = self._amounts(theta, poses)
+        return np.asarray(((1 + amounts["tracker_scale"]) * self._carried(amounts, poses)[1][-1]).T)
 
-    def _values(self, theta: Mapping[str, Any], kind: type) -> dict[str, Values]:
-        """Parameter -> value (variants, 1) or (1, 1)."""
+    def derivatives(
+        self, theta: Mapping[str, float], inputs: pd.DataFrame, names: Iterable[str] | None = None
+    ) -> dict[str, Array]:
+        """Parameter, one of theta unless `names` are given -> d position / d parameter at theta (n, 3), m per unit."""
+        poses, names = self._poses(inputs), [*(theta if names is None else names)]
+        amounts = self._amounts(dict.fromkeys(names, 0.0) | dict(theta), poses)
+        in_links, in_stand = self._carried(amounts, poses)
+        scaled = np.broadcast_to((1 + amounts["tracker_scale"]) * np.eye(3)[:, :, None], (3, 3, len(inputs)))
+        of_stand, axes = slopes(STAND, amounts, in_stand, scaled)
+        of_links, _ = slopes(self._links, amounts, in_links, np.tensordot(base_rotation(self.arm).T, axes, 1))
+        known = of_links | of_stand | {"tracker_scale": in_stand[-1]}
+        moves = {name: poses.moves.get(name, ((name, 1.0),)) for name in names}
+        return {name: np.sum([known[moved] * factor for moved, factor in own], axis=0).T for name, own in moves.items()}
+
+    def _carried(self, amounts: Mapping[str, Array], poses: _Poses) -> tuple[list[Array], list[Array]]:
+        """The point (3, n) between tool and frame 0, and between there and the world; see `carried`."""
+        in_links = carried(self._links, amounts, np.zeros((3, len(poses.q))))
+        return in_links, carried(STAND, amounts, base_rotation(self.arm) @ in_links[-1])
+
+    def _amounts(self, theta: Mapping[str, float], poses: _Poses) -> dict[str, Array]:
+        """Motion -> amount (n,) or (1,); and the tracker's scale."""
         if unknown := [name for name in theta if name not in self.parameters]:
             raise BadEffect(f"theta: {unknown[0]!r} is no parameter of {self.arm.name}: {nearest(unknown[0], self.parameters)}")
-        return {name: np.asarray(value, kind).reshape(-1, 1) for name, value in theta.items()}
-
-    def _positions(self, values: Mapping[str, Values], poses: _Poses) -> Values:
-        """(variants, n, 3) in the world, m."""
-        zero = np.zeros((1, 1))
-
-        def value(name: str) -> Values:
-            return values.get(name, zero)
-
-        numbers = list(enumerate(self.arm.links, 1))
-        angles: list[Values] = [poses.q[None, :, k - 1] + np.radians(link.offset_deg) for k, link in numbers]
-        for name, own in values.items():
-            if name in poses.errors:
-                joint, shape = poses.errors[name]
-                angles[joint] = angles[joint] + own * shape
-        point: Point = to_frame_0(
-            angles,
-            [link.a + value(f"a_{k}") for k, link in numbers],
-            [link.d + value(f"d_{k}") for k, link in numbers],
-            [np.radians(link.alpha_deg) + value(f"alpha_{k}") for k, link in numbers],
-            [value(f"beta_{k}") for k, _ in numbers],
-            (self.arm.tool[0] + value("tool_x"), self.arm.tool[1] + value("tool_y"), self.arm.tool[2] + value("tool_z")),
-        )
-        base, at, moment = base_rotation(self.arm), self.arm.base_to_world.position, poses.moment
-        x, y, z = (base[i, 0] * point[0] + base[i, 1] * point[1] + base[i, 2] * point[2] for i in range(3))
-        play = value("mount_play") / np.maximum(np.hypot(moment[:, 0], moment[:, 1]), 1e-12)
-        point = turn(0, value("base_rx") + (value("mount_compliance_x") + play) * moment[:, 0], (x, y, z))
-        point = turn(1, value("base_ry") + (value("mount_compliance_y") + play) * moment[:, 1], point)
-        point = turn(2, value("base_rz"), point)
-        shifted = [at[i] + value(f"base_{axis}") + point[i] for i, axis in enumerate("xyz")]
-        return np.stack(np.broadcast_arrays(*((1 + value("tracker_scale")) * part for part in shifted)), axis=-1)
+        out = nominal(self.arm, poses.q) | {"tracker_scale": 0.0}
+        for axis, base, tool in zip("xyz", self.arm.base_to_world.position, self.arm.tool, strict=True):
+            out |= {f"base_r{axis}": 0.0, f"base_{axis}": base, f"tool_{axis}": tool}
+        for name, value in theta.items():
+            for moved, factor in poses.moves.get(name, ((name, 1.0),)):
+                out[moved] = out[moved] + value * factor
+        return out
 
     def _poses(self, inputs: pd.DataFrame) -> _Poses:
         """What the causes need to know of the poses."""
@@ -222,14 +190,19 @@ class ArmModel:
         """Poses of angles q (n, joints) after those of some joints before the move, rad."""
         torques, moment = gravity_torques(self.arm, q)
         bounds = np.maximum(greatest_torques(self.arm), 1e-12)
-        errors: dict[str, tuple[int, Array]] = {}
-        for i, (name, angle) in enumerate(zip(self.arm.joints, q.T, strict=True)):
-            k = i + 1
-            errors |= {f"zero_{k}": (i, np.ones(len(q))), f"sag_{k}": (i, torques[:, i] / bounds[i])}
-            errors[f"lost_{k}"] = i, np.nan_to_num(np.sign(angle - before.get(name, angle)))
+        x, y = moment.T[:2] / bounds[0]
+        size = np.maximum(np.hypot(x, y), 1e-12)
+        moves: dict[str, tuple[tuple[str, Array], ...]] = {
+            "mount_compliance_x": (("base_rx", x),), "mount_compliance_y": (("base_ry", y),),
+            "mount_play": (("base_rx", x / size), ("base_ry", y / size)),
+        }  # fmt: skip
+        for i, (joint, angle) in enumerate(zip(self.arm.joints, q.T, strict=True)):
+            k, lost = i + 1, np.nan_to_num(np.sign(angle - before.get(joint, angle)))
+            errors = {f"sag_{k}": torques[:, i] / bounds[i], f"lost_{k}": lost}
             for h in range(1, HARMONICS + 1):
-                errors |= {f"gear{h}_sin_{k}": (i, np.sin(h * angle)), f"gear{h}_cos_{k}": (i, np.cos(h * angle))}
-        return _Poses(q, moment / bounds[0], errors)
+                errors |= {f"gear{h}_sin_{k}": np.sin(h * angle), f"gear{h}_cos_{k}": np.cos(h * angle)}
+            moves |= {name: ((f"zero_{k}", error),) for name, error in errors.items()}
+        return _Poses(q, moves)
 
 
 @dataclass(frozen=True)
@@ -238,7 +211,5 @@ class _Poses:
 
     q: Array
     """(n, joints), rad."""
-    moment: Array
-    """(n, 3), moment of the weight on the base over its bound."""
-    errors: Mapping[str, tuple[int, Array]]
-    """Parameter of a joint's angle -> index of the joint, and the error of the angle per unit of it, (n,)."""
+    moves: Mapping[str, tuple[tuple[str, Array], ...]]
+    """Parameter -> the motions that it adds to, and by how much per unit of it, (n,); one without adds to its own."""

@@ -1,16 +1,15 @@
 """Where the point on the tool of a serial arm is, and the torques of gravity on its joints.
 
 p_{k-1} = Rz(theta_k) [(a_k, 0, d_k) + Rx(alpha_k) Ry(beta_k) p_k] carries a point from frame k to frame k-1, from the tool to
-the base (Denavit and Hartenberg 1955; beta, for axes that are nearly parallel, Hayati and Mirmirani 1985). Only points are
-carried, so that variants of all parameters cost little, and every operation is analytic: complex numbers pass through.
+the base (Denavit and Hartenberg 1955; beta, for axes that are nearly parallel, Hayati and Mirmirani 1985).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arm.description import Arm
 from model.robot import Array
@@ -18,29 +17,44 @@ from model.rotation import to_base, unit
 
 GRAVITY = 9.81
 """m/s^2."""
-Values = NDArray[Any]
-"""Real, or complex in a derivative by a complex step; shape (variants, 1) or (variants, n)."""
-Point = tuple[Values, Values, Values]
 
 
-def turn(axis: int, angle: Values, point: Point) -> Point:
-    """A point turned by an angle (rad) about axis 0 (x), 1 (y) or 2 (z)."""
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out = list(point)
-    out[i], out[j] = c * point[i] - s * point[j], s * point[i] + c * point[j]
-    return out[0], out[1], out[2]
+class Motion(NamedTuple):
+    """A turn (rad) about axis 0 (x), 1 (y) or 2 (z), or a shift (m) along it, by the amount of its name."""
+
+    name: str
+    axis: int
+    turns: bool
 
 
-def to_frame_0(
-    theta: list[Values], a: list[Values], d: list[Values], alpha: list[Values], beta: list[Values], tool: Point
-) -> Point:
-    """The point on the tool in frame 0, m, of one value a joint (rad, m) and the point in the frame of the flange."""
-    point = tool
-    for k in reversed(range(len(theta))):
-        x, y, z = turn(0, alpha[k], turn(1, beta[k], point))
-        point = turn(2, theta[k], (x + a[k], y, z + d[k]))
-    return point
+def carried(motions: Sequence[Motion], amounts: Mapping[str, Array], point: Array) -> list[Array]:
+    """Points (3, n) before the first motion and after each; amounts (n,) or (1,)."""
+    out = [point]
+    for name, axis, turns in motions:
+        point, i, j = point.copy(), (axis + 1) % 3, (axis + 2) % 3
+        if turns:
+            c, s = np.cos(amounts[name]), np.sin(amounts[name])
+            point[i], point[j] = c * out[-1][i] - s * out[-1][j], s * out[-1][i] + c * out[-1][j]
+        else:
+            point[axis] += amounts[name]
+        out.append(point)
+    return out
+
+
+def slopes(
+    motions: Sequence[Motion], amounts: Mapping[str, Array], points: Sequence[Array], axes: Array
+) -> tuple[dict[str, Array], Array]:
+    """Motion -> derivative (3, n) by its amount; and the axes of the frame before all motions. `points`: of `carried`; `axes`
+    (axis, 3, n): of the frame after all."""
+    out = {}
+    for (name, axis, turns), point in reversed(list(zip(motions, points[1:], strict=True))):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        out[name] = axes[j] * point[i] - axes[i] * point[j] if turns else axes[axis]
+        if turns:
+            c, s, old = np.cos(amounts[name]), np.sin(amounts[name]), axes
+            axes = axes.copy()
+            axes[i], axes[j] = c * old[i] + s * old[j], c * old[j] - s * old[i]
+    return out, axes
 
 
 def base_rotation(arm: Arm) -> Array:
@@ -48,41 +62,39 @@ def base_rotation(arm: Arm) -> Array:
     return to_base(unit(np.array(arm.base_to_world.orientation)), np.eye(3)).T
 
 
-def link_frames(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return rotations (joints + 1, n, 3, 3) and origins (joints + 1, n, 3), m, of the nominal frames 0, 1 .. in the world.
+def links(arm: Arm) -> list[Motion]:
+    """Five motions for each joint, from the frame of the flange to frame 0."""
+    kinds = (("beta", 1, True), ("alpha", 0, True), ("a", 0, False), ("d", 2, False), ("zero", 2, True))
+    return [Motion(f"{name}_{k}", axis, turns) for k in range(len(arm.links), 0, -1) for name, axis, turns in kinds]
 
-    q (n, joints): angles, rad.
-    """
-    rotation = np.broadcast_to(base_rotation(arm), (len(q), 3, 3))
-    origin = np.broadcast_to(np.array(arm.base_to_world.position), (len(q), 3))
-    rotations, origins = [rotation], [origin]
-    for k, link in enumerate(arm.links):
-        theta, alpha = q[:, k] + np.radians(link.offset_deg), np.radians(link.alpha_deg)
-        c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-        step = np.moveaxis(np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0 * c, 0 * c + sa, 0 * c + ca]]), 2, 0)
-        origin = origin + np.einsum("nij,nj->ni", rotation, np.column_stack([link.a * c, link.a * s, link.d + 0 * c]))
-        rotation = rotation @ step
-        rotations.append(rotation)
-        origins.append(origin)
-    return np.array(rotations), np.array(origins)
+
+def nominal(arm: Arm, q: Array) -> dict[str, Any]:
+    """Motion of a joint or link -> its amount at angles q (n, joints), rad."""
+    out: dict[str, Any] = {}
+    for k, (link, angle) in enumerate(zip(arm.links, q.T, strict=True), 1):
+        out |= {f"a_{k}": link.a, f"d_{k}": link.d, f"alpha_{k}": np.radians(link.alpha_deg), f"beta_{k}": 0.0}
+        out[f"zero_{k}"] = angle + np.radians(link.offset_deg)
+    return out
 
 
 def gravity_torques(arm: Arm, q: Array) -> tuple[Array, Array]:
     """Return torques (n, joints) of gravity about the joints' axes, and its moment (n, 3) on the base in the world, N m.
 
-    Of the nominal arm at angles q (n, joints), rad: tau_j = z_j . sum_{k >= j} m_k (c_k - o_j) x g, with axis z_j and origin o_j
-    of joint j and the links' centres of mass c_k. Without stated masses for an arm of 1 kg, so that only their shape counts.
+    Of the nominal arm at angles q (n, joints), rad: what weights do along the motion of their centres with each joint. Without
+    stated masses for an arm of 1 kg, so that only their shape counts.
     """
-    rotations, origins = link_frames(arm, q)
-    masses, centres = arm.masses
-    at = origins[1:] + np.einsum("knij,kj->kni", rotations[1:], centres)
-    masses, at = np.append(masses, arm.tool_mass), np.concatenate([at, (origins[-1] + rotations[-1] @ np.array(arm.tool))[None]])
-    gravity = GRAVITY * np.array(arm.down) / np.linalg.norm(arm.down)
-    torques, moment = np.empty(q.shape), np.empty((len(q), 3))
-    for j in reversed(range(q.shape[1])):
-        moment = np.cross(np.einsum("k,kni->ni", masses[j:], at[j:] - origins[j]), gravity)
-        torques[:, j] = np.einsum("ni,ni->n", rotations[j][:, :, 2], moment)
-    return torques, moment
+    every, amounts, (masses, centres) = links(arm), nominal(arm, q), arm.masses
+    gravity = GRAVITY * np.array(arm.down) / np.linalg.norm(arm.down) @ base_rotation(arm)  # in frame 0
+    torques, moment = np.zeros(q.shape), np.zeros((len(q), 3))
+    weights = [*zip(range(1, len(masses) + 1), masses, centres, strict=True), (len(masses), arm.tool_mass, np.array(arm.tool))]
+    for k, mass, centre in weights:
+        motions = every[5 * (len(masses) - k) :]
+        points = carried(motions, amounts, np.tile(centre[:, None], len(q)))
+        of_motion, _ = slopes(motions, amounts, points, np.tile(np.eye(3)[:, :, None], len(q)))
+        for joint in range(1, k + 1):
+            torques[:, joint - 1] += mass * gravity @ of_motion[f"zero_{joint}"]
+        moment += mass * np.cross(points[-1].T, gravity)
+    return torques, moment @ base_rotation(arm).T
 
 
 def greatest_torques(arm: Arm) -> Array:

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from model.arm.causes import LARGEST_ANGLE, ArmCause, ArmModel
+from model.arm.causes import LARGEST_ANGLE, ArmModel
 from model.arm.description import Arm
 from model.arm.kinematics import base_rotation
+from model.arrays import Mask
+from model.cause import Cause
 from model.errors import BadCondition
 from model.robot import Array, Pose
 
@@ -48,9 +49,7 @@ STEPS = 30
 """Of the fit of base and tool: one that fits needs fewer."""
 
 
-def placed(
-    arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]
-) -> tuple[Arm, NDArray[np.bool_], tuple[str, ...]]:
+def placed(arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str]) -> tuple[Arm, Mask, tuple[str, ...]]:
     """The arm with base and tool where measured positions `at` (n, 3) m show them, if not where they are stated; (n,) the poses
     that can be its own; notes, in which `place` names a row. Raises `BadCondition` where the poses are not its own in rad and m.
     """
@@ -75,7 +74,7 @@ def placed(
 
 def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
     """The arm with base and tool where positions (n, 3) show them, and how far each is missed (n,), m."""
-    points = ArmModel(arm).predict({}, inputs)
+    points = ArmModel(arm)({}, inputs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # points on a line leave a turn about it open
         turn, _ = Rotation.align_vectors(at - at.mean(axis=0), points - points.mean(axis=0))
@@ -88,11 +87,11 @@ def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
         return dict(zip(FRAME, x * size, strict=True))
 
     x = least_squares(
-        lambda x: (model.predict(theta(x), inputs) - at).ravel(), np.zeros(len(FRAME)),
-        lambda x: model.derivatives(theta(x), inputs, FRAME).reshape(-1, len(FRAME)) * size, loss="soft_l1", f_scale=ROBUST,
-        max_nfev=STEPS,
+        lambda x: (model(theta(x), inputs) - at).ravel(), np.zeros(len(FRAME)),
+        lambda x: np.transpose([d.ravel() for d in model.derivatives(theta(x), inputs).values()]) * size,
+        loss="soft_l1", f_scale=ROBUST, max_nfev=STEPS,
     ).x  # fmt: skip
-    missed = np.linalg.norm(model.predict(theta(x), inputs) - at, axis=1)
+    missed = np.linalg.norm(model(theta(x), inputs) - at, axis=1)
     shift, tilt, tool = np.split(x * size, 3)
     return _at(arm, base + shift, Rotation.from_euler("xyz", tilt), tool), missed
 
@@ -160,16 +159,16 @@ def _misfit(arm: Arm, inputs: pd.DataFrame, at: Array) -> float:
     within = (np.abs(inputs[list(arm.joints)]) <= LARGEST_ANGLE).all(axis=1).to_numpy()
     if within.mean() < 1 - MOST_STRAYS:
         return math.inf
-    own = _extent(ArmModel(arm).predict({}, inputs[within]))
+    own = _extent(ArmModel(arm)({}, inputs[within]))
     if not 0 < own / EXTENT <= _extent(at[within]) <= own * EXTENT:
         return math.inf
     return float(np.median(_fitted(arm, inputs[within], at[within])[1])) / own
 
 
-def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[str, tuple[float, float, str]], tuple[str, ...]]:
+def weighed(model: ArmModel, poses: int) -> tuple[tuple[Cause, ...], Mapping[str, Sequence[Any]], tuple[str, ...]]:
     """Causes for which there are enough poses, what is always calibrated, and notes. Raises `BadCondition`."""
     calibration = {name: values for name, values in model.parameters.items() if name in FRAME}
-    chosen, notes, count = list[ArmCause](), list[str](), len(calibration)
+    chosen, notes, count = list[Cause](), list[str](), len(calibration)
     for cause in (c for c in model.causes if not c.parameters.keys() <= {*FRAME} and len(c.parameters) <= MOST_PARAMETERS):
         needed = math.ceil(VALUES * (count + len(cause.parameters)) / 3)
         if poses >= needed:
@@ -178,7 +177,7 @@ def weighed(model: ArmModel, poses: int) -> tuple[tuple[ArmCause, ...], Mapping[
         elif not chosen:
             raise BadCondition(f"{poses} poses, must be at least {needed} to weigh any cause of {model.arm.name}: measure more")
         else:
-            notes.append(f"{cause.id} is not weighed: with {needed} poses it would be")
+            notes.append(f"{cause.name} is not weighed: with {needed} poses it would be")
     return tuple(chosen), calibration, tuple(notes)
 
 
@@ -189,18 +188,3 @@ def poses_within(arm: Arm, count: int) -> pd.DataFrame | None:
         return None
     low, high = np.radians(np.array(limits, float)).T
     return pd.DataFrame(np.random.default_rng(0).uniform(low, high, (count, len(low))), columns=list(arm.joints))
-
-
-@dataclass(frozen=True)
-class ArmForward:
-    """The arm as the diagnosis of any model asks for it: a row of x, y, z for each pose."""
-
-    model: ArmModel
-
-    def __call__(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> Array:
-        """Position of the tool point (n, 3), m."""
-        return self.model.predict(theta, inputs)
-
-    def derivatives(self, theta: Mapping[str, float], inputs: pd.DataFrame) -> dict[str, Array]:
-        """Parameter -> its derivatives (n, 3), m per unit."""
-        return dict(zip(theta, np.moveaxis(self.model.derivatives(theta, inputs, list(theta)), -1, 0), strict=True))

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.body import annulus_second_moment
 from model.effects import layout as at
 from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
 from model.rods import columns as col
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 ZERO = np.zeros((1, 1))
 

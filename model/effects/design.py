@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Ints
 from model.condition import (
     HIGHEST_PRESSURE,
     HOLD,
@@ -23,7 +24,6 @@ from model.condition import (
 from model.errors import BadCondition
 from model.robot import Robot
 
-Array = NDArray[np.float64]
 Columns = Mapping[str, NDArray[np.generic]]
 
 TURN = ("rx", "ry", "rz")
@@ -89,7 +89,7 @@ def design_from_columns(robot: Robot, columns: Columns, channels: tuple[str, ...
     )
 
 
-def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
+def _sittings(t: Array, trial: Ints) -> Ints:
     """Number (n,) of each state's sitting (`States.sitting`); 0 where times are not known or start again with each trial."""
     one_sitting = np.zeros(len(t), np.int64)
     numbers = np.unique(trial)
@@ -104,7 +104,7 @@ def _sittings(t: Array, trial: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(of_trial[np.searchsorted(numbers, trial)], np.int64)
 
 
-def _progress(t: Array, trial: NDArray[np.int64], of_robot: Flags) -> Array:
+def _progress(t: Array, trial: Ints, of_robot: Flags) -> Array:
     """Part 0..1 (n,) of the campaign past at the states `of_robot`, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
     if of_robot.any():
@@ -115,7 +115,7 @@ def _progress(t: Array, trial: NDArray[np.int64], of_robot: Flags) -> Array:
     return out
 
 
-def with_rest(design: States) -> tuple[States, NDArray[np.int64]]:
+def with_rest(design: States) -> tuple[States, Ints]:
     """The design and, behind its rows, the rest state of each trial that does not begin with one.
 
     Returns also (trials,) the row at which each trial is at rest: its own first state when that is without pressure.
@@ -199,7 +199,7 @@ def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:
     return pressure
 
 
-def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[Ints, Ints]:
     """Trial numbers and the trial of each row; a spine that changes within a trial begins another, with its own rest."""
     ids: list[int] = []
     trial, number_of = np.empty(len(numbers), np.int64), dict[tuple[int, float], int]()

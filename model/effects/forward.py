@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array, Ints
 from model.body import body_of
 from model.condition import States, conditions
 from model.effects import layout as at
@@ -31,8 +31,6 @@ from model.effects.tolerance import VariationSource, single_sources, sources
 from model.errors import BadCondition, BadRobot
 from model.robot import Robot
 from model.rods import columns as col
-
-Array = NDArray[np.float64]
 
 NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
@@ -337,7 +335,7 @@ class ForwardModel:
         jacobian[np.arange(len(self)), column_of] = slopes
         return predicted, jacobian[:, :-1]
 
-    def slopes(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
+    def slopes(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array, Ints]:
         """What `linearise` gives, without its zeros: the prediction, the derivatives (slots, observations) by the copy of each
         parameter that an observation takes, and the columns (slots, observations) that these belong to, -1 for none."""
         theta = self._checked(theta)

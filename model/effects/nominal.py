@@ -8,8 +8,8 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
 from model.effects.scales import scales
@@ -18,8 +18,6 @@ from model.effects.tolerance import ALWAYS, JAMMING
 from model.errors import BadRobot, nearest
 from model.robot import Robot
 from model.stated import Stated, Table
-
-Array = NDArray[np.float64]
 
 TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source in (*ALWAYS, JAMMING)}
 """Tolerances of a whole set-up, by id."""

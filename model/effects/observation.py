@@ -7,22 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Ints
 from model.condition import TIP, States
 from model.effects.design import QUATERNION, TURN, Columns
 from model.effects.readings import Readings
 from model.errors import BadCondition
 from model.rotation import CONJUGATE, multiply, rotation_vector, unit
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Observations:
     """The order in which numbers are stacked: row by row, within a row by channel."""
 
-    row: NDArray[np.int64]
+    row: Ints
     channel: NDArray[np.str_]
-    picked: NDArray[np.int64]
+    picked: Ints
     """Where each sits in the flattened (n, all channels) array of `stacked`."""
     reference: Array
     """(n or more, 4) orientations that rx, ry, rz are counted from."""

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array, Ints, Mask
 from model.condition import States
 from model.effects.spec import Sign, Values
 from model.effects.tolerance import Group, Scope, VariationSource, mounts
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class ParameterTable:
 
     infos: tuple[ParameterInfo, ...]
     sources: tuple[VariationSource, ...]
-    of_row: NDArray[np.int64]
+    of_row: Ints
     """(slots, n) which parameter a row takes for a slot; -1 where none exists."""
 
     def at(self, theta: Array, asked: frozenset[int] = frozenset()) -> Spread:
@@ -109,7 +107,7 @@ class ParameterTable:
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
     @cached_property
-    def _sized(self) -> NDArray[np.int64]:
+    def _sized(self) -> Ints:
         """(p,) the source of each parameter that is a size, -1 for others."""
         return np.array([self.source_index(p.slot) if p.role == "size" else -1 for p in self.infos], np.int64)
 
@@ -140,7 +138,7 @@ class ParameterTable:
 def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> ParameterTable:
     """Lay out the parameters of all sources."""
     infos: list[ParameterInfo] = []
-    of_row: list[NDArray[np.int64]] = []
+    of_row: list[Ints] = []
     for source in sources:
         copies = _copies(design, source)
         for p in source.spec.parameters:
@@ -156,7 +154,7 @@ def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> Par
     return ParameterTable(tuple(infos), sources, np.array(of_row))
 
 
-def _copies(design: States, source: VariationSource) -> list[tuple[str, int | None, NDArray[np.bool_]]]:
+def _copies(design: States, source: VariationSource) -> list[tuple[str, int | None, Mask]]:
     """Copies of a source's parameters: what the copy adds to their names, its trial's number if it is one trial's, its rows."""
     if source.scope in ("all", "campaign"):
         return [("", None, np.ones(len(design), bool))]

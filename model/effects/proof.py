@@ -10,6 +10,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.arrays import Array
 from model.condition import States
 from model.effects.design import Columns, design_from_columns
 from model.effects.forward import ForwardModel
@@ -19,8 +20,6 @@ from model.effects.readings import Readings
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect
 from model.robot import Robot
-
-Array = NDArray[np.float64]
 
 PRESSURES = (0.0, 100e3, 200e3, 100e3, 0.0)
 """Pa, up and down."""

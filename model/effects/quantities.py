@@ -10,15 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.body import Body
 from model.condition import States
 from model.effects.layout import Layout
 from model.effects.scales import STANDARD, Scales
 from model.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 def constant(value: float) -> Any:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.body import annulus_second_moment
 from model.condition import States
 from model.effects import layout as at
@@ -15,8 +15,6 @@ from model.effects.quantities import Quantities
 from model.effects.spine import ShearSpine, moduli
 from model.rods.beam import bending_compliance, shear_compliance
 from model.rotation import from_vector, multiply, to_base
-
-Array = NDArray[np.float64]
 
 
 @dataclass(slots=True)

@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.body import body_of
 from model.errors import BadRobot
 from model.robot import Robot
@@ -61,7 +61,7 @@ STANDARD = Scales(0.4, 507147.0 * math.pi / 4 * (0.05**4 - 0.029**4), 250e3)
 """A cast body of 40 cm and 10 cm across."""
 
 
-def scales(robot: Robot, pressure: NDArray[np.float64] | None = None, pace: float | None = None) -> Scales:
+def scales(robot: Robot, pressure: Array | None = None, pace: float | None = None) -> Scales:
     """Scales of a robot whose states have these pressures (n, chambers), Pa, and this pace, s; None: of any states.
 
     Its pressure is that of robot.yaml where it states one (`quoted_pressure`), or `max_pressure` where it states a size that is

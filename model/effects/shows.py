@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.condition import USED, States
 from model.effects.spec import EffectSpec
 from model.robot import Robot
-
-Array = NDArray[np.float64]
 
 REPEATED = 0.5
 """Share of distinct values among pressures up to which they are set-points: of each value there are two or more."""

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from model import rods as rod
+from model.arrays import Array, Ints, Mask
 from model.effects import layout as at
 from model.rods.solution import AT_LARGEST
 from model.rotation import from_vector, multiply
 
-Array = NDArray[np.float64]
-Steps = NDArray[np.int64]
+Steps = Ints
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of `BEND`; in proportion beyond."""
@@ -55,7 +55,7 @@ class SolvedRods:
         return bool((self.solution.status != rod.Status.SOLVED).any())
 
     @property
-    def converged(self) -> NDArray[np.bool_]:
+    def converged(self) -> Mask:
         """(n,) see `Solution.converged`."""
         return self.solution.converged
 

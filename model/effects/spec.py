@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.actuators import Chambers, Words
+from model.arrays import Array
 from model.errors import BadEffect
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from model.effects.scales import Scales
     from model.robot import Robot
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Array]
 """Parameter name -> value, shape (variants, 1) or (variants, states); the effect's own names without its id."""
 

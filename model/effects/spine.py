@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from model.arrays import Array
 from model.effects.quantities import Quantities
 from model.robot import Spine
-
-Array = NDArray[np.float64]
 
 SHORTEST = 1e-3
 """m; keeps the laws finite where there is no spine."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Free = NDArray[np.bool_]
+from model.arrays import Array, Mask
+
+Free = Mask
 
 PATIENCE, PIVOTS = 3, 100
 """Exchanges of a whole active set without progress before single ones; most exchanges."""

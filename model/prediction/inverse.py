@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.arrays import Array, Mask
 from model.errors import BadCondition
 from model.prediction.box_minima import box_minima
 from model.prediction.predictor import Prediction, Predictor
 from model.robot import Robot
 from model.shown import Shown, by_axis
 
-Array = NDArray[np.float64]
 Order = NDArray[np.intp]
 
 TAU = 0.05e-3
@@ -68,7 +68,7 @@ class Reached(Shown):
     """With intervals."""
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def reached(self) -> Mask:
         """(m,) whether the target can be reached."""
         return np.asarray(self.miss <= REACHED)
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.arrays import Array, Mask
 from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
 from model.effects.forward import ForwardModel, InputChange
@@ -23,7 +24,6 @@ from model.robot import Robot
 from model.shown import Shown, by_axis
 from model.stated import AREA_FACTOR
 
-Array = NDArray[np.float64]
 Order = NDArray[np.intp]
 
 BATCH = 4096
@@ -57,7 +57,7 @@ class Prediction(Shown):
     """(n, 3, chambers) m/Pa."""
     tip_by_length: Array | None = None
     """(n, 3) m/m: by the spine's length."""
-    outside: NDArray[np.bool_] | None = None
+    outside: Mask | None = None
     """(n,) whether a pressure is below 0 or above the robot's `max_pressure`, by more than `PRESSURE_NOISE`: nothing was
     measured there. None from `campaign`."""
 
@@ -72,7 +72,7 @@ class Prediction(Shown):
         return self.tip[key]
 
     @property
-    def converged(self) -> NDArray[np.bool_]:
+    def converged(self) -> Mask:
         """(n,) whether the rod has a trusted equilibrium."""
         return np.asarray(np.isfinite(self.tip).all(axis=1))
 
@@ -155,10 +155,10 @@ class Predictor:
                 parts = list(pool.map(part, batches))
         return replace(_joined(parts, order), outside=self._outside(states.pressure))
 
-    def _outside(self, pressure: Array) -> NDArray[np.bool_]:
+    def _outside(self, pressure: Array) -> Mask:
         """(n,) of pressures (n, chambers) Pa; warns where there are any."""
         highest = np.inf if self.robot.max_pressure is None else self.robot.max_pressure
-        outside: NDArray[np.bool_] = np.any((pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1)
+        outside: Mask = np.any((pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1)
         if self.robot.chambers is None:
             return np.zeros(len(pressure), bool)
         if outside.any():

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from model.arrays import Array
 from model.robot import Robot
 from model.stated import Residual
 
-Array = NDArray[np.float64]
 Numbers = NDArray[Any]
 
 

@@ -13,14 +13,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.effects.readings import Readings
 from model.robot import Robot
 from model.rotation import CONJUGATE, multiply, rotation_vector
 from model.stated import Noise
-
-Array = NDArray[np.float64]
 
 PRESSURE = "pressure"
 """Of all chambers in use together, Pa."""

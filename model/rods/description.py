@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.arrays import Array, Mask
 from model.errors import BadCondition
 from model.rods import columns
-
-Array = NDArray[np.float64]
 
 _PER_ROD = {
     "tip_force": (columns.TIP_FORCE, 3),
@@ -116,7 +115,7 @@ class Rods:
     def __len__(self) -> int:
         return len(self.values)
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> Rods:
+    def __getitem__(self, rows: slice | Mask | NDArray[np.intp]) -> Rods:
         """The rods picked by a slice, mask or index array."""
         return Rods(self.form, np.ascontiguousarray(self.values[rows]))
 
@@ -188,7 +187,7 @@ class Rods:
             self._refuse("spring_direction", np.abs(norm - 1) > 1e-6, "must be unit vectors")
         return self
 
-    def _refuse(self, name: str, wrong: NDArray[np.bool_], reason: str) -> None:
+    def _refuse(self, name: str, wrong: Mask, reason: str) -> None:
         if wrong.any():
             where = tuple(int(i) for i in np.argwhere(wrong)[0])
             value = self.field(name)[where]

@@ -8,10 +8,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Mask
 from model.errors import SolveFailed
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 AT_TIP, AT_ORIENTATION, AT_FORCE, AT_MOMENT = 0, 3, 7, 10
 """Columns of `Solution.values`: m, quaternion, N, N m; all in the mount frame."""

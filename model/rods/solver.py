@@ -14,14 +14,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.rods.description import Rods
 from model.rods.fast.method import FAST
 from model.rods.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 class Method(Protocol):

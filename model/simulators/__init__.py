@@ -23,16 +23,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from model.arrays import Array
 from model.condition import States
 from model.robot import Robot
 
 if TYPE_CHECKING:
     from model.rods import Rods
 
-Array = NDArray[np.float64]
 
 GROUP = "softlab.simulators"
 OWN: Mapping[str, tuple[str, str]] = MappingProxyType(

@@ -16,14 +16,12 @@ from typing import Any
 
 import elastica as ea
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.robot import Robot
 from model.rods import Rods
 from model.section import body_mass
 from model.simulators import Readings, States, rods_at
-
-Array = NDArray[np.float64]
 
 ELEMENTS = 20
 TIME_STEP = 1e-4

@@ -22,14 +22,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from soromox.systems import PCS, LinkSpec
 
+from model.arrays import Array
 from model.robot import Robot
 from model.rods import Rods
 from model.simulators import Readings, States, rods_at
-
-Array = NDArray[np.float64]
 
 jax.config.update("jax_enable_x64", True)
 

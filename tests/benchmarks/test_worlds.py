@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from benchmarks.blind.worlds.campaign import STEPS, Jamming, WalkedSweep, WorldRobot, read, respond
 from benchmarks.blind.worlds.carried import carried, nearest
@@ -20,13 +19,12 @@ from benchmarks.blind.worlds.robot import NOMINAL_VACUUM, Places, lanes
 from benchmarks.blind.worlds.table import BENCH, World, world
 from benchmarks.blind.worlds.walk import Leg, walk
 from model import rods
+from model.arrays import Array
 from model.condition import conditions
 from model.effects.catalogue import CATALOGUE
 from model.robot import load_robot
 from model.section import rods_of
 from tests.model.rods.reference import REFERENCE
-
-Array = NDArray[np.float64]
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper" / "robot.yaml"
 SPINES = np.array([0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30])

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
 
 import lab
 from diagnosis.any_model.answer import Answer
 from diagnosis.errors import BadCase
+from model.arrays import Array
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 ROWS, STEP, SUB_STEPS = 30, 0.1, 10
@@ -199,6 +198,65 @@ def test_a_relative_that_does_as_well_is_doubt_and_one_that_does_better_takes_th
     assert answer.effects == ("gear",) and answer.certain and answer.relatives == ()
 
 
+def test_a_cause_that_begins_to_act_beyond_its_plausible_size_is_named() -> None:
+    def clipped(theta: Values, inputs: pd.DataFrame) -> Array:
+        return np.minimum(
+            theta["slope"] * inputs["u"].to_numpy() + theta["bend"] * inputs["u"].to_numpy() ** 2, 10 - theta["limit"]
+        )
+
+    rng = np.random.default_rng(0)
+    data = pd.DataFrame({"u": rng.uniform(0, 7, 120)})
+    data["y"] = clipped({"slope": 1.02, "bend": 0, "limit": 4.5}, data) + rng.normal(0, 0.02, 120)
+    causes = [lab.Cause("stop", {"limit": (0.0, 1.5, "V")}), lab.Cause("curve", {"bend": (0.0, 0.02, "1/V")})]
+    answer = lab.diagnose_model(clipped, data, {"y": "V"}, causes, {"slope": (1.0, 0.03, "1")})
+    assert answer.effects == ("stop",) and answer.sizes[0].value == pytest.approx(4.5, abs=0.1)
+
+
+def tanks(theta: Values, inputs: pd.DataFrame) -> Array:
+    """Level of the lower of two tanks, fed by the upper one, which overflows at its rim."""
+    upper, lower, rows = theta["upper"], theta["lower"], []
+    rim = 10 - theta["low"] if theta["low"] > 0 else np.inf
+    for u in inputs["u"].to_numpy():
+        rows.append(lower)
+        for _ in range(2):
+            out = theta["k1"] * np.sqrt(max(upper, 0.0))
+            upper += theta["k3"] * (1 - theta["bend"] * u) * u - out
+            lower += out - theta["k2"] * np.sqrt(max(lower, 0.0)) + 0.3 * max(upper - rim, 0.0) - theta["leak"] * lower
+            upper = min(upper, rim)
+    return np.array(rows)
+
+
+def test_a_cause_without_which_the_calibration_goes_astray_is_named() -> None:
+    angle, phase = np.outer(np.arange(200) * 2 * np.pi / 200, np.arange(1, 8)), np.random.default_rng(4).uniform(0, 6.28, 7)
+    inputs = pd.DataFrame({"u": 2.6 + 0.8 * np.sin(angle + phase).sum(axis=1) / np.sqrt(3.5)})
+    truth = {"k1": 0.07, "k2": 0.08, "k3": 0.076, "upper": 5.0, "lower": 4.0, "low": 2.0, "leak": 0.0, "bend": 0.0}
+    level = tanks(truth, inputs) + np.random.default_rng(4).normal(0, 0.02, 200)
+    causes = [lab.Cause("overflow", {"low": (0.0, 1.0, "V")}), lab.Cause("leak", {"leak": (0.0, 0.004, "1/s")}),
+              lab.Cause("pump", {"bend": (0.0, 0.005, "1/V")})]  # fmt: skip
+    calibration = dict.fromkeys(("k1", "k2", "k3"), (0.1, 0.06, "1/s")) | dict.fromkeys(("upper", "lower"), (4.0, 3.0, "V"))
+    answer = lab.diagnose_model(tanks, inputs.assign(level=level), {"level": "V"}, causes, calibration)
+    assert answer.effects == ("overflow",) and answer.certain and answer.sizes[0].value == pytest.approx(2.0, abs=0.3)
+
+
+def test_a_cause_that_acts_in_one_series_alone_is_named() -> None:
+    """With that series left out nothing shows how large it is."""
+    inputs = pd.DataFrame({"trial": np.repeat(np.arange(4), 60), "flow": np.repeat([0.4, 0.6, 1.0, 0.5], 60)})
+
+    def filled(theta: Values, inputs: pd.DataFrame) -> Array:
+        flow, level, rows = inputs["flow"].to_numpy().reshape(-1, 60), np.zeros(4), []
+        for i in range(60):
+            level = np.minimum(level + flow[:, i] * (1 + 0.5 * np.sin(i / 4)) - theta["drain"] * level, 9 - theta["rim"])
+            rows.append(level * (1 + theta["gain"]))
+        return np.transpose(rows).ravel()
+
+    level = filled({"drain": 0.102, "rim": 2.0, "gain": 0.0}, inputs) + np.random.default_rng(1).normal(0, 0.02, 240)
+    causes = [lab.Cause("overflow", {"rim": (0.0, 1.0, "m", 0.0, 8.0)}), lab.Cause("scale", {"gain": (0.0, 0.05, "1")})]
+    answer = lab.diagnose_model(
+        filled, inputs.assign(level=level), {"level": "m"}, causes, {"drain": (0.1, 0.01, "1/s")}, group="trial"
+    )
+    assert answer.effects == ("overflow",) and answer.certain and "pieces of each series" in answer.how
+
+
 def test_single_values_far_from_every_model_hide_no_cause() -> None:
     strayed = posed(2, zero=0.012)
     strayed.loc[[3, 11], "x"] += [0.4, -0.3]
@@ -273,11 +331,12 @@ def test_derivatives_that_a_model_offers_are_used() -> None:
 
 
 def test_rows_that_lack_values_are_left_out_with_a_note() -> None:
-    data = posed(8, zero=0.01)
-    data.loc[3, "q1"], data.loc[5, "y"] = np.nan, np.nan
-    answer = of_arm(data)
+    data = posed(8, zero=0.01).assign(remark=None, spare=np.nan)
+    data.loc[3, "q1"], data.loc[5, "y"], data.loc[7, "remark"] = np.nan, np.nan, "slow"
+    answer = of_arm(data, candidates=pd.DataFrame({"q1": [0.3, np.nan, 0.5], "q2": 1.0, "remark": None, "spare": np.nan}))
     assert answer.effects == ("elbow",) and answer.rows == len(data) - 1
-    assert "1 of 50 rows lack an input and are ignored: rows 3" in answer.notes
+    assert "1 of 50 rows lack q1 and are ignored: rows 3" in answer.notes
+    assert sorted(p.at for p in answer.next_experiment) == [0, 2]
     assert any("lack an output" in note and "rows 5" in note for note in answer.notes)
 
 
@@ -295,6 +354,21 @@ def test_rows_that_the_model_does_not_answer_are_left_out_with_a_note() -> None:
 def test_inputs_that_never_change_are_diagnosed() -> None:
     answer = of_arm(posed(8, zero=0.03).assign(q1=0.3, q2=0.4), calibration={}, predict=lambda t, x: arm({**AS_DRAWN, **t}, x))
     assert answer.rows == 50 and not answer.certain
+
+
+def test_columns_of_a_prediction_go_by_their_names_and_names_may_be_numbers() -> None:
+    data = posed(8, zero=0.01).rename(columns={"x": 0, "y": 1})
+    for kind in (dict, pd.DataFrame):
+        answer = of_arm(
+            data, outputs={0: "m", 1: "m"}, predict=lambda t, x, kind=kind: kind({"1": arm(t, x)[:, 1], "0": arm(t, x)[:, 0]})
+        )
+        assert answer.effects == ("elbow",) and answer.certain
+
+
+def test_copies_of_rows_are_no_repeats_that_show_the_noise() -> None:
+    data = posed(8, repeats=1, zero=0.012)
+    answer = of_arm(pd.concat([data, data]))
+    assert answer.effects == ("elbow",) and answer.steps[-1].seen.by_output["x"] == pytest.approx(2e-4, rel=0.5)
 
 
 def test_a_cause_that_changes_nothing_is_said_to_be_unseen() -> None:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.data.case import states
@@ -13,6 +12,7 @@ from diagnosis.inference.fit import Fit
 from diagnosis.inference.posterior import EffectPosterior
 from diagnosis.inference.prepare import parts, prepare
 from diagnosis.judgement import LEAST_NAMED_SIZE
+from model.arrays import Mask
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT
@@ -20,12 +20,11 @@ from tests.diagnosis.test_case import ROBOT
 EFFECTS = ("a", "b", "c")
 THRUST = {"chamber_thrust": CATALOGUE["chamber_thrust"]}
 
-
 NONE, TOLERANT = 0.0, 0.3
 """Sizes of the second effect, in plausible scales: of what carries nothing by a tolerance, and as large as tolerances are."""
 
 
-def names(of_draws: tuple[str, ...]) -> NDArray[np.bool_]:
+def names(of_draws: tuple[str, ...]) -> Mask:
     return np.array([[e in each for e in EFFECTS] for each in of_draws])
 
 

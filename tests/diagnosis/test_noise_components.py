@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from diagnosis.data.case import states
 from diagnosis.data.noise import Lasting, Noise, blocks
@@ -14,10 +13,9 @@ from diagnosis.data.noise_estimate import Loss, estimate_noise, lowest
 from diagnosis.inference.prepare import prepare
 from diagnosis.inference.reading_noise import regulators
 from diagnosis.judgement import COMPONENT_LOG_SD, DRIFT_SD, LASTING_LOGIT_SD, MEMORY_LOG_SD
+from model.arrays import Array
 from tests.diagnosis.small_campaigns import FEW, measured
 from tests.diagnosis.test_case import ROBOT, case, sweep
-
-Array = NDArray[np.float64]
 
 DEFAULT_NOISE = NoiseComponents({"tip": 0.3e-3}, 500.0, {"spine_length": 1e-3}, 1.0, 0)
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from diagnosis.diagnose import diagnose
 from diagnosis.inference.on_baseline import SHARE, Baseline
 from diagnosis.inference.prepare import Prepared, prepare
+from model.arrays import Array
 from model.effects import CATALOGUE
 from recordings.trials import ORIENTATION, Table, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
@@ -18,7 +18,7 @@ TURN = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
 SOME = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_offset", "body_modulus", "precurvature")}
 
 
-def rod_tips(case: Measured, **excess: float) -> NDArray[np.float64]:
+def rod_tips(case: Measured, **excess: float) -> Array:
     """(n, 3) m, by the rod of robot.yaml with what is added to parameters of its model."""
     p = prepare(ROBOT, states(case)[0], catalogue=TURN)
     theta = np.zeros(len(p.problem.parameters.names))
@@ -27,14 +27,14 @@ def rod_tips(case: Measured, **excess: float) -> NDArray[np.float64]:
     return p.tip(p.problem.forward.predict(theta))
 
 
-def baseline(case: Measured, tip: NDArray[np.float64], **varied: tuple[float, NDArray[np.float64]]) -> Baseline:
+def baseline(case: Measured, tip: Array, **varied: tuple[float, Array]) -> Baseline:
     setting = ("spine_length", *pressure_columns(len(ROBOT.actuators.azimuths_deg)))
     unseen = dict.fromkeys(ORIENTATION, np.full(len(tip), np.nan))
     made = Baseline("theirs", Table({name: case.table[name] for name in setting} | unseen | dict(zip("xyz", tip.T, strict=True))))
     return replace(made, varied={name.replace("__", "."): (step, baseline(case, at)) for name, (step, at) in varied.items()})
 
 
-def bent_otherwise(case: Measured, by: float) -> NDArray[np.float64]:
+def bent_otherwise(case: Measured, by: float) -> Array:
     """Tips of the rod, bent more the more pressure there is in a way that no area factor makes: `by` m at 200 kPa."""
     tips = rod_tips(case)
     highest = np.array([max(r.pressures) for r in case.table])

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from diagnosis import judgement
@@ -16,6 +15,7 @@ from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import MOST_UNKEPT, Search
+from model.arrays import Array
 from tests.diagnosis.toy import IDS, Grid, ToyForward, parameter, parameters, toy_problem
 
 
@@ -170,8 +170,6 @@ def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: 
         assert search._searched_on(start)[0].fit.theta[IDS.index("play")] == pytest.approx(0.8, abs=0.25)
         assert bool(anew) == far
 
-
-Array = NDArray[np.float64]
 
 N = 60
 SD = 0.01

@@ -5,15 +5,13 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.data.noise import Noise
 from diagnosis.inference.discrepancy import bases, settings
 from diagnosis.inference.problem import FitParameters, Problem
+from model.arrays import Array, Ints
 from model.effects.parameters import ParameterInfo
 from model.effects.tolerance import Group
-
-Array = NDArray[np.float64]
 
 IDS = ("stiffer", "ballooning", "play", "turned", "offset", "bent", "late")
 MM = 1e-3
@@ -28,7 +26,7 @@ class Grid:
     length: Array = field(init=False)
     pressure: Array = field(init=False)
     branch: Array = field(init=False)
-    trial: NDArray[np.int64] = field(init=False)
+    trial: Ints = field(init=False)
 
     def __post_init__(self) -> None:
         rows = [

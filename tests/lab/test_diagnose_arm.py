@@ -10,12 +10,11 @@ import pandas as pd
 import pytest
 import yaml
 from commands import Cli
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import lab
+from model.arrays import Array
 
-Array = NDArray[np.float64]
 ARM: dict[str, Any] = {
     "name": "four joints",
     "links": [

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.compare import error_table
 from model.condition import States, conditions
 from model.errors import BadCondition
@@ -62,9 +62,6 @@ def test_rows_are_picked_together(paper_robot: Robot) -> None:
     picked = made[np.array([False, True])]
     assert len(picked) == 1
     assert picked.spine_length[0] == 0.1 and picked.pressure[0, 0] == 9.0 and picked.tip_mass[0] == 0.2
-
-
-Array = NDArray[np.float64]
 
 
 def test_mixing_by_volume_weighs_annulus_and_spine(paper_robot: Robot) -> None:

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 
 from diagnosis.errors import BadCase
 from diagnosis.fit_residual import learn_residual
+from model.arrays import Array
 from model.effects import CATALOGUE, ForwardModel, Parameter, design_from_columns
 from model.errors import BadCondition, BadRobot
 from model.prediction import Predictor
@@ -47,7 +48,7 @@ def robot_with(paper_robot: Robot, effects: dict[str, Any], **more: Any) -> Robo
     return robot_from_dict({**paper_robot.model_dump(), "area_factor": 1.6, **stated})
 
 
-def asked(n: int, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def asked(n: int, seed: int = 0) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     pressures = np.zeros((n, 9))
     for row in pressures:
@@ -56,7 +57,7 @@ def asked(n: int, seed: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float6
     return pressures, rng.uniform(0.01, 0.29, n)
 
 
-def columns(pressures: NDArray[np.float64], lengths: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+def columns(pressures: Array, lengths: Array) -> dict[str, NDArray[Any]]:
     n = len(lengths)
     return {"trial": np.arange(n), "spine_length": lengths, **{f"p{c + 1}": pressures[:, c] for c in range(9)}}
 
@@ -179,9 +180,6 @@ def test_states_beyond_the_robot_s_limits_are_marked(paper_robot: Robot) -> None
     with pytest.warns(UserWarning, match="2 of 4 states have pressures outside 0 to"):
         found = at(rows)
     assert found.outside is not None and found.outside.tolist() == [False, True, True, False]
-
-
-Array = NDArray[np.float64]
 
 
 def minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:

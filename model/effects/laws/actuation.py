@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Ints
 from model.condition import USED
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers, chambers_apart, directions_apart, set_points
@@ -94,7 +94,7 @@ def _chamber_ballooning(q: Quantities, v: Values) -> None:
     q.area_factor = q.area_factor * (1 + v["growth"][..., None] * grown)
 
 
-def orders(azimuths_deg: Sequence[float]) -> NDArray[np.int64]:
+def orders(azimuths_deg: Sequence[float]) -> Ints:
     """(5, chambers) the chamber whose pressure each gets, of `ORDERS`; a step on the ring is a third of the chambers."""
     ring = np.argsort(np.mod(azimuths_deg, 360.0), kind="stable")
     n = len(ring)

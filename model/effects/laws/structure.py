@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.effects.history import DRIVES, History
 from model.effects.quantities import Quantities
 from model.effects.shows import returns, with_spine
 from model.effects.spec import EffectSpec, Law, Parameter, Values
-
-Array = NDArray[np.float64]
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""

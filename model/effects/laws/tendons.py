@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.actuators import PULL_AREA
+from model.arrays import Array
 from model.effects.history import OF_PART, History
 from model.effects.laws.actuation import slack
 from model.effects.layout import INNER, OUTER
 from model.effects.quantities import Quantities
 from model.effects.shows import by_tendons
 from model.effects.spec import EffectSpec, Law, Parameter, Values
-
-Array = NDArray[np.float64]
 
 PLACES = 6
 """Along each part, where tensions are followed: the middles of equal pieces."""

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.effects import ForwardModel, design_from_columns
 from model.robot import Robot
 
-Array = NDArray[np.float64]
 Columns = dict[str, NDArray[Any]]
 LEVELS = (50e3, 100e3, 150e3, 200e3, 250e3)
 

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from model import rods as rod
+from model.arrays import Array
 from model.condition import States
 from model.effects import CATALOGUE, design_from_columns
 from model.effects import layout as at
@@ -18,9 +18,7 @@ from model.rotation import to_base
 from tests.model.effects.campaigns import Moved, campaign, joined
 from tests.model.effects.test_history import unchanged
 
-Array = NDArray[np.float64]
 GROUPS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
-
 
 SHORT: dict[str, Any] = {"lengths": (0.0, 0.2), "levels": (80e3, 160e3)}
 ONE_SIDE, THREE_SIDES = campaign(**SHORT), joined(*(campaign(**SHORT, chambers=c) for c in GROUPS))

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Law, Parameter, design_from_columns, with_effects
 from model.effects.quantities import Quantities
 from model.effects.spec import Values
@@ -15,7 +15,6 @@ from model.robot import Robot, robot_from_dict
 from model.section import body_area, body_second_moment
 from tests.model.effects.campaigns import Moved, campaign, pushes
 
-Array = NDArray[np.float64]
 ON_FORCE = {"force_bias", "arm_compliance", "contact_offset"}
 ON_TENDONS = {"tendon_friction", "tendon_slack"}
 

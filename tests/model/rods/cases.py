@@ -1,15 +1,14 @@
 """The robot of the reference values, as arrays of rods: bends in the x-z plane, hangs along z."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from benchmarks.rod_cases import AREA, BODY, CHAMBER, GRAVITY, SPINE_AREA, rods_like_it
+from model.arrays import Array
 from model.condition import States
 from model.robot import Robot
 from model.rods import FINE, Form, Method, Rods, Solution, solve
 from model.section import rods_of
-
-Array = NDArray[np.float64]
 
 PRESSURES = np.array([50.0, 100.0, 150.0, 200.0, 250.0]) * 1e3
 REFERENCE = {

@@ -16,13 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from model.arrays import Array, Mask
 from model.errors import BadCondition, SolveFailed
 from model.rods.description import Rods
 from model.rods.solution import Solution, Status, assembled
 from model.rotation import cross, from_vector, multiply, to_base, unit
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 CHUNK = 64
 """Rods integrated together: enough to spread the integrator's overhead, few enough that none hides in the RMS error."""
