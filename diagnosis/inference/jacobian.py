@@ -182,10 +182,9 @@ class Jacobian:
         """(n, k) in the parameters' units."""
         return self._filled(None if self.base is None else self.base.own, self.own)
 
-    @property
-    def whole(self) -> Array:
-        """The same as one array."""
-        return self.every.whole
+    def forget(self) -> None:
+        """Drop what was made of it: as much again, made anew where it is asked for."""
+        self._made.clear()
 
     def along(self, step: Array) -> Array:
         """(n,) by how much the values change along a step (k,), in the parameters' units."""
