@@ -216,7 +216,7 @@ class Search:
         in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
         for base in (c.base for c in self._tried.values()):
             if base is not None and id(base) not in in_use:
-                base.forget()
+                base.made.clear()
 
     # ------------------------------------------------------------------ one point
 
