@@ -33,8 +33,9 @@ from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import Fit, fit
+from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
-from ..inference.prepare import Prepared, prepare
+from ..inference.prepare import TINY, Prepared, prepare
 from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
 from .result import Absorbed, LengthShrink, Shrink, Step, StepName, Waterfall
@@ -176,7 +177,9 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     """Errors (states,) m of the simulator in the rod's place, calibrated and not taken back to the rod."""
     if p.baseline is None:
         return None
-    own = p.simulator_as_it_is
+    made = p.problem.parameters
+    sd = np.where(np.array(made.names) == SHARE, TINY, made.sd)
+    own = replace(p, problem=replace(p.problem, parameters=replace(made, sd=sd)))
     held_out = HeldOut.of(own, SINGLE_THREAD)
     assert held_out is not None
     return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
@@ -191,12 +194,13 @@ def _steps(
     given, as_it_is = np.linalg.norm(p.gap(p.problem.observed - p.given), axis=1), _simulator_as_it_is(p)
     before = [given, *([] if as_it_is is None else [as_it_is])]
     seen: Mask = np.asarray(np.isfinite([*by_causes.values(), *before, *after]).all(axis=0))  # predicted by every model
-    again = resampled(p.states.trial[seen])
-    weights = np.vstack([np.ones(again.shape[1]), again])
+    names, trial = np.unique(p.states.trial[seen], return_inverse=True)
+    drawn = np.vstack([np.arange(len(names)), _drawn_anew(np.zeros(len(names), np.int64))])
 
     def rms_of(errors: Array) -> Array:
         """(draws,) m, the data as they are first."""
-        return np.asarray(np.sqrt(weights @ errors[seen] ** 2 / weights.sum(axis=1)))
+        squares, states = np.bincount(trial, errors[seen] ** 2)[drawn], np.bincount(trial)[drawn]
+        return np.asarray(np.sqrt(squares.sum(axis=1) / states.sum(axis=1)))
 
     of_causes = {causes: rms_of(errors) for causes, errors in by_causes.items()}
     order: Hypothesis = ()  # each cause the one that takes most of what the causes before it leave
@@ -213,7 +217,7 @@ def _steps(
     titles += [("cause", e) for e in order]
     titles += [("tolerances", None), ("regular", None), ("irregular", None), ("noise", None)]
     levels_m = [*map(rms_of, before), *(of_causes[frozenset(order[:k])] for k in range(len(order) + 1)), *map(rms_of, after)]
-    levels_m += [np.full(len(weights), p.noise_floor), np.zeros(len(weights))]
+    levels_m += [np.full(len(drawn), p.noise_floor), np.zeros(len(drawn))]
     steps = []
     for (name, effect), higher, lower in zip(titles, levels_m[:-1], levels_m[1:], strict=True):
         decrease = higher - lower
@@ -285,14 +289,6 @@ def closed_with_interval(
         return share, None
     low, high = np.quantile(shares, [0.025, 0.975])
     return share, (float(low), float(high))
-
-
-def resampled(trial: Ints) -> Array:
-    """(draws, n) how often each state counts when its trials (n,) are drawn anew."""
-    _, index = np.unique(trial, return_inverse=True)
-    drawn = _drawn_anew(np.zeros(int(index.max(initial=-1)) + 1, np.int64))
-    counts = np.array([np.bincount(row, minlength=drawn.shape[1]) for row in drawn], float)
-    return np.asarray(counts[:, index])
 
 
 def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:

@@ -88,20 +88,17 @@ def misfit_diagnostics(
 
     `trial` (n,) number of each measured value's trial; `excess_scatter` as in `NoiseComponents`; `answer` the hypothesis named.
     """
-
-    def distribution(size: float) -> Gaussian:
-        return Gaussian(best.linear(problem), best.prior(problem.parameters), size, best.grid_point.form_error)
-
+    linear, prior, law_error = best.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
     law_error_gain = 0.0
     if answer.linear(problem).form_error.shape[1]:
         by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
         law_error_gain = float(by_share[-1] - by_share[0])
-    predictive, trials = distribution(max(best.grid_point.size, PREDICTIVE_DISCREPANCY)), np.unique(trial)
+    predictive, trials = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), law_error), np.unique(trial)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)
     worst = int(np.argmin(probability))
     return MisfitDiagnostics(
-        lack_of_fit=distribution(0.0).misfit_per_dof(),
+        lack_of_fit=Gaussian(linear, prior, 0.0, law_error).misfit_per_dof(),
         excess_scatter=excess_scatter,
         outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
         outlier_surprise=float(surprise[worst] / value_count[worst]),

@@ -167,7 +167,8 @@ def by_what_is_carried(b: Budget, known: EffectPosterior) -> EffectPosterior:
     """Probabilities of the answers; `known` over the hypotheses, whose candidates also stand for the answers."""
     answer = _answer(b)
     probability: dict[Hypothesis, float] = {}
-    for in_draw, w in zip(*_distinct(b), strict=True):
+    sets, member = np.unique(b.names, axis=0, return_inverse=True)
+    for in_draw, w in zip(sets.tolist(), np.bincount(member.ravel(), b.weight).tolist(), strict=True):
         named = tuple(e for e, chosen in zip(b.effects, in_draw, strict=True) if chosen)
         counted = answer if answer and set(answer) <= set(named) else named
         probability[counted] = probability.get(counted, 0.0) + w
@@ -196,12 +197,6 @@ def _answer(b: Budget) -> Hypothesis:
             return tuple(b.effects[i] for i in sorted(chosen))
         chosen.append(next_effect)
         with_all = with_all & named[:, next_effect]
-
-
-def _distinct(b: Budget) -> tuple[list[list[bool]], list[float]]:
-    """Which effects draws name together, and the probability of each such set."""
-    sets, member = np.unique(b.names, axis=0, return_inverse=True)
-    return sets.tolist(), np.bincount(member.ravel(), b.weight).tolist()
 
 
 def _names(floors: Array, large: Mask, own: Mask, naming: Naming) -> Mask:

@@ -43,14 +43,10 @@ class Candidate:
         return None if self.fit.slope is None else self.fit.slope.base
 
     @property
-    def laplace_log_evidence(self) -> float:
-        """Log evidence of the linear problem (Laplace approximation)."""
-        return self.weighed.log_evidence
-
-    @property
     def log_evidence(self) -> float:
-        """Laplace log evidence less the decrease of the cost that the linear problem predicts and the model did not reach."""
-        return self.laplace_log_evidence - self.fit.predicted_decrease
+        """That of the linear problem (Laplace approximation) less the decrease of the cost that it predicts and the model did not
+        reach."""
+        return self.weighed.log_evidence - self.fit.predicted_decrease
 
 
 Bases = dict[str, Jacobian]

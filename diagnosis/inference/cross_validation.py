@@ -34,6 +34,11 @@ class Model:
     smooth: bool = False
     """Whether the discrepancy is part of the prediction."""
 
+    @property
+    def begins(self) -> tuple[bytes, bytes]:
+        """What the linear problem depends on at which its refits begin."""
+        return self.theta.tobytes(), (self.prior.variance > 0).tobytes()
+
 
 class CrossValidation:
     """One problem's values in parts, each of which is predicted by fits to the others."""
@@ -41,52 +46,52 @@ class CrossValidation:
     def __init__(self, problem: Problem, fold: Ints, executor: Executor = SINGLE_THREAD) -> None:
         """`fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN)."""
         self._problem, self._fold, self._executor = problem, fold, executor
-        self._known: tuple[Model, Array, Jacobian] | None = None
-        self._without: dict[int, Problem] = {}
-        """Number of a part -> the problem of all values but its own."""
+        self._known: dict[tuple[bytes, bytes], tuple[Array, Jacobian]] = {}
+        """Predictions and derivatives at which refits of the present models begin."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without cached values."""
-        return vars(self) | {"_known": None, "_without": {}}
+        return vars(self) | {"_known": {}}
 
     def residuals(self, models: Sequence[Model], step: DiagnosisStep | None = None) -> Callable[[], list[Array]]:
         """Start all refits; the returned function waits for them and returns measured minus predicted (n,) by model."""
-        parts = [int(part) for part in np.unique(self._fold[self._fold >= 0])]
-        left_out = self._executor.ahead(self._left_out, [(model, part) for model in models for part in parts], step)
+        parts = [int(part) for part in np.unique(self._fold[self._fold >= 0])] if models else []
+        left_out = self._executor.ahead(self._left_out, [(models, part) for part in parts], step)
 
         def residuals() -> list[Array]:
             missed = [np.full(len(self._problem.observed), np.nan) for _ in models]
-            for k, residual in enumerate(left_out()):
-                missed[k // len(parts)][self._fold == parts[k % len(parts)]] = residual
+            for part, of_models in zip(parts, left_out(), strict=True):
+                for own, residual in zip(missed, of_models, strict=True):
+                    own[self._fold == part] = residual
+            self._known = {}
             return missed
 
         return residuals
 
-    def _left_out(self, wanted: tuple[Model, int]) -> Array:
-        """Measured minus predicted (r,) of the r values of one part, by a fit to all others; `wanted`: a model, and the number of
-        the part."""
-        model, part = wanted
+    def _left_out(self, wanted: tuple[Sequence[Model], int]) -> list[Array]:
+        """Measured minus predicted (r,) of the r values of one part, by fits of each model to all others; `wanted`: models, and
+        the number of the part."""
+        models, part = wanted
         problem, seen = self._problem, self._fold != part
-        if part not in self._without:
-            self._without[part] = only(problem, seen)
-        missed = problem.observed - _predicted(problem, self._without[part], model, self._linearised(model), seen)
-        return np.asarray(missed[~seen])
+        rest, begun = only(problem, seen), {model.begins for model in models}
+        self._known = {begins: known for begins, known in self._known.items() if begins in begun}
+        predicted = (_predicted(problem, rest, model, self._linearised(model), seen) for model in models)
+        return [np.asarray((problem.observed - values)[~seen]) for values in predicted]
 
     def _linearised(self, model: Model) -> tuple[Array, Jacobian]:
         """Prediction (n,) and derivatives (n, k) at the parameters of a model, by those that it leaves free."""
-        known = self._known
-        if known is None or not np.array_equal(known[0].theta, model.theta) or known[0].prior is not model.prior:
+        if model.begins not in self._known:
             free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
             predicted, columns = derivatives(self._problem.forward, model.theta, free.tolist())
-            self._known = known = (model, predicted, Jacobian(len(model.theta), free, columns))
-        return known[1:]
+            self._known[model.begins] = predicted, Jacobian(len(model.theta), free, columns)
+        return self._known[model.begins]
 
 
 def only(problem: Problem, seen: Mask) -> Problem:
-    """The problem of the values marked `seen` (n,) alone."""
+    """The problem of the values marked `seen` (n,) alone, whose laws are taken to be right: no refit asks for their error."""
     return replace(
         problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
-        discrepancy=problem.discrepancy[seen], form_error_basis=problem.form_error_basis[seen],
+        discrepancy=problem.discrepancy[seen], form_error_basis=np.zeros((int(seen.sum()), 0)),
     )  # fmt: skip
 
 
@@ -97,13 +102,8 @@ def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Arra
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
     if found.predicted_decrease > UNCONVERGED:
         found = fit(rest, model.prior, model.size, found.theta, least_promise=UNCONVERGED)
-    everywhere = problem.forward.predict(found.theta)
-    return everywhere + _discrepancy(problem, rest, model.size, found.predicted) if model.smooth else everywhere
-
-
-def _discrepancy(problem: Problem, rest: Problem, size: float, predicted: Array) -> Array:
-    """Most probable discrepancy of all values (n,), from a fit's residuals of the values it has seen."""
-    columns = size * rest.whitened_discrepancy
-    missed = rest.noise.whiten(rest.observed - predicted)
-    weights = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ missed)
-    return np.asarray(size * problem.discrepancy @ weights)
+    everywhere, columns, size = problem.forward.predict(found.theta), rest.whitened_discrepancy, model.size
+    if model.smooth:  # with the most probable discrepancy of what the fit leaves of the values that it has seen
+        left = columns.T @ rest.noise.whiten(rest.observed - found.predicted)
+        everywhere = everywhere + size**2 * problem.discrepancy @ np.linalg.solve(np.eye(len(left)) + size**2 * rest.gram, left)
+    return everywhere

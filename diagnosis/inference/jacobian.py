@@ -155,11 +155,12 @@ class Jacobian:
     """Of a base: columns (n, f) of the model-form error of what is tolerated at its point, where they are known."""
     left: str | None = None
     """Name of the base that it has where it came from, see `candidate.light`."""
-    _made: dict[Any, Any] = field(default_factory=dict, repr=False)
+    made: dict[Any, Any] = field(default_factory=dict, repr=False)
+    """What was made of it: as large again."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without cached values."""
-        return vars(self) | {"_made": {}}
+        return vars(self) | {"made": {}}
 
     @classmethod
     def of(cls, slope: Columns) -> Jacobian:
@@ -180,11 +181,6 @@ class Jacobian:
     def every(self) -> Columns:
         """(n, k) in the parameters' units."""
         return self._filled(None if self.base is None else self.base.own, self.own)
-
-    @property
-    def whole(self) -> Array:
-        """The same as one array."""
-        return self.every.whole
 
     def along(self, step: Array) -> Array:
         """(n,) by how much the values change along a step (k,), in the parameters' units."""
@@ -212,17 +208,17 @@ class Jacobian:
         known, own = self.base._own_white(whiten), self._own_white(whiten)
         if own.rest.size or not np.isin(self.at, known.at).all():
             return self.white(whiten).normal(more)
-        if "normal" not in self.base._made:
-            self.base._made["normal"] = known.normal(more)
+        if "normal" not in self.base.made:
+            self.base.made["normal"] = known.normal(more)
         dense = own.dense[:, np.argsort(own.at)]
         with_shared = np.vstack([known.dense.T @ dense, more.T @ dense])
-        of_base: Arrow = self.base._made["normal"]
+        of_base: Arrow = self.base.made["normal"]
         return of_base.exchanged(self.at, np.asarray(known.sparse.T @ dense), with_shared, dense.T @ dense)
 
     def _own_white(self, whiten: Whiten) -> Columns:
-        if "white" not in self._made:
-            self._made["white"] = whiten(self.own, self.at)
-        made: Columns = self._made["white"]
+        if "white" not in self.made:
+            self.made["white"] = whiten(self.own, self.at)
+        made: Columns = self.made["white"]
         return made
 
     def _filled(self, known: Columns | None, own: Columns) -> Columns:

@@ -11,6 +11,7 @@ There any choice of the priors m, v (which effects are present, how narrow the o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -63,22 +64,11 @@ class Linear:
     def reductions(self, sizes: Array, form_errors: Array) -> list[list[Reduced]]:
         """The problem in theta alone, for each size g (s,) of the discrepancy and f (f,) of the model-form error.
 
-        Of X = [A y] and the error columns E = [D F], three products are enough: X^T X, E^T X and E^T E. From each, what the
-        nuisances N explain is taken off once, then for each f what f F explains, and for each g what g D does of the remainder.
+        From the products of X = [A y] and E = [D F], what f F explains is taken off once for each f, then for each g what g D
+        does of the remainder.
         """
-        x, errors = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
-        m, r = self.discrepancy.shape[1], self.form_error.shape[1]
-        error_gram = np.empty((m + r, m + r))  # E^T E
-        error_gram[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
-        error_gram[m:, :m] = self.form_error.T @ self.discrepancy
-        error_gram[:m, m:] = error_gram[m:, :m].T
-        error_gram[m:, m:] = self.form_error.T @ self.form_error
-        along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (x, *errors)])
-        nuisance = self.nuisance.normal(np.zeros((len(x), 0))).plus(np.ones(len(along_nuisance))).factorised()
-        taken, half_log_det, c = nuisance.quadratic(along_nuisance), nuisance.half_log_det, x.shape[1]
-        x_gram = x.T @ x - taken[:c, :c]
-        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - taken[c:, :c]
-        error_gram -= taken[c:, c:]
+        x_gram, errors_by_x, error_gram, half_log_det = self._products
+        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], len(x_gram)
 
         def at(form_error: float) -> list[Reduced]:
             """F is integrated out once for all sizes of D."""
@@ -101,6 +91,23 @@ class Linear:
             return Reduced(0.5 * (left[:p, :p] + left[:p, :p].T), left[:p, p].copy(), float(base))
 
         return [list(row) for row in zip(*(at(float(form_error)) for form_error in form_errors), strict=True)]
+
+    @cached_property
+    def _products(self) -> tuple[Array, Array, Array, float]:
+        """X^T X, E^T X and E^T E of X = [A y] and the error columns E = [D F], less what the nuisances N explain, and half the
+        log determinant of those: all that is needed of the n values."""
+        x, errors = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
+        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], x.shape[1]
+        error_gram = np.empty((m + r, m + r))  # E^T E
+        error_gram[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
+        error_gram[m:, :m] = self.form_error.T @ self.discrepancy
+        error_gram[:m, m:] = error_gram[m:, :m].T
+        error_gram[m:, m:] = self.form_error.T @ self.form_error
+        along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (x, *errors)])
+        nuisance = self.nuisance.normal(np.zeros((len(x), 0))).plus(np.ones(len(along_nuisance))).factorised()
+        taken = nuisance.quadratic(along_nuisance)
+        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - taken[c:, :c]
+        return x.T @ x - taken[:c, :c], errors_by_x, error_gram - taken[c:, c:], nuisance.half_log_det
 
     def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""

@@ -81,13 +81,6 @@ class Prepared:
         lasts = np.array([p.lasts for p in self.forward.parameters])
         return np.where(lasts, theta, self.problem.parameters.mean)
 
-    @property
-    def simulator_as_it_is(self) -> Prepared:
-        """The same with the unmeasured share of the simulator's difference from the rod held at zero."""
-        made = self.problem.parameters
-        sd = np.where(np.array(made.names) == SHARE, TINY, made.sd)
-        return replace(self, problem=replace(self.problem, parameters=replace(made, sd=sd)))
-
     @cached_property
     def given(self) -> Array:
         """(values,) by robot.yaml as it stands, with its area factor for each spine length, or by the simulator that takes its

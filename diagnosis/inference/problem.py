@@ -337,10 +337,6 @@ class Problem:
         """(m, m) of these columns."""
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
 
-    def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
-        return linearise(self.forward, theta, columns)
-
     def jacobian(self, theta: Array) -> tuple[Array, Jacobian]:
         """Predicted values (n,) at parameters (k,), and their derivatives."""
         predicted, slope = derivatives(self.forward, theta)

@@ -19,6 +19,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,7 @@ from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
 from .jacobian import Jacobian
+from .linear import Linear
 from .posterior import hypothesis_prior
 from .problem import FormError, Problem
 from .starts import Starts
@@ -57,8 +59,7 @@ class Standing(NamedTuple):
     """By number of effects: log evidence of the best hypothesis reached without tolerances."""
 
 
-def _evidence(c: Candidate) -> float:
-    return c.log_evidence
+_evidence = attrgetter("log_evidence")
 
 
 class Search:
@@ -125,7 +126,7 @@ class Search:
                 do, chosen = self._taken_apart, [best]
             for begun, found in zip(chosen, self._map(do, chosen), strict=True):
                 self._add(found)
-                unkept = unkept + 1 if begun.laplace_log_evidence - found[0].log_evidence > UNKEPT else 0
+                unkept = unkept + 1 if begun.weighed.log_evidence - found[0].log_evidence > UNKEPT else 0
             searched += len(chosen)
             share = max(share, searched / (searched + len(self._queue) + 1))
             self._executor.progress(str(DiagnosisStep.HYPOTHESES), share)
@@ -136,8 +137,7 @@ class Search:
         out, at_starts = [], []
         p = self.problem.parameters
         near = max(map(_evidence, self._none.values())) - judgement.SEARCH_MARGIN
-        singles = [(e,) for e in p.ids]
-        for c in (c for w in self._none for c in self.around(self._none[w].fit, singles, w)):
+        for c in (c for w, none in self._none.items() for c in self.around(none.fit, [(e,) for e in p.ids], w)):
             needs_own = self._starts.needs_own(c.named)
             # with tolerances, none may have moved to where the effect acts, and then promises more
             if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
@@ -177,8 +177,8 @@ class Search:
             known, promised = self._tried.get(key), self._promised.get(key, -np.inf)
             if known is None or (c.turns > 0, c.log_evidence) > (known.turns > 0, known.log_evidence):
                 self._tried[key] = c
-            self._promised[key] = max(promised, c.laplace_log_evidence)
-            if not c.ended and (c.turns or c.laplace_log_evidence > promised + judgement.TEMPERATURE):
+            self._promised[key] = max(promised, c.weighed.log_evidence)
+            if not c.ended and (c.turns or c.weighed.log_evidence > promised + judgement.TEMPERATURE):
                 self._queue.append(c)
 
     def _most_promising(self) -> list[Candidate]:
@@ -192,26 +192,31 @@ class Search:
         self._standing = Standing(best, frozenset(searched), alone)
 
         def promise(c: Candidate) -> float:
-            return c.laplace_log_evidence + self._log_prior(c.named)
+            return c.weighed.log_evidence + self._log_prior(c.named)
 
         def worth_it(c: Candidate) -> bool:
             known = searched.get((c.named, c.with_tolerances))
-            gains = known is None or known is c or c.laplace_log_evidence > known.log_evidence + judgement.UNCONVERGED
-            return gains and (promise(c) > best - self._margin(c) or self._first_alone(c, c.laplace_log_evidence))
+            gains = known is None or known is c or c.weighed.log_evidence > known.log_evidence + judgement.UNCONVERGED
+            return gains and (promise(c) > best - self._margin(c) or self._first_alone(c, c.weighed.log_evidence))
 
         self._queue = sorted(filter(worth_it, self._queue), key=promise, reverse=True)
         best_of_each = {(c.named, c.with_tolerances): c for c in reversed(self._queue)}
         chosen = sorted(best_of_each.values(), key=promise, reverse=True)[: judgement.SEARCHED_AT_ONCE]
-        self._queue = [c for c in self._queue if not any(c is x for x in chosen)]
         self._forget_derivatives()
+        self._queue = [c for c in self._queue if not any(c is x for x in chosen)]
         return chosen
 
     def _forget_derivatives(self) -> None:
-        """Drop the derivatives of hypotheses far behind: in a large campaign they take most memory."""
+        """Drop the derivatives of what has ended or is far behind: in a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
         for key, c in self._tried.items():
-            if c.log_evidence + self._log_prior(c.named) < self._standing.best - judgement.SEARCH_MARGIN and id(c) not in waiting:
+            behind = c.log_evidence + self._log_prior(c.named) < self._standing.best - judgement.SEARCH_MARGIN
+            if (behind or c.ended) and id(c) not in waiting:
                 self._tried[key] = without_derivatives(c)
+        in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
+        for base in (c.base for c in self._tried.values()):
+            if base is not None and id(base) not in in_use:
+                base.made.clear()
 
     # ------------------------------------------------------------------ one point
 
@@ -273,8 +278,9 @@ class Search:
     def _next_to(self, c: Candidate) -> list[Candidate]:
         """A candidate's neighbours by one effect more, less or exchanged, or by tolerances, weighed where it was fitted."""
         here = self._whole(c)
-        own, *more = self.around(here, [c.named, *self._with_one_more(c.named)], c.with_tolerances)
-        out = [replace(own, turns=c.turns, ended=True), *self.around(here, [c.named], not c.with_tolerances), *more]
+        linear = here.linear(self.problem)
+        own, *more = self.around(here, [c.named, *self._with_one_more(c.named)], c.with_tolerances, linear)
+        out = [replace(own, turns=c.turns, ended=True), *self.around(here, [c.named], not c.with_tolerances, linear), *more]
         for taken in c.named:
             kept = tuple(e for e in c.named if e != taken)
             exchanged = [h for h in self._with_one_more(kept) if h != c.named]
@@ -361,10 +367,10 @@ class Search:
         base = replace(f.derivatives(self.problem).flat, tolerated=of_others)
         return replace(f, slope=base.shared, form_error=replace(form_error, shared=True))
 
-    def around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool) -> list[Candidate]:
-        """Hypotheses in the linear problem of a fit that may have been made for another."""
+    def around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool, linear: Linear | None = None) -> list[Candidate]:
+        """Hypotheses in the linear problem of a fit that may have been made for another, `linear` where it is made already."""
         grid = KNOWN.part(with_tolerances)
-        found = weigh(f.linear(self.problem), grid, self.problem.parameters, named) if named else []
+        found = weigh(linear or f.linear(self.problem), grid, self.problem.parameters, named) if named else []
         return [Candidate(h, w, f, w.peak(grid), with_tolerances) for h, w in zip(named, found, strict=True)]
 
     def _weigh(self, named: Hypothesis, fitted: Fit, with_tolerances: bool, shared: bool = False) -> Candidate:

@@ -10,7 +10,7 @@ from ..arrays import Array
 from ..judgement import FAR_START, ONE_SIDED_START
 from .evidence import Hypothesis
 from .fit import Fit
-from .problem import Problem
+from .problem import Problem, linearise
 
 
 class Starts:
@@ -54,7 +54,7 @@ class Starts:
             return start
         theta, least_chi_square = start.copy(), np.inf
         for _ in range(8):
-            predicted, slope = self._problem.linearise(theta, free.tolist())
+            predicted, slope = linearise(self._problem.forward, theta, free.tolist())
             if not np.isfinite(predicted).all():
                 theta[free] = 0.5 * (theta[free] + p.mean[free])
                 continue

@@ -59,8 +59,8 @@ def test_a_search_that_ended_elsewhere_is_begun_again_where_a_hypothesis_next_to
     (around,) = search.around(known.fit, [pair], False)
     found = search._searched_on(around)[0]
     # A search that ended elsewhere.
-    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
-    search._tried[single], search._promised[single] = worse, worse.laplace_log_evidence
+    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.weighed.log_evidence - 50.0))
+    search._tried[single], search._promised[single] = worse, worse.weighed.log_evidence
     search._add(search._next_to(found))
     search._search()
     assert search._tried[single].log_evidence == pytest.approx(known.log_evidence, abs=1.0)
@@ -71,7 +71,7 @@ def test_what_explains_the_data_alone_is_found_from_a_pair_that_leads() -> None:
     search.run()
     known, pair = search._tried[("play",), False], ("play", "turned")
     (around,) = search.around(known.fit, [pair], False)
-    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.laplace_log_evidence - 50.0))
+    worse = replace(known, weighed=replace(known.weighed, log_evidence=known.weighed.log_evidence - 50.0))
     reached = (search._none[False], worse, search._turn(around))
     search._queue, search._tried = [], {(c.named, False): c for c in reached}
     search._search()
@@ -147,7 +147,7 @@ def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline_or_f
     problem = replace(toy_problem(4, {"bent": 0.4}), forward=_Snapping(Grid()))
     prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
     fitted = fit(problem, prior, 0.0, np.where(np.array(problem.parameters.names) == "bent", 3.0, 0.0), 6)
-    assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.derivatives(problem).whole).all()
+    assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.derivatives(problem).every.whole).all()
     assert fitted.theta[IDS.index("bent")] == pytest.approx(0.4, abs=0.1)
 
 
