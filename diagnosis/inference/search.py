@@ -255,8 +255,7 @@ class Search:
         return c.log_evidence + self._log_prior(c.named) > self._standing.best - self._margin(c)
 
     def _turn(self, c: Candidate) -> Candidate:
-        """Search a hypothesis on: first with the derivatives of what is not named as they are, later with all anew; whether it
-        has ended, because evidence rises by less than `UNCONVERGED` or the linear problem promises no more."""
+        """Search a hypothesis on, first with the derivatives of what is not named as they are, until evidence rises no more."""
         start: Array | Fit = c.fit
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
