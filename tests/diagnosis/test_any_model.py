@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ Values = Mapping[str, float]
 ROWS, STEP, SUB_STEPS = 30, 0.1, 10
 
 
-# ------------------------------------------------------------------ a pendulum
 def pendulum(theta: Values, inputs: pd.DataFrame) -> Array:
     """Angle of each trial over time, rad."""
     start = inputs.groupby("trial", sort=False)["start"].first().to_numpy(float)
@@ -137,6 +136,7 @@ JOINTS = [
     lab.Cause("gear", {"gear": (0.0, 0.01, "rad")}, stage="actuation", says="the gear errs once a turn"),
     lab.Cause("base", {"tilt": (0.0, 0.01, "rad")}, stage="boundary", says="the base is turned", exact=True),
 ]
+ELBOW = JOINTS[0]
 PLACE = {"x0": (0.0, 0.01, "m"), "y0": (0.0, 0.01, "m")}
 AS_DRAWN = {"zero": 0.0, "longer": 0.0, "gear": 0.0, "tilt": 0.0, "x0": 0.0, "y0": 0.0}
 
@@ -298,19 +298,24 @@ def test_of_causes_that_cannot_be_told_apart_the_best_is_named_in_doubt() -> Non
     assert answer.cannot_tell_apart == (("base", "shoulder"),)
 
 
+@dataclass
+class Offers:
+    """The arm with derivatives of its own."""
+
+    offered: dict[str, Array]
+    asked: int = 0
+
+    def __call__(self, theta: Values, inputs: pd.DataFrame) -> Array:
+        return arm({**AS_DRAWN, **theta}, inputs)
+
+    def derivatives(self, theta: Values, inputs: pd.DataFrame) -> dict[str, Array]:
+        self.asked += 1
+        return self.offered
+
+
 def test_derivatives_that_a_model_offers_are_used() -> None:
-    asked = []
-
-    class Offers:
-        def __call__(self, theta: Values, inputs: pd.DataFrame) -> Array:
-            return arm({**AS_DRAWN, **theta}, inputs)
-
-        def derivatives(self, theta: Values, inputs: pd.DataFrame) -> dict[str, Array]:
-            asked.append(theta)
-            one, none = np.ones(len(inputs)), np.zeros(len(inputs))
-            return {"x0": np.column_stack([one, none]), "y0": np.column_stack([none, one])}
-
-    assert of_arm(posed(6, gear=0.01), predict=Offers()).effects == ("gear",) and asked
+    offers = Offers({"x0": np.tile([1.0, 0.0], (50, 1)), "y0": np.tile([0.0, 1.0], (50, 1))})
+    assert of_arm(posed(6, gear=0.01), predict=offers).effects == ("gear",) and offers.asked
 
 
 def test_rows_that_lack_values_are_left_out_with_a_note() -> None:
@@ -352,35 +357,15 @@ def test_a_cause_that_changes_nothing_is_said_to_be_unseen() -> None:
     assert answer.effects == ("elbow",) and any(note.startswith("idle cannot be seen") for note in answer.notes)
 
 
-def raises(theta: Values, inputs: pd.DataFrame) -> Array:
-    raise KeyError("q3")
-
-
-class Wrong:
-    """A model whose derivatives have the wrong shape."""
-
-    def __call__(self, theta: Values, inputs: pd.DataFrame) -> Array:
-        return arm(theta, inputs)
-
-    def derivatives(self, theta: Values, inputs: pd.DataFrame) -> dict[str, Array]:
-        return {"zero": np.zeros(3)}
-
-
-ELBOW = JOINTS[0]
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
         ({"outputs": {"z": "m"}}, "outputs: no column 'z' in data; it has q1, q2, x, y"),
         ({"group": "trial"}, "group: no column 'trial'"),
         ({"predict": lambda theta, inputs: np.zeros(len(inputs))}, r"predict returned shape \(50,\), must be \(50, 2\)"),
-        (
-            {"predict": lambda theta, inputs: np.full((len(inputs), 2), np.nan)},
-            "predict returned NaN at nominal",
-        ),
+        ({"predict": lambda theta, inputs: np.full((len(inputs), 2), np.nan)}, "predict returned NaN at nominal"),
         ({"predict": lambda theta, inputs: np.zeros((len(inputs), 2))}, "none of them changes a measured output"),
-        ({"predict": raises}, "predict raised KeyError: 'q3' at zero=0, .*x0=0"),
+        ({"predict": lambda theta, inputs: inputs["q3"]}, "predict raised KeyError: 'q3' at zero=0, .*x0=0"),
         ({"causes": []}, "causes: none given"),
         ({"causes": [ELBOW, ELBOW]}, "cause 'elbow' is given 2 times"),
         ({"causes": [ELBOW, lab.Cause("other", ELBOW.parameters)]}, "parameter 'zero' is given 2 times"),
@@ -395,7 +380,7 @@ ELBOW = JOINTS[0]
         ({"data": posed(1)[["q1", "q1", "q2", "x", "y"]]}, "data: column 'q1' appears more than once"),
         ({"data": posed(1).iloc[:3]}, "data: 6 measured values are too few for 6 parameters; measure 9 or more"),
         ({"predict": lambda theta, inputs: {"x": 0.0}}, r"predict returned dict, must be an array of numbers \(50, 2\)"),
-        ({"predict": Wrong()}, "predict.derivatives failed with ValueError: .*it must return parameter"),
+        ({"predict": Offers({"zero": np.zeros(3)})}, "predict.derivatives failed with ValueError: .*it must return parameter"),
         ({"candidates": [1]}, "candidates: list, must be a pandas.DataFrame"),
         ({"candidates": pd.DataFrame({"q1": [0.0]})}, "candidates: no column 'q2'"),
     ],
