@@ -136,11 +136,7 @@ def _separations(f: Attribution) -> dict[str, Any]:
 
 
 def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
-    """Share of each effect's tip displacement that a calibration takes over: one area factor, or one for each spine length.
-
-    1 - |e - P e|^2 / |e|^2, e the displacement of the tips by the effect at its plausible scale, P the projection onto the
-    columns of the calibration; 1 for an effect that moves no tip.
-    """
+    """Share of each effect's squared tip displacement that one area factor, or one a spine length, takes over; 1 of nothing."""
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}

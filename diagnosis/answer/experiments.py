@@ -236,11 +236,7 @@ def planned(p: Prepared, x: Proposal) -> Columns:
 def _information(
     predictions: tuple[RivalForecast, ...], weight: Array, draws: int = 60, seed: int = 4711
 ) -> tuple[float, list[tuple[int, int]]]:
-    """Mutual information between candidate and outcome in bits, and the pairs (i, j) of candidates that would be told apart.
-
-    I = sum_i w_i E_i[log2 p_i(y) - log2 sum_j w_j p_j(y)], p_i the normal density that candidate i predicts of the outcome y,
-    w_i = `weight` its probability (sum 1), E_i the mean over `draws` outcomes drawn from p_i.
-    """
+    """Mutual information of candidates of probability `weight` and outcome, bits, and pairs (i, j) that would be told apart."""
     rng = np.random.default_rng(seed)
     n = len(predictions)
     bits = 0.0

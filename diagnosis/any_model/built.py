@@ -51,7 +51,7 @@ class Built:
     """Whether the model answers each row by itself; else it integrates over the rows of a group."""
     notes: tuple[str, ...]
     response: Array
-    """(k, n) what each parameter does at its plausible size."""
+    """(k, n) what each parameter does at its plausible size, per unit of it."""
     calibrated: Fit
     """The fit of the calibration alone."""
     richest: Fit
@@ -66,11 +66,6 @@ class Built:
     """Whether an output has too few repeats to show its noise."""
     lasting: tuple[str, ...] = ()
     """Outputs whose errors seem to last, by what the richest model leaves of them."""
-
-    @property
-    def stated(self) -> Array:
-        """(k,) plausible size of each parameter, as stated."""
-        return np.array([p.sd for p in self.parameters])
 
     @property
     def sd(self) -> Array:
@@ -215,7 +210,7 @@ def _plausible(every: Sequence[Parameter]) -> Array:
 
 
 def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> tuple[tuple[Parameter, ...], Array]:
-    """The parameters that change anything, with their roles and where fits begin; what each does at its plausible size (k, n)."""
+    """The parameters that change anything, their roles and where fits begin; what each does per unit at its plausible size."""
     size, offered = _plausible(every), model.offered(np.zeros(len(every)))
     made: dict[int, tuple[Parameter, Array]] = {}
 
@@ -230,7 +225,7 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
         one = np.arange(len(every)) == i
         slope = offered.get(p.key)
         if slope is not None and p.group == "calibration" and least(slope[model.kept] * p.sd):
-            made[i] = p, slope[model.kept] * p.sd
+            made[i] = p, slope[model.kept]
             continue
         sides = [s for s in (p.sd, -p.sd) if p.low <= s <= p.high] or [float(size[i])]
         change = {s: moved(np.where(one, s, 0.0), at_nominal) for s in (sides if p.group == "effect" else sides[:1])}
@@ -251,12 +246,12 @@ def _with_roles(model: Model, every: Sequence[Parameter], at_nominal: Array) -> 
                 line = -change[sides[1]] if len(sides) == 2 else 10 * moved(np.where(one, 0.1 * sides[0], 0.0), at_nominal)
                 bent = np.linalg.norm(change[sides[0]] - line) > NONLINEAR * np.linalg.norm(change[most])
                 p = replace(p, sides=tuple(acts), linear=not bent)
-            made[i] = p, change[most] * p.sd / abs(most)
+            made[i] = p, change[most] / abs(most)
     for i, p in ((i, p) for i, p in enumerate(every) if i not in made):
         together = np.where([q.source == p.source for q in every], size, 0.0)
         in_shape = moved(together, model.table(np.where(np.arange(len(every)) == i, 0.0, together)))
         if least(in_shape):
-            made[i] = replace(p, role="shape", sides=(float(size[i]),), linear=False), in_shape
+            made[i] = replace(p, role="shape", sides=(float(size[i]),), linear=False), in_shape / abs(size[i])
     kept, responses = [made[i][0] for i in sorted(made)], [made[i][1] for i in sorted(made)]
     for cause in dict.fromkeys(p.source for p in kept if p.group == "effect"):
         own = [i for i, p in enumerate(kept) if p.source == cause]
@@ -331,10 +326,9 @@ def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
 
 
 def _with_sizes(b: Built) -> Built:
-    """With causes larger than their plausible sizes, which are guesses, where that makes the data most probable: causes are added
-    one by one, each in the size by which it explains most."""
+    """With causes larger than their plausible sizes, which are guesses, added one by one in the size that explains most."""
     p, white = b.problem.parameters, b.problem.noise.whiten
-    sd, columns = p.sd.copy(), white(b.response.T / b.stated * p.sd)
+    sd, columns = p.sd.copy(), white(b.response.T * p.sd)
     gram, pulled = columns.T @ columns, columns.T @ white(b.problem.observed - b.calibrated.predicted)
     own = {e: np.array([x == e for x in p.effects]) for e in p.ids}
     left_out, active = [*p.ids], ~p.of_effect
@@ -369,7 +363,7 @@ def _with_discrepancy(b: Built) -> Built:
     draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
     value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
     basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
-    white = b.response.T / b.stated / b.sd[b.output][:, None]
+    white = b.response.T / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))
     least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))

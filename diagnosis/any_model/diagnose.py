@@ -32,13 +32,12 @@ from ..inference.discrepancy import by_channel
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
-from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, odds_of_relatives, with_unknown
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build, without_strays
 from .cause import parameters
 from .model import Predict
 from .relatives import alike, related
-from .relatives import odds as odds_of_relatives
 from .table import Table, read, repeats, series
 from .together import together
 
@@ -110,7 +109,8 @@ class _Diagnosis:
         b, w = self._b, self._w
         asking = min((self._asking(c) for c in {c.named: c for c in (w.leading, w.best)}.values()), key=total_gain)
         among = related(b, self._causes.values(), [*{c.named: c for c in (w.leading, w.best)}.values()])
-        odds = odds_unnamed(total_gain(asking), 1.0) + odds_of_relatives(among, [*w.search.found.values()], len(self._p.ids))
+        weights = [log_weight(r.named, r.log_evidence, max(len(self._p.ids), len(r.named))) for r in among]
+        odds = odds_of_relatives([*w.search.found.values()], weights, len(self._p.ids)) + odds_unnamed(total_gain(asking), 1.0)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
         decision = decide(ranked, True, w.budget.nothing_stands_out)
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
@@ -179,8 +179,7 @@ class _Diagnosis:
         return {effect: moves[effect].by_output for effect in sorted(moves, key=lambda e: -moves[e].floors)}
 
     def _doubts(self, d: Decision, before: float, after: float, as_well: Sequence[str]) -> list[str]:
-        """Why the decision is not certain; `before` and `after` all corrections: noise floors left on unseen
-        rows; `as_well`: relatives that do the same."""
+        """Why it is not certain, with noise floors on unseen rows `before` and `after` corrections, and relatives `as_well`."""
         b, why = self._b, list[str]()
         lasting = f"errors of {' and '.join(b.lasting)} last over several rows, and without repeats they may be noise or a cause"
         if d.verdict != "effect":
@@ -211,7 +210,7 @@ class _Diagnosis:
         b, p = self._b, self._p
         g = Gaussian(c.linear(b.problem), c.prior(p), c.grid_point.size, c.grid_point.form_error)
         functions = b.functions(c.fit)
-        of_effect = b.response[p.of_effect]
+        of_effect = np.array([x.sd * moved for x, moved in zip(b.parameters, b.response, strict=True) if x.group == "effect"])
         size = np.array([np.sqrt(np.mean(of_effect[:, b.output == i] ** 2)) for i in range(len(b.sd))])
         errors = list(stage_errors(g, p, {e: self._causes[e].stage for e in p.ids}, functions))
         for name, function in functions.items():
@@ -245,10 +244,9 @@ class _Diagnosis:
 
     @cached_property
     def _every(self) -> Array:
-        """(k,) all causes and the calibration, fitted within their plausible sizes. Where rows are answered by themselves, what
-        lasts over them is no matter: others will be measured in another order."""
+        """(k,) all causes and the calibration, fitted within their plausible sizes."""
         b = self._b
-        if b.by_row:
+        if b.by_row:  # what lasts over the rows is no matter, as others will be measured in another order
             b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
         return fit(b.problem, self._p.all_effects(), 0.0, self._w.best.fit.theta, FREE_ROUNDS).theta
 
@@ -301,7 +299,8 @@ class _Diagnosis:
         b, model, every = self._b, self._b.model.of(candidates), self._every
         weight = np.array([max(q, judgement.RIVAL_LEAST_WEIGHT) for _, q in leading])
         sd = np.tile(b.sd, len(candidates))[:, None]
-        predicted = np.transpose([model.table(self._fitted_of(h)).ravel() for h, _ in leading]) / sd
+        fits = [self._w.known.candidates[h].fit if h else self._calibrated for h, _ in leading]
+        predicted = np.transpose([model.table(f.theta).ravel() for f in fits]) / sd
         between = (predicted - (predicted @ weight / weight.sum())[:, None]) * np.sqrt(weight / weight.sum())
         known = b.problem.noise.whiten(b.problem.forward.linearise(every)[1] * self._p.sd)
         uncertain = np.linalg.cholesky(np.linalg.inv(np.eye(known.shape[1]) + known.T @ known))
@@ -324,9 +323,6 @@ class _Diagnosis:
             )
             for at in most_telling(columns, rows)
         )
-
-    def _fitted_of(self, named: Hypothesis) -> Array:
-        return self._w.known.candidates[named].fit.theta if named else self._calibrated.theta
 
 
 def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PROPOSED) -> list[Any]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from model.cause import Cause
 
@@ -15,7 +13,6 @@ from .. import judgement
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
-from ..inference.posterior import log_weight
 from ..inference.problem import FitParameters
 from .built import FREE_ROUNDS, Built
 
@@ -58,15 +55,6 @@ def _fitted(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) -> Rela
     whole = best.with_all_derivatives(problem).with_form_error(problem, named)
     (w,) = weigh(whole.linear(problem), KNOWN, wider, [named])
     return Related(relative, named, w.log_evidence - best.predicted_decrease)
-
-
-def odds(among: Sequence[Related], tried: Sequence[Candidate], effects: int) -> float:
-    """Odds of a relative against all hypotheses of the list that were tried; `effects`: number of causes in the list."""
-    if not among:
-        return 0.0
-    of_list = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
-    of_relatives = logsumexp([log_weight(r.named, r.log_evidence, max(effects, len(r.named))) for r in among])
-    return judgement.RELATIVE_ODDS * math.exp(min(of_relatives - of_list, judgement.LARGEST_ODDS))
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import logsumexp
 
 from model.effects.catalogue import CATALOGUE
 from model.effects.forward import ForwardModel
@@ -31,7 +30,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.jacobian import Columns
-from ..inference.posterior import log_weight
+from ..inference.posterior import log_weight, odds_of_relatives
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, linearise
 from .relatives import RELATIVES
@@ -180,9 +179,5 @@ def odds_outside(
     `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
     repeats, see `NoiseComponents`.
     """
-    odds = odds_unnamed(free_form, excess_scatter)
-    if not among:
-        return odds
-    of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
-    of_relatives = logsumexp([_log_weight(r, effects) for r in among])
-    return odds + judgement.RELATIVE_ODDS * math.exp(min(of_relatives - of_catalogue, judgement.LARGEST_ODDS))
+    weights = [_log_weight(r, effects) for r in among]
+    return odds_unnamed(free_form, excess_scatter) + odds_of_relatives(tried, weights, effects)

@@ -88,11 +88,8 @@ def _learnt(remainder: Array, change: Array, step: Array) -> Array:
 
 
 def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:
-    """The step (x,) to the minimum within bounds of slope . s + s . H s / 2, and how much lower that is there.
-
-    H is `curve` with its eigenvalues relative to the average information A (curve v = e A v, v^T A v = 1) raised to LEAST, and
-    `damping` added: H = sum_v (max(e, LEAST) + damping) (A v) (A v)^T.
-    """
+    """The step (x,) to the minimum within bounds of slope . s + s . H s / 2, and how much lower that is there. H is `curve` with
+    its eigenvalues relative to the average information raised to LEAST, and `damping` added."""
     size, way = eigh(curve, here.curve)
     way = here.curve @ way
     curve = (way * (np.maximum(size, LEAST) + damping)) @ way.T
@@ -165,11 +162,7 @@ class Loss:
 
     def __call__(self, x: Array) -> Point:
         """The loss at a point, by Woodbury's identity: C^-1 = B^-1 - B^-1 U K^-1 U^T B^-1, K = 1 + U^T B^-1 U, of which each part
-        has its own B and its own columns of U.
-
-        `inner` is K, `pulled` U^T B^-1 v, `weight` K^-1 of that, `remainders` a = C^-1 v; `along` U^T a, `spread` the diagonal of
-        U^T C^-1 U; `changes` (dC a) of each parameter, whose products are the average information.
-        """
+        has its own B and its own columns of U. `inner` is K, `remainders` a = C^-1 v, `changes` dC a of each parameter."""
         noise, g = self.components(x), len(self._kinds)
         scale = np.array([*noise.trial.values(), 1.0])[self._of]
         columns = [p.columns * scale[p.at] for p in self._parts]
@@ -208,11 +201,8 @@ class Loss:
         return Point(total + 0.5 * float(x**2 @ prior), gradient + prior * x, 0.5 * information + np.diag(prior))
 
     def _changes(self, of: _ByParameter, columns: Array, along: Array) -> Array:
-        """(k c, x) products (dC/dx) a of one part, for each parameter x.
-
-        `of` holds those with dB/dx in place of dC/dx. A component of the trials with standard deviation s adds U U^T ~ s^2 to C,
-        U its `columns` (k c, u); x = ln s, the product is 2 U (U^T a). `along` (components, u): U^T a, 0 in columns of others.
-        """
+        """(k c, x) products (dC/dx) a of one part, for each parameter x: of B as `of` holds them, and 2 U (U^T a) of a component
+        with `columns` U (k c, u) and x = ln of its standard deviation; `along` (components, u): U^T a, 0 in columns of others."""
         g, (k, c) = len(self._kinds), of.others.shape[:2]
         out = np.zeros((k, c, len(self.centre)))
         channel = np.arange(c)

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import comb, log
+from math import comb, exp, inf, log
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ..arrays import Array
-from ..judgement import CREDIBLE_SHARE, PRIOR_OF_MORE, PRIOR_OF_NUMBER, TEMPERATURE
+from ..judgement import CREDIBLE_SHARE, LARGEST_ODDS, PRIOR_OF_MORE, PRIOR_OF_NUMBER, RELATIVE_ODDS, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -68,6 +69,12 @@ def hypothesis_prior(named: Hypothesis, effects: int) -> float:
 def log_weight(named: Hypothesis, log_evidence: float, effects: int) -> float:
     """log(prior p^(1/T)) of a hypothesis of a catalogue of that many effects, from its log evidence log p; T: `TEMPERATURE`."""
     return log_evidence / TEMPERATURE + log(hypothesis_prior(named, effects))
+
+
+def odds_of_relatives(tried: Sequence[Candidate], weights: Sequence[float], effects: int) -> float:
+    """Odds of relatives, of these log weights, against all hypotheses of a catalogue of `effects` effects that were tried."""
+    of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
+    return RELATIVE_ODDS * exp(min(logsumexp([*weights, -inf]) - of_catalogue, LARGEST_ODDS))
 
 
 def shares(candidates: Sequence[Candidate], effects: int) -> Array:

@@ -17,15 +17,9 @@ from model.arrays import Array
 
 ARM: dict[str, Any] = {
     "name": "four joints",
-    "links": [
-        {"a": 0, "d": 0.3, "alpha_deg": 90},
-        {"a": 0.4, "d": 0, "alpha_deg": 0},
-        {"a": 0.3, "d": 0, "alpha_deg": 0},
-        {"a": 0.1, "d": 0, "alpha_deg": 0},
-    ],
+    "links": [{"a": 0, "d": 0.3, "alpha_deg": 90}, *({"a": a, "d": 0, "alpha_deg": 0} for a in (0.4, 0.3, 0.1))],
     "tool": [0, 0, 0.05],
 }
-LENGTHS = (0.4, 0.3, 0.1)
 ZERO = 0.0025
 """rad of joint 3."""
 
@@ -102,19 +96,15 @@ def test_the_next_poses_lie_within_the_limits_of_the_joints(cli: Cli, tmp_path: 
     assert proposed and all(-0.7 < angle < 1.05 for p in proposed for angle in p["inputs"].values())
 
 
-def scaled(table: pd.DataFrame, angle: float = 1.0, length: float = 1.0) -> pd.DataFrame:
-    return table * [*[angle] * 4, *[length] * 3]
-
-
-DEGREES = 180 / np.pi
+DEGREES, MM = [180 / np.pi] * 4 + [1.0] * 3, [1.0] * 4 + [1e3] * 3
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda t: scaled(t, DEGREES), r"at most 0.05: the numbers look like deg: write units into the headings, q1 \[deg\]"),
-        (lambda t: scaled(t, 1.0, 1e3), r"far: angles of .* look like mm: write"),
-        (lambda t: scaled(t, DEGREES, 1e3), r"look like deg and mm: write"),
+        (lambda t: t * DEGREES, r"at most 0.05: the numbers look like deg: write units into the headings, q1 \[deg\]"),
+        (lambda t: t * MM, r"far: angles of .* look like mm: write"),
+        (lambda t: t * DEGREES * MM, r"look like deg and mm: write"),
         (lambda t: t.assign(q2=-t["q2"]), "q2 is counted the other way: change its sign"),
         (lambda t: t.assign(z=-t["z"]), "left-handed: change the sign of z"),
         (lambda t: t.assign(q3=t["q1"]), "check order, signs and zeros of the joints"),
