@@ -143,22 +143,9 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
     built = Built(
-        table,
-        of_made,
-        problem,
-        made,
-        row,
-        output,
-        estimate,
-        text,
-        by_row,
-        notes,
-        response,
-        calibrated,
-        calibrated,
-        apart,
+        table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, calibrated, apart,
         of_relatives,
-    )
+    )  # fmt: skip
     return _with_discrepancy(_with_sizes(_with_richest(replace(built, begun=tuple(_begun(built))), estimated)))
 
 
