@@ -75,11 +75,6 @@ class Variants:
         """Some of the variants."""
         return replace(self, **{name: a[variants] for name, a in self.arrays(ROD + SEEN).items()})
 
-    def of_states(self, rows: Ints, table: Table) -> Variants:
-        """Of some of the states alone, whose table this is."""
-        kept = {name: a[:, rows] if a.shape[1] > 1 else a for name, a in self.arrays(ROD + SEEN).items()}
-        return replace(self, table=table, **kept)
-
     @classmethod
     def stacked(cls, parts: Sequence[Variants]) -> Variants:
         """The variants of several, one after the other."""

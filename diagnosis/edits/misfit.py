@@ -54,8 +54,8 @@ AREAS = np.log([1.0, 3.0, 1 / 3, 9.0, 1 / 9])
 """Logarithms of area factors with which a fit may begin."""
 COSTLY = (AZIMUTH, 3, 4)
 """Calibration numbers that a first comparison of edits keeps fixed: they need new rods and change little."""
-MOST, ROUGH = 60, 20
-"""States that are compared, and at least how many of them in a first comparison."""
+MOST = 60
+"""States that are compared."""
 AMBIENT = (75e3, 107e3)
 """Pa absolute, from high places to a high on the coast."""
 ONE_AREA = 0.8
@@ -204,33 +204,19 @@ class Sample:
         tip, orientation = ((a * solved).reshape(shape) for a in (solution.tip, solution.orientation))
         return replace(v, tip=tip, orientation=orientation, markers=markers)
 
-    @cached_property
-    def _rough(self) -> tuple[Ints, Sample]:
-        """(m,) `ROUGH` of the states, over all conditions and repeats, and the sample of these."""
-        apart = max(1, len(self.table) // ROUGH)
-        k = np.arange(len(self.table) // apart)
-        rows = np.sort(np.argsort(self.condition, kind="stable")[k * apart + k % apart])
-        return rows, replace(self, table=self.table.take(rows), condition=self.condition[rows])
-
-    def missed(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]], rough: bool = False) -> list[Array]:
+    def missed(self, hypotheses: Sequence[tuple[tuple[Edit, ...], Array]]) -> list[Array]:
         """(v, readings, 3) m for each hypothesis, edits and parameters (v, ..): tips and markers predicted minus measured, then
-        the turn between attitudes in units of s; a robot length where the rod has no equilibrium. `rough`: of a part of the
-        states."""
-        made, sample = self.edited(hypotheses), self
-        if rough:
-            rows, sample = self._rough
-            made = made.of_states(rows, sample.table)
-        return np.split(sample._missed(made), np.cumsum([len(x) for _, x in hypotheses])[:-1])
-
-    def _missed(self, made: Variants) -> Array:
-        """(v, readings, 3) m, see `missed`. Variants with the same rods are solved once."""
+        the turn between attitudes in units of s; a robot length where the rod has no equilibrium. Variants with the same rods
+        are solved once."""
+        made = self.edited(hypotheses)
         keys = np.concatenate([values.reshape(len(values), -1) for values in made.arrays(ROD).values()], axis=1)
         first: dict[bytes, int] = {}
         which = np.array([first.setdefault(row.tobytes(), len(first)) for row in keys])
         once = np.unique(which, return_index=True)[1]
         each = max(1, BATCH // len(self.table))
         solved = [self.rods(made.take(once[k : k + each])) for k in range(0, len(once), each)]
-        return self._between(Variants.stacked(solved).take(which), made)
+        missed = self._between(Variants.stacked(solved).take(which), made)
+        return np.split(missed, np.cumsum([len(x) for _, x in hypotheses])[:-1])
 
     def _between(self, rods: Variants, v: Variants) -> Array:
         """(v, readings, 3) m, see `missed`."""
@@ -279,27 +265,22 @@ class Sample:
         cost += min(count, judgement.EDIT_ATTITUDES) * np.log(np.hypot(self.turn(missed), judgement.EDIT_TURN_ERROR))
         return np.asarray(-cost - parameters / 2 * np.log(conditions + repeats))
 
-    def fitted(
-        self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False, rough: bool = False
-    ) -> list[Fit]:  # fmt: skip
+    def fitted(self, starts: Sequence[tuple[tuple[Edit, ...], Array]], steps: int, alone: bool = False) -> list[Fit]:
         """Fits of edits from starts (8 + own,), after this many steps of Gauss and Newton within the bounds, readings far off
-        weighed down, each shortened until it gains; `alone`: without those of `COSTLY` that they do not widen; `rough`: to a
-        part of the states, of which the evidence is then."""
+        weighed down, each shortened until it gains; `alone`: without those of `COSTLY` that they do not widen."""
         problems = [_Problem.of(self, edits, x, alone) for edits, x in starts]
-        for problem, missed in zip(problems, self.missed([(p.edits, p.x[None]) for p in problems], rough), strict=True):
+        for problem, missed in zip(problems, self.missed([(p.edits, p.x[None]) for p in problems]), strict=True):
             problem.missed = missed[0]
         active = problems
         for _ in range(steps):
-            beside = self.missed([(p.edits, p.beside) for p in active], rough)
+            beside = self.missed([(p.edits, p.beside) for p in active])
             tried = [p.steps(missed) for p, missed in zip(active, beside, strict=True)]
-            there = self.missed([(p.edits, x) for p, x in zip(active, tried, strict=True)], rough)
+            there = self.missed([(p.edits, x) for p, x in zip(active, tried, strict=True)])
             active = [p for p, x, missed in zip(active, tried, there, strict=True) if p.gains(x, missed)]
             if not active:
                 break
-        judge = self._rough[1] if rough else self
-        evidence = judge.log_evidence(np.stack([p.missed for p in problems]), np.array([p.parameters for p in problems]))
-        evidence += [sum(np.log(edit.prior) for edit in p.edits) for p in problems]
-        return [Fit(p.edits, p.x, p.missed, e) for p, e in zip(problems, evidence.tolist(), strict=True)]
+        evidence = self.log_evidence(np.stack([p.missed for p in problems]), np.array([p.parameters for p in problems]))
+        return [Fit(p.edits, p.x, p.missed, p.log_prior + e) for p, e in zip(problems, evidence.tolist(), strict=True)]
 
     def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[tuple[Array, ...]]:
         """Where fits of edits may begin: with the calibration of `near`, a fit of all but the last, or as described."""
@@ -425,6 +406,11 @@ class _Problem:
     def parameters(self) -> int:
         """How many count in the evidence."""
         return sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
+
+    @property
+    def log_prior(self) -> float:
+        """Of its edits."""
+        return sum(float(np.log(edit.prior)) for edit in self.edits)
 
 
 def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:

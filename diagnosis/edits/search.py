@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import groupby
-from operator import attrgetter
 
 import numpy as np
 from scipy.special import softmax
@@ -152,11 +151,10 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
         if not sets:
             return []
         starts = [(each, pair) for f, each in sets for pair in sample.starts(each, f)]
-        begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0, rough=True)
+        begun = sample.fitted([(each, x) for each, pair in starts for x in pair], 0)
         better = begun if both else [max(begun[k : k + 2], key=nearness) for k in range(0, len(begun), 2)]
-        begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True, rough=True)
-        nearest = [max(own, key=nearness) for _, own in groupby(begun, key=lambda f: id(f.edits))]
-        fits = sample.fitted([(f.edits, f.x) for f in nearest], 0)
+        begun = sample.fitted([(f.edits, f.x) for f in better], steps, alone=True)
+        fits = [max(own, key=nearness) for _, own in groupby(begun, key=lambda f: id(f.edits))]
         best = _best_of_kinds(fits, nearness)[: judgement.EDIT_REFINED]
         return [*sample.fitted([(f.edits, f.x) for f in best], 8), *(f for f in fits if not any(f is b for b in best))]
 
@@ -170,7 +168,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
     return [*alone, *tried(best, edits, 1)] if pairs else alone
 
 
-_log_posterior = attrgetter("log_posterior")
+def _log_posterior(fit: Fit) -> float:
+    return fit.log_posterior
 
 
 def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:
