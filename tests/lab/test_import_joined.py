@@ -149,14 +149,6 @@ def test_a_gap_in_one_stream_is_not_filled_from_the_other(tmp_path: Path) -> Non
     assert any("rows have no pressure" in n for n in made.notes)
 
 
-def test_the_lines_of_pandas_on_the_page_join_two_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (Path(__file__).parents[2] / "docs/howto/other-data.md").read_text(encoding="utf-8")
-    two(tmp_path, moved(ROWS, -2.4))
-    monkeypatch.chdir(tmp_path)
-    exec(page.partition("test_import_joined.py -->\n```python\n")[2].partition("```")[0], {})
-    same(by_map(tmp_path / "both.csv", **MAP))
-
-
 # ------------------------------------------------------------------ one file
 def nexus(kind: str, rate: int, above: str, names: str, units: str, columns: tuple[int, ...], samples: int) -> list[str]:
     body = [

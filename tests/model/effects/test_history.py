@@ -6,24 +6,31 @@ import numpy as np
 import pytest
 
 from model.body import body_of
+from model.condition import States
 from model.effects.design import design_from_columns, with_rest
 from model.effects.history import DRIVES, History, loading_path
 from model.effects.layout import layout_of
-from model.effects.quantities import baseline
+from model.effects.quantities import Quantities, baseline
 from model.robot import Robot
 from tests.model.effects.campaigns import campaign
+
+
+def unchanged(robot: Robot, design: States) -> Quantities:
+    """The paper's model of a campaign's states."""
+    body = body_of(robot)
+    layout = layout_of(body, robot.spine is not None)
+    return baseline(robot, body, layout, design, np.ones(len(design)), np.array([1.0, 0.0]))
 
 
 def history(robot: Robot, columns: Any, inner: Any, outer: Any = 0.0) -> History:
     """A history whose drive (n,) is given for the first curvature of both parts; the first state of a trial is at rest."""
     design, rest_of = with_rest(design_from_columns(robot, columns))
-    n, body = len(design), body_of(robot)
-    unchanged = baseline(robot, body, layout_of(body, robot.spine is not None), design, np.ones(n), np.array([1.0, 0.0]))
+    n = len(design)
     drive, one = np.zeros((1, n, DRIVES)), np.ones((1, n, 2))
     drive[0, :, 0], drive[0, :, 4] = inner, outer
     silicone, rest = np.ones((1, n, DRIVES)), np.zeros((1, n, DRIVES))
     path = loading_path(design, rest_of)
-    return History(unchanged, path, drive, one, one, silicone, rest, np.zeros((1, n, 2, 2)))
+    return History(unchanged(robot, design), path, drive, one, one, silicone, rest, np.zeros((1, n, 2, 2)))
 
 
 def test_between_readings_the_drive_stays_ramps_and_stays(paper_robot: Robot) -> None:
