@@ -110,7 +110,7 @@ def read(data: pd.DataFrame, outputs: Mapping[str, str], group: str | None, repe
 def rows_in_words(chosen: Mask) -> str:
     """The first few of the chosen rows, counted from 0."""
     rows = np.flatnonzero(chosen).tolist()
-    return "rows " + ", ".join(map(str, rows[:5])) + (" .." if len(rows) > 5 else "")
+    return f"row{'s' * (len(rows) > 1)} " + ", ".join(map(str, rows[:5])) + (" .." if len(rows) > 5 else "")
 
 
 def repeats(table: Table, by_row: bool) -> Ints:

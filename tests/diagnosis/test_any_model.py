@@ -324,9 +324,9 @@ def test_rows_that_lack_values_are_left_out_with_a_note() -> None:
     candidates = pd.DataFrame({"q1": [0.3, np.nan, 0.5], "q2": 1.0, "remark": None, "spare": np.nan})
     answer = of_arm(data, candidates=candidates, predict=lambda t, x: {"y": arm(t, x)[:, 1], "x": arm(t, x)[:, 0]})
     assert answer.effects == ("elbow",) and answer.rows == len(data) - 1
-    assert "1 of 50 rows lack q1 and are ignored: rows 3" in answer.notes
+    assert "1 of 50 rows lack q1 and are ignored: row 3" in answer.notes
     assert sorted(p.at for p in answer.next_experiment) == [0, 2]
-    assert any("lack an output" in note and "rows 5" in note for note in answer.notes)
+    assert any("lack an output" in note and "row 5" in note for note in answer.notes)
 
 
 def test_rows_that_the_model_does_not_answer_are_left_out_with_a_note() -> None:
