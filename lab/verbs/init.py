@@ -21,8 +21,8 @@ from ..options import OneOf, Result, Verb, option
 HARDWARE = Path(__file__).parents[1] / "files" / "hardware_rig.yaml"
 """examples/rig/rig.yaml, which explains every key of every driver of the project; an installed package holds it as a copy."""
 GUESSED = "CHECK: guessed"
-SHARES = {"outer_radius": 0.1, "inner_radius": 0.0, "path_radius": 0.06, "chamber_radius": 0.02}
-"""Of the length, where a dimension is not given."""
+SHARES = {"inner_radius": 0.0, "path_radius": 0.6, "chamber_radius": 0.2}
+"""Of the outer radius, itself a tenth of the length, where a dimension is not given."""
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from; a robot with tendons has no regulators."""
 
@@ -32,15 +32,16 @@ def robot_text(a: argparse.Namespace) -> str:
     count, tendons = a.chambers or a.tendons, a.chambers is None
     try:
         length, modulus = to_si(a.length, "m"), to_si(a.modulus or "500 kPa", "Pa")
+        outer = to_si(a.outer_radius, "m") if a.outer_radius else 0.1 * length
     except UnitError as e:
-        raise ConfigError(f"--length or --modulus: {e}") from e
+        raise ConfigError(f"--length, --outer-radius or --modulus: {e}") from e
 
     def line(key: str, value: str, comment: str, given: object = True) -> str:
         return f"{key + ': ' + value:<32} # {comment}{'' if given else f'; {GUESSED}'}"
 
     def dimension(key: str, comment: str) -> str:
         given = getattr(a, key)
-        return line(key.removeprefix("chamber_"), given or f"{1e3 * SHARES[key] * length:.4g} mm", comment, given)
+        return line(key.removeprefix("chamber_"), given or f"{1e3 * SHARES.get(key, 1.0) * outer:.4g} mm", comment, given)
 
     most = "max_tension: 10 N" if tendons else "max_pressure: 80 kPa"
     limit = a.max_tension if tendons else a.max_pressure
@@ -124,7 +125,8 @@ VERBS = (
             ), required=True),
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
-            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"a share of the length ({share:g}) unless given")
+            option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),
+            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"{share:g} times the outer radius unless given")
               for key, share in SHARES.items()),
             option("--modulus", metavar="PRESSURE", help="Young's modulus, such as '500 kPa'"),
             option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),

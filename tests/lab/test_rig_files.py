@@ -28,10 +28,12 @@ from sim_fakes.rig import FakeRig
 # ------------------------------------------------------------------ a first robot and a first rig
 def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced(tmp_path: Path, cli: Cli) -> None:
     robot, rig = tmp_path / "robot.yaml", tmp_path / "rig.yaml"
-    words = ("init", "--chambers", 4, "--length", "180 mm", "--max-pressure", "80 kPa", "--out", robot, "--rig", rig)
+    words = ("init", "--chambers", 4, "--length", "180 mm", "--outer-radius", "9 mm",
+             "--max-pressure", "80 kPa", "--out", robot, "--rig", rig)  # fmt: skip
     told = cli(*words, "--instruments", "pressure=smc_itv,mocap").out
     made, bench = load(robot, Robot), load(rig, RigFile)
-    assert made.length == 0.18 and made.actuators.azimuths_deg == (0, 90, 180, 270) and made.max_pressure == 80e3
+    assert made.length == 0.18 and made.actuators.azimuths_deg == (0, 90, 180, 270) and made.chambers.path_radius == 0.0054
+    assert made.max_pressure == 80e3
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
     assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | q; Ctrl-C vents and ends"
