@@ -84,11 +84,11 @@ def draw_growth(waits: Sequence[Wait], path: Path) -> None:
     for axis, name, label in zip(axes, ("processor_s", "memory_mib"), ("processor time (s)", "memory (MiB)"), strict=True):
         for verb in ("fit", "diagnose"):
             own = [w for w in waits if w.rows is not None and w.what.startswith(f"lab {verb}")]
-            axis.loglog([w.rows for w in own], [getattr(w, name) for w in own], "o-", label=f"lab {verb}")
-            first, last = own[0].rows or 1, own[-1].rows or 1
-            axis.loglog([first, last], getattr(own[0], name) * np.array([1.0, last / first]), color="grey", linewidth=0.5)
+            rows, cost = np.array([w.rows for w in own]), np.array([getattr(w, name) for w in own])
+            axis.loglog(rows, cost, "o-", label=f"lab {verb}")
+            axis.loglog(rows, cost[0] * rows / rows[0], color="grey", linewidth=0.5)
         axis.set(xlabel="states", ylabel=label)
-        axis.set_xticks(rows := sorted({w.rows for w in waits if w.rows is not None}), [f"{n:,}" for n in rows])
+        axis.set_xticks(rows, [f"{n:,}" for n in rows])
         axis.tick_params(axis="x", which="minor", bottom=False, labelbottom=False)
     axes[0].legend()
     figure.savefig(path)

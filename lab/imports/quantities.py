@@ -31,7 +31,7 @@ OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
 TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
-SENSOR_OR_SD = re.compile("sensor_|sd_|tip_moment_")
+FURTHER = re.compile("sensor_|sd_|tip_moment_")
 """Begin of the columns of sensors of the lab's own, of standard deviations and of moments."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
@@ -127,7 +127,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         tip = _place(file, "tip", wanted.points["tip"]) @ frame.T
     else:
         tip = file.places(np.column_stack([values[a] for a in "xyz"]), "the tip") @ frame.T
-    columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or SENSOR_OR_SD.match(name)}
+    columns: dict[str, Array] = {name: v for name, v in values.items() if name in (*HEAD, *TAIL) or FURTHER.match(name)}
     columns |= driven | dict(zip(TIP, tip.T, strict=True)) | _turn(file, wanted, frame)
     notes += _order_note(series, wanted, frame, tip, file.resting)
     names = [f"m{k}" for k in range(1, 100) if f"m{k}" in wanted.points or f"m{k}x" in values]

@@ -31,7 +31,7 @@ from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
 from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
-from .quantities import SENSOR_OR_SD, FileRows, orientation_columns, quantities_of
+from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
@@ -482,7 +482,7 @@ def _states(q: FileRows, kept: Sequence[tuple[int, Cut]]) -> Table:
         )
     columns = {"spine_length": np.zeros(n), "protocol": np.full(n, "bending"), "branch": np.full(n, "")} | {
         name: column for name, column in columns.items()
-        if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or SENSOR_OR_SD.match(name))
+        if name not in ("force", "deflection") and (name in (*HEAD, *TAIL) or FURTHER.match(name))
     }  # fmt: skip
     columns |= {"trial": np.array([group for group, _ in kept]), "step": np.zeros(n, np.int64)} | of_state
     columns["repeat"] = np.nan_to_num(columns.get("repeat", np.zeros(n))).astype(np.int64)

@@ -84,7 +84,7 @@ class Page:
                 time.sleep(0.1)
 
     def close(self) -> None:
-        """Nothing more will be shown; viewers are told so."""
+        """End the page; its viewers see that nothing follows."""
         with contextlib.suppress(OSError):
             self._pipe.close()
 

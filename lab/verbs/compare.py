@@ -53,9 +53,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
                 out.print(f"figure: {path}")
 
     pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
-    data = {**c.table.as_dict(), "elongation": c.elongation, "unsolved": c.unsolved, **pictures}
-    data["clipped"] = int(case.table.clipped.sum())
-    return Result(data, show)
+    counts = {"unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
+    return Result({**c.table.as_dict(), "elongation": c.elongation, **counts, **pictures}, show)
 
 
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:
