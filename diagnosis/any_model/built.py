@@ -13,7 +13,7 @@ from model.cause import Cause
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
-from ..inference.discrepancy import by_channel
+from ..inference.discrepancy import by_channel, half_shared
 from ..inference.evidence import Hypothesis
 from ..inference.fit import Fit, fit
 from ..inference.problem import FitParameters, Problem
@@ -349,13 +349,12 @@ def _with_discrepancy(b: Built) -> Built:
     gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
     draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
     value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
-    basis = np.hstack([draws, by_channel(draws, value, b.output, np.ones(len(b.sd)))]) * np.sqrt(0.5)
     white = b.response.T / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))
     least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
     whole = replace(
-        problem, discrepancy=by_channel(draws, value, b.output, unit), form_error_basis=basis,
-        parameters=replace(p, least=tuple(least.tolist()), narrow=True),
+        problem, discrepancy=by_channel(draws, value, b.output, unit),
+        form_error_basis=half_shared(draws, b.output), parameters=replace(p, least=tuple(least.tolist()), narrow=True),
     )  # fmt: skip
     return replace(b, problem=whole)

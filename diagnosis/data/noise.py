@@ -23,6 +23,9 @@ import numpy as np
 
 from ..arrays import Array, Ints, Mask
 
+AT_ONCE = 1 << 16
+"""Numbers that are whitened at once: they stay in a processor's cache."""
+
 
 @dataclass(frozen=True)
 class Lasting:
@@ -73,9 +76,10 @@ class Noise:
         """Without cached values."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
-    def whiten(self, values: Array) -> Array:
-        """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1."""
-        return self._applied(values, lambda b: b.white)
+    def whiten(self, values: Array, into: Array | None = None) -> Array:
+        """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1; put `into` an array that
+        may be the columns themselves."""
+        return self._applied(values, lambda b: b.white, into)
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
@@ -122,13 +126,15 @@ class Noise:
             lasting,
         )
 
-    def _applied(self, values: Array, matrix: Callable[[_Blocks], Array]) -> Array:
+    def _applied(self, values: Array, matrix: Callable[[_Blocks], Array], into: Array | None = None) -> Array:
         """Values (n, ..), those of each block multiplied by that block's `matrix` (s, s)."""
         columns = values.reshape(len(values), -1)
-        out = np.empty(columns.shape)
+        out = np.empty(columns.shape) if into is None else into
         for b in self._blocks:
-            of = matrix(b)
-            out[b.rows] = of @ columns[b.rows] if of.shape[1] > 1 else of * columns[b.rows]
+            at_once = max(1, AT_ONCE // (b.rows.shape[1] * columns.shape[1] or 1))
+            for first in range(0, len(b.rows), at_once):
+                rows, of = b.rows[first : first + at_once], matrix(b)[first : first + at_once]
+                out[rows] = of @ columns[rows] if of.shape[1] > 1 else of * columns[rows]
         return out.reshape(values.shape)
 
     @cached_property

@@ -52,8 +52,7 @@ def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, 
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot_length if n.startswith("r") else 1.0 if n == "force" else unit for n in names])
     draws = eigenfunctions(where.place)
-    by_law = np.hstack([draws[state], by_channel(draws, state, number, np.ones(len(names)))])
-    return by_channel(draws * where.size[:, None], state, number, size), np.sqrt(0.5) * by_law
+    return by_channel(draws * where.size[:, None], state, number, size), half_shared(draws[state], number)
 
 
 def eigenfunctions(place: Array) -> Array:
@@ -69,6 +68,13 @@ def eigenfunctions(place: Array) -> Array:
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
     kept = value > 2e-3 * value.max()
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
+
+
+def half_shared(draws: Array, channel: Ints) -> Array:
+    """Columns (n, m * channels): the process `draws` (n, m) with half of its variance shared by all channels (n,), half drawn anew
+    for each."""
+    root = np.linalg.cholesky(0.5 * (1 + np.eye(channel.max() + 1)))
+    return (draws[:, :, None] * root[channel][:, None, :]).reshape(len(draws), -1)
 
 
 def by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:

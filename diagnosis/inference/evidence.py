@@ -107,13 +107,17 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     most = np.full(len(masks), -np.inf)
     means, covariances = np.zeros(masks.shape), np.zeros((*masks.shape, masks.shape[1]))
     first, second = np.empty((2, *masks.shape, *log_weights.shape))
-    reduced = linear.reductions(grid.sizes, grid.form_errors)
+    used = masks.any(axis=0) | (grid.spikes > 0).any()  # without tolerances what is not named is absent
+    used = np.flatnonzero(used) if used.any() else np.zeros(1, int)
+    reduced = replace(linear, effects=linear.effects[:, used]).reductions(grid.sizes, grid.form_errors)
+    mean, covariance = np.zeros_like(means), np.zeros_like(covariances)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)
         allowed_before = log_allowed_share(prior.mean, prior.variance, prior, parameters)
+        of_used = SizePrior(prior.mean[:, used], prior.variance[:, used], prior.wide[:, used])
         for j, row in enumerate(reduced):
             for k, problem in enumerate(row):
-                log_evidence, mean, covariance = problem.update(prior)
+                log_evidence, mean[:, used], covariance[:, used[:, None], used] = problem.update(of_used)
                 variance = np.diagonal(covariance, axis1=1, axis2=2)
                 # Each parameter is cut by itself.
                 cut = log_allowed_share(mean, variance, prior, parameters) - allowed_before

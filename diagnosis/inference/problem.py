@@ -326,13 +326,6 @@ class Problem:
         return self.noise.whiten(self.discrepancy)
 
     @cached_property
-    def _independent_basis(self) -> Array:
-        """(n, r) the same in as few columns as give the same covariance; which ones depends on rounding."""
-        basis = self.form_error_basis
-        value, vector = np.linalg.eigh(basis.T @ basis)
-        return np.asarray(basis @ vector[:, value > 1e-12 * value[-1]])
-
-    @cached_property
     def gram(self) -> Array:
         """(m, m) of these columns."""
         return np.asarray(self.whitened_discrepancy.T @ self.whitened_discrepancy)
@@ -403,7 +396,8 @@ class Problem:
 
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""
-        return leading(self.noise.whiten(done[:, None] * self._independent_basis))
+        columns = done[:, None] * self.form_error_basis
+        return leading(self.noise.whiten(columns, into=columns))
 
 
 def leading(columns: Array) -> Array:

@@ -16,7 +16,7 @@ from model.arrays import Array
 from model.body import annulus_second_moment
 from model.effects import layout as at
 from model.effects.quantities import Quantities
-from model.effects.spine import ShearSpine, moduli
+from model.effects.spine import ShearSpine, SpineModuli, moduli
 from model.rods import columns as col
 
 Complex = NDArray[np.complex128]
@@ -104,7 +104,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
     """Length, stiffnesses and hyperelastic terms of every element: inner ones hold the spine, outer ones lie beyond its end."""
     ratio = q.robot.shear_modulus / q.robot.youngs_modulus
     spine = np.clip(q.spine_length, 0.0, q.length)
-    edges = q.body.edges / q.robot.length
+    edges, of_spine = q.body.edges / q.robot.length, moduli(q, shear)
     for element, piece, part in zip(q.layout.elements, q.layout.pieces, q.layout.parts, strict=True):
         low, high = edges[piece] * q.length, edges[piece + 1] * q.length
         within = np.clip(spine, low, high) - low if len(q.body) > 1 else spine
@@ -112,7 +112,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
         area, second = q.body.area[piece], q.body.second[piece]
         softening = q.bend_softening * q.body.outer_radius[piece] ** 2
         if part == at.INNER:
-            bend, axial, lateral = with_spine(q, shear, area, second)
+            bend, axial, lateral = with_spine(q, of_spine, area, second)
             silicone = silicone_share(q, area, second, bend)
             # The silicone's share of the section softens, the spine's stays linear or does so in part.
             soft = silicone + q.spine_softening * (1 - silicone)
@@ -128,7 +128,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
         out[element + col.SERIES + 1] = soft * q.strain_softening
 
 
-def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> tuple[Array, Array, Array]:
+def with_spine(q: Quantities, of_spine: SpineModuli, area: float, second: float) -> tuple[Array, Array, Array]:
     """Bending (N m^2), axial and lateral stiffness (N), (v, n) of v variants of n states, of a section of the body (m^2, m^4)
     with the spine, if the robot has one.
 
@@ -138,7 +138,7 @@ def with_spine(q: Quantities, shear: ShearSpine, area: float, second: float) -> 
     body, ratio = q.body_modulus, q.robot.shear_modulus / q.robot.youngs_modulus
     if q.robot.spine is None:
         return body * second, body * area, ratio * body * area
-    spine, spine_shear, _ = moduli(q, shear)
+    spine, spine_shear, _ = of_spine
     spine_area = math.pi * q.robot.spine.radius**2
     spine_second = annulus_second_moment(q.robot.spine.radius)
     modulus = (area * body + spine_area * spine) / (area + spine_area)

@@ -12,7 +12,7 @@ from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import with_spine
 from model.effects.quantities import Quantities
-from model.effects.spine import ShearSpine, moduli
+from model.effects.spine import ShearSpine, SpineModuli, moduli
 from model.rods.beam import bending_compliance, shear_compliance
 from model.rotation import from_vector, multiply, to_base
 
@@ -78,12 +78,12 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
     pulls, and meets no offset. A soft layer of stiffness k in between gives F = k d / (1 + k c), which is more until it is
     squeezed flat.
     """
-    design = q.design
+    design, of_spine = q.design, moduli(q, shear)
     bare_spine = np.full((1, 1), NO_SPECIMEN)
     if q.robot.spine is not None:
         second = annulus_second_moment(q.robot.spine.radius)
-        bare_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(moduli(q, shear).bare, SOFTEST) * second)
-    specimen = np.where(design.body, _body_compliance(q, shear), bare_spine) if design.body.any() else bare_spine
+        bare_spine = np.maximum(q.spine_length, SHORTEST) ** 3 / (3 * np.maximum(of_spine.bare, SOFTEST) * second)
+    specimen = np.where(design.body, _body_compliance(q, of_spine), bare_spine) if design.body.any() else bare_spine
     compliance = specimen + q.arm_compliance
     travel = design.deflection - q.contact_offset
     contact_force = np.maximum(travel, np.minimum(design.deflection, 0.0)) / compliance
@@ -91,7 +91,7 @@ def cantilever_force(q: Quantities, shear: ShearSpine) -> Array:
     return np.where(design.stiffness, np.maximum(contact_force, layer_force), 0.0)
 
 
-def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
+def _body_compliance(q: Quantities, of_spine: SpineModuli) -> Array:
     """(v, n) m/N of the body, its root's give included."""
     length, spine_end = q.length, np.clip(q.spine_length, 0.0, q.length)
     relative_edges = q.body.edges / q.robot.length
@@ -100,7 +100,7 @@ def _body_compliance(q: Quantities, shear: ShearSpine) -> Array:
     bend_stiffness, lateral_stiffness = [], []
     # each piece of the body: the part with spine, then the part without
     for k, (area, second) in enumerate(zip(q.body.area, q.body.second, strict=True)):
-        bend, _, lateral = with_spine(q, shear, area, second)
+        bend, _, lateral = with_spine(q, of_spine, area, second)
         edges += [np.clip(spine_end, edges[-1], relative_edges[k + 1] * length), relative_edges[k + 1] * length]
         bend_stiffness += [bend, q.body_modulus * second]
         lateral_stiffness += [lateral, ratio * q.body_modulus * area]
