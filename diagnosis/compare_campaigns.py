@@ -11,7 +11,6 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from model.actuators import Chambers, Words
 from model.effects.catalogue import CATALOGUE
@@ -179,8 +178,5 @@ def _joined(before: Prepared, after: Prepared) -> Problem:
     """One problem of the values of both campaigns, reference first; the model-form error is of the later one."""
     forward = _JointForward(before, after)
     first, second = before.problem, after.problem
-    smooth = block_diag(first.discrepancy, second.discrepancy)
-    later = second.form_error_basis
-    form_error_basis = np.vstack([np.zeros((len(first.observed), later.shape[1])), later])
     measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), smooth, form_error_basis)
+    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))

@@ -29,7 +29,7 @@ from model.errors import ModelError
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
-from ..inference.discrepancy import bases, settings
+from ..inference.discrepancy import SmoothErrors, settings, smooth_errors
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
@@ -122,7 +122,7 @@ class Rivals:
         fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
         mounted = np.isin(source, MOUNTED)
-        smooth, laws = _errors(p, forward)
+        errors = _errors(p, forward)
         observed = forward.observations
         forecasts = []
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
@@ -135,7 +135,7 @@ class Rivals:
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
-            covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
+            covariance += size**2 * errors.discrepancy @ errors.discrepancy.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             offset = names.get(OFFSET)
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]
@@ -143,7 +143,7 @@ class Rivals:
             for effect in c.named:
                 contribution = mean - forward.predict(np.where(source == effect, 0.0, theta))
                 if np.isfinite(contribution).all():
-                    law_error = c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution[:, None] * laws
+                    law_error = errors.laws(c.grid_point.form_error * fitted_parameters.law_error[effect] * contribution)
                     covariance += law_error @ law_error.T  # f^2 F F^T
             factor = np.asarray(np.linalg.cholesky(covariance), np.float64)
             forecasts.append(RivalForecast(mean, factor, observed.row, observed.channel.astype(np.str_)))
@@ -163,9 +163,9 @@ class Rivals:
         return out
 
 
-def _errors(p: Prepared, forward: ForwardModel) -> tuple[Array, Array]:
-    """Columns (n, m) of a discrepancy of size 1 over new values, the basis (n, b) of a law's error."""
+def _errors(p: Prepared, forward: ForwardModel) -> SmoothErrors:
+    """Smooth errors of new values."""
     observed, design = forward.observations, forward.design
     highest = design.pressure.max(axis=1)
     where = settings(design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length)
-    return bases(where, observed.row, observed.channel.astype(np.str_), p.unit, p.robot.length)
+    return smooth_errors(where, observed.row, observed.channel.astype(np.str_), p.unit, p.robot.length)

@@ -13,7 +13,7 @@ from model.cause import Cause
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
-from ..inference.discrepancy import by_channel, half_shared
+from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import Hypothesis
 from ..inference.fit import Fit, fit
 from ..inference.problem import FitParameters, Problem
@@ -139,8 +139,9 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     of_made = model.by(made)
     parameters = FitParameters(made, np.array([p.sd for p in made]))
     block, place = blocks(table)
-    none, noise = np.zeros((len(row), 0)), estimate.noise(block[row], place[row], output)
-    problem = Problem(of_made, parameters, table.measured[table.kept], noise, none, none)
+    no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
+    noise = estimate.noise(block[row], place[row], output)
+    problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
     calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
     built = Built(
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, calibrated, apart,
@@ -348,13 +349,12 @@ def _with_discrepancy(b: Built) -> Built:
     problem, p = b.problem, b.problem.parameters
     gap = b.rms(problem.observed - b.calibrated.predicted)[1:]
     draws = (b.table.functions if b.by_row else smooth_functions(b.table.time()))[b.row]
-    value, unit = np.arange(len(b.row)), np.maximum(b.sd, gap)
     white = b.response.T / b.sd[b.output][:, None]
     left = p.beyond_calibration(white * p.sd, white)
     carried = np.sqrt((left**2).mean(axis=0))
     least = np.minimum(judgement.LEAST_NAMED_SIZE, judgement.LEAST_NAMED_FLOORS / np.maximum(carried, 1e-300))
     whole = replace(
-        problem, discrepancy=by_channel(draws, value, b.output, unit),
-        form_error_basis=half_shared(draws, b.output), parameters=replace(p, least=tuple(least.tolist()), narrow=True),
+        problem, smooth=SmoothErrors(draws, b.output, len(b.sd), np.maximum(b.sd, gap)[b.output]),
+        parameters=replace(p, least=tuple(least.tolist()), narrow=True),
     )  # fmt: skip
     return replace(b, problem=whole)

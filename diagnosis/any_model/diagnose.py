@@ -28,7 +28,7 @@ from ..errors import BadCase
 from ..inference.budget import BudgetPart, Naming, weighed
 from ..inference.cross_validation import CrossValidation
 from ..inference.cross_validation import Model as Refitted
-from ..inference.discrepancy import by_channel
+from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit
@@ -214,7 +214,7 @@ class _Diagnosis:
         size = np.array([np.sqrt(np.mean(of_effect[:, b.output == i] ** 2)) for i in range(len(b.sd))])
         errors = list(stage_errors(g, p, {e: self._causes[e].stage for e in p.ids}, functions))
         for name, function in functions.items():
-            columns = by_channel(function, np.arange(len(b.row)), b.output, size / b.sd)
+            columns = SmoothErrors(function, b.output, len(b.sd), (size / b.sd)[b.output]).discrepancy
             errors.append(StageError("outside the list", name, free_form_gain(g, columns)))
         return tuple(sorted(errors, key=lambda e: -e.gain))
 

@@ -77,8 +77,8 @@ class Noise:
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
     def whiten(self, values: Array, into: Array | None = None) -> Array:
-        """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1; put `into` an array that
-        may be the columns themselves."""
+        """Values (n,) or columns (n, k) as they would look with independent noise of standard deviation 1; written to
+        `into`, which may be the columns themselves."""
         return self._applied(values, lambda b: b.white, into)
 
     def colour(self, white: Array) -> Array:

@@ -8,7 +8,7 @@ model. The discrepancy weighs the fit, and is part of the prediction only on req
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -88,11 +88,9 @@ class CrossValidation:
 
 
 def only(problem: Problem, seen: Mask) -> Problem:
-    """The problem of the values marked `seen` (n,) alone, whose laws are taken to be right: no refit asks for their error."""
-    return replace(
-        problem, forward=MaskedForward(problem.forward, seen), observed=problem.observed[seen], noise=problem.noise.take(seen),
-        discrepancy=problem.discrepancy[seen], form_error_basis=np.zeros((int(seen.sum()), 0)),
-    )  # fmt: skip
+    """The problem of the values marked `seen` (n,) alone."""
+    forward, observed = MaskedForward(problem.forward, seen), problem.observed[seen]
+    return Problem(forward, problem.parameters, observed, problem.noise.take(seen), problem.smooth.take(seen))
 
 
 def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: Mask) -> Array:
@@ -105,5 +103,6 @@ def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Arra
     everywhere, columns, size = problem.forward.predict(found.theta), rest.whitened_discrepancy, model.size
     if model.smooth:  # with the most probable discrepancy of what the fit leaves of the values that it has seen
         left = columns.T @ rest.noise.whiten(rest.observed - found.predicted)
-        everywhere = everywhere + size**2 * problem.discrepancy @ np.linalg.solve(np.eye(len(left)) + size**2 * rest.gram, left)
+        most_probable = np.asarray(np.linalg.solve(np.eye(len(left)) + size**2 * rest.gram, left), float)
+        everywhere = everywhere + size**2 * problem.smooth.drawn(most_probable)
     return everywhere

@@ -7,12 +7,12 @@ Instead of the kernel its leading eigenvectors are used, which makes the process
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from ..judgement import BRANCH_DISTANCE, CORRELATION_LENGTH, CORRELATION_PRESSURE, DISCREPANCY_AT_REST
 
 DECIMALS, MOST_PLACES = 3, 1000
@@ -42,17 +42,60 @@ def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[
     return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
 
 
-def bases(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, robot_length: float) -> tuple[Array, Array]:
-    """Columns of a discrepancy of size 1 over values (n,), each of a state and a channel, and the basis of the model-form error
-    (see `Problem`): half of its variance is shared by all channels, half is drawn anew for each.
+@dataclass(frozen=True, eq=False)
+class SmoothErrors:
+    """Errors of the model that are smooth over the states of n values: a discrepancy, drawn anew for each channel, and relative
+    errors of laws, half of whose variance is shared by all channels. Unit normal coefficients draw each from its columns."""
 
-    `unit`: size 1 of the tip's discrepancy, m.
-    """
+    draws: Array
+    """(n, m) columns of a process of size 1 at each value's state."""
+    channel: Ints
+    """(n,) number of each value's channel."""
+    channels: int
+    size: Array
+    """(n,) standard deviation of a discrepancy of size 1 where the process has 1, in the unit of each value."""
+
+    @property
+    def discrepancy(self) -> Array:
+        """(n, m * channels) columns of a discrepancy of size 1."""
+        return self._columns(self.size, np.eye(self.channels))
+
+    @property
+    def unit(self) -> Array:
+        """(n,) standard deviation of a discrepancy of size 1."""
+        return np.asarray(self.size * np.linalg.norm(self.draws, axis=1))
+
+    def drawn(self, coefficients: Array) -> Array:
+        """(n,) the discrepancy of size 1 with these coefficients (m * channels,)."""
+        of_channel = coefficients.reshape(-1, self.channels).T
+        return np.asarray(self.size * (self.draws * of_channel[self.channel]).sum(axis=1))
+
+    def laws(self, response: Array) -> Array:
+        """(n, m * channels) columns of a relative error of size 1 of a law that contributes `response` (n,) to the values."""
+        return self._columns(response, np.asarray(np.linalg.cholesky(0.5 * (1 + np.eye(self.channels))), float))
+
+    def _columns(self, size: Array, root: Array) -> Array:
+        sized = self.draws * size[:, None]
+        return (sized[:, :, None] * root[self.channel][:, None, :]).reshape(len(size), -1)
+
+    def take(self, kept: Mask) -> SmoothErrors:
+        """Of some of the values."""
+        return replace(self, draws=self.draws[kept], channel=self.channel[kept], size=self.size[kept])
+
+    def then(self, other: SmoothErrors) -> SmoothErrors:
+        """With those of other values after these, in channels of their own."""
+        wide = max(self.draws.shape[1], other.draws.shape[1])
+        draws = np.vstack([np.pad(e.draws, ((0, 0), (0, wide - e.draws.shape[1]))) for e in (self, other)])
+        channel = np.concatenate([self.channel, self.channels + other.channel])
+        return SmoothErrors(draws, channel, self.channels + other.channels, np.concatenate([self.size, other.size]))
+
+
+def smooth_errors(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, robot_length: float) -> SmoothErrors:
+    """Smooth errors of values (n,), each of a state and a channel; `unit`: size 1 of the tip's discrepancy, m."""
     names, number = np.unique(channel, return_inverse=True)
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot_length if n.startswith("r") else 1.0 if n == "force" else unit for n in names])
-    draws = eigenfunctions(where.place)
-    return by_channel(draws * where.size[:, None], state, number, size), half_shared(draws[state], number)
+    return SmoothErrors(eigenfunctions(where.place)[state], number, len(names), size[number] * where.size[state])
 
 
 def eigenfunctions(place: Array) -> Array:
@@ -68,20 +111,3 @@ def eigenfunctions(place: Array) -> Array:
     value, vector = np.linalg.eigh(np.exp(-0.5 * squared))
     kept = value > 2e-3 * value.max()
     return np.asarray((vector[:, kept] * np.sqrt(value[kept]))[index.reshape(-1)])
-
-
-def half_shared(draws: Array, channel: Ints) -> Array:
-    """Columns (n, m * channels): the process `draws` (n, m) with half of its variance shared by all channels (n,), half drawn anew
-    for each."""
-    root = np.linalg.cholesky(0.5 * (1 + np.eye(channel.max() + 1)))
-    return (draws[:, :, None] * root[channel][:, None, :]).reshape(len(draws), -1)
-
-
-def by_channel(states: Array, state: Ints, channel: Ints, unit: Array) -> Array:
-    """Columns (n, m * channels): the process `states` (states, m) drawn anew for each channel of size `unit` (channels,)."""
-    n, m = len(state), states.shape[1]
-    out = np.zeros((n, m * len(unit)))
-    for c, size in enumerate(unit):
-        own = np.flatnonzero(channel == c)
-        out[own, c * m : (c + 1) * m] = size * states[state[own]]
-    return out

@@ -234,7 +234,7 @@ class _FitMisfit:
 
     def __init__(self, problem: Problem, size: float) -> None:
         self.problem, self.size = problem, size
-        m = problem.discrepancy.shape[1]
+        m = problem.whitened_discrepancy.shape[1]
         self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
 
     def whiten(self, values: Array) -> Array:

@@ -27,7 +27,7 @@ from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
 from .budget import BudgetPart
-from .discrepancy import bases, settings
+from .discrepancy import SmoothErrors, settings, smooth_errors
 from .jacobian import Columns
 from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
 from .problem import FitForward, FitParameters, MaskedForward, Problem, derivatives
@@ -167,14 +167,12 @@ def prepare(
     else:
         known_floor = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
-    smooth, form_error_basis = _discrepancy_bases(robot, states, labels, unit, pushes)
     problem = Problem(
         MaskedForward(whole, kept),
         replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope, known_floor)),
         observed[kept],
         noise,
-        smooth,
-        form_error_basis,
+        _smooth_errors(robot, states, labels, unit, pushes),
     )
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
 
@@ -249,14 +247,10 @@ def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: 
     return np.array([sd(p) for p in infos])
 
 
-def _discrepancy_bases(
-    robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None
-) -> tuple[Array, Array]:
-    """Columns of a discrepancy of size 1, and the basis of the model-form error."""
+def _smooth_errors(robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None) -> SmoothErrors:
     load = states.highest if pushes is None else pushes.load_level(states)
     where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
-    smooth, form_error_basis = bases(where, labels.state, labels.channel, unit, robot.length)
-    if pushes is not None:
-        force = labels.kind == 3
-        smooth[force] *= pushes.unit[labels.state[force], None]
-    return smooth, form_error_basis
+    errors = smooth_errors(where, labels.state, labels.channel, unit, robot.length)
+    if pushes is None:
+        return errors
+    return replace(errors, size=errors.size * np.where(labels.kind == 3, pushes.unit[labels.state], 1.0))

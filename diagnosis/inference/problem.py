@@ -16,6 +16,7 @@ import numpy as np
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
 from ..judgement import GEOMETRY_LAW_ERROR, LEAKAGE, LEAST_NAMED_SIZE, TENSE_SD
+from .discrepancy import SmoothErrors
 from .jacobian import Columns, Jacobian
 from .linear import Linear, SizePrior
 
@@ -310,11 +311,8 @@ class Problem:
     observed: Array
     """(n,) measured values, in the unit of each channel."""
     noise: Noise
-    discrepancy: Array
-    """(n, m) columns of a discrepancy of size 1."""
-    form_error_basis: Array
-    """(n, b) basis of a factor of standard deviation 1, smooth over the states: how an effect's true law may differ from the
-    catalogue's (model-form error)."""
+    smooth: SmoothErrors
+    """The discrepancy, and how an effect's true law may differ from the catalogue's (model-form error)."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without cached values."""
@@ -323,7 +321,8 @@ class Problem:
     @cached_property
     def whitened_discrepancy(self) -> Array:
         """(n, m)."""
-        return self.noise.whiten(self.discrepancy)
+        columns = self.smooth.discrepancy
+        return self.noise.whiten(columns, into=columns)
 
     @cached_property
     def gram(self) -> Array:
@@ -368,7 +367,7 @@ class Problem:
         effect does at theta. No law of material or contact is exact, whether its effect is named or (to first order) tolerated.
         `tolerated` (n, f): columns of what is, for those that share them."""
         columns, leakage = [np.zeros((len(linear.observed), 0))], 0.0
-        unit = np.maximum(np.sqrt((self.discrepancy**2).sum(axis=1)), 1e-300)  # of each value, of a discrepancy of size 1
+        unit = np.maximum(self.smooth.unit, 1e-300)
         for effect, response in wrong.responses.items():
             done = self.parameters.law_error[effect] * response
             columns.append(self.form_error_of(done))
@@ -396,7 +395,7 @@ class Problem:
 
     def form_error_of(self, done: Array) -> Array:
         """Columns (n, r), whitened, of the model-form error of an effect that contributes `done` (n,) to the values."""
-        columns = done[:, None] * self.form_error_basis
+        columns = self.smooth.laws(done)
         return leading(self.noise.whiten(columns, into=columns))
 
 

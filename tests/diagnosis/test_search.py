@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 
 from diagnosis import judgement
 from diagnosis.data.noise import Noise
+from diagnosis.inference.discrepancy import SmoothErrors
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.fit import fit
@@ -197,7 +198,9 @@ def valley(truth: Array) -> Problem:
     forward = Valley()
     y = forward.predict(truth) + SD * np.random.default_rng(4).normal(size=N)
     noise = Noise(np.arange(N), np.full(N, SD), np.zeros((N, 1)))
-    return Problem(forward, forward.parameters, y, noise, np.zeros((N, 0)), np.full((N, 1), np.sqrt(0.5)))
+    return Problem(
+        forward, forward.parameters, y, noise, SmoothErrors(np.full((N, 1), np.sqrt(0.5)), np.zeros(N, int), 1, np.zeros(N))
+    )
 
 
 def test_a_few_rounds_go_along_a_curved_valley_to_its_end() -> None:
