@@ -15,7 +15,7 @@ import numpy as np
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 from ..errors import BadCase
 from ..findings import Finding, finding
 from . import levels as gaps
@@ -103,9 +103,8 @@ def _kinds(s: Campaign) -> Ints:
     trials = s.trials
     while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
-    for trial in np.unique(s.trial):
+    for in_trial in rows_by(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
-        in_trial = s.trial == trial
         inflated[in_trial] = _sweeps(inflated[in_trial], s.highest[in_trial], s.pressure_gap)
         ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
     return by_frequency(

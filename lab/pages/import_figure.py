@@ -14,6 +14,7 @@ from matplotlib.collections import LineCollection, PathCollection, PolyCollectio
 
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
+from model.arrays import Array, Ints
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -24,6 +25,8 @@ GREYS = ("black", "0.45", "0.7")
 STYLES = ("-", "--", ":", "-.")
 BESIDE: dict[str, Any] = {"fontsize": "small", "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.3}
 """A legend to the right of its panel."""
+SEEN = 1000
+"""Parts of a panel that can be told apart."""
 COLUMNS, MOST_GROUPS = 4, 7
 """Panels in a row at most, and groups of chambers that are drawn."""
 
@@ -57,19 +60,24 @@ def draw(imported: Imported, robot: Robot, path: Path) -> None:
 
 def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     """Indices of the states by the chambers inflated, from 1, in the order in which they come; without those at rest."""
-    gap, out = pressure_gap(states), dict[tuple[int, ...], list[int]]()
-    for i, pressures in enumerate(states.pressures):
-        if pressures.max() > gap:
-            group = tuple((np.flatnonzero(pressures > 0.5 * pressures.max()) + 1).tolist())
-            out.setdefault(group, []).append(i)
-    return out
+    highest = states.pressures.max(axis=1, initial=-np.inf)
+    rows = np.flatnonzero(highest > pressure_gap(states))
+    inflated = states.pressures[rows] > 0.5 * highest[rows, None]
+    groups, first, group = np.unique(inflated, axis=0, return_index=True, return_inverse=True)
+    return {tuple((np.flatnonzero(groups[k]) + 1).tolist()): rows[group == k].tolist() for k in np.argsort(first)}
+
+
+def _distinct(*values: Array) -> Ints:
+    """Rows (n,) that differ from those before in one of some values (n,) by what can be seen."""
+    steps = [np.round(SEEN * (v - v.min()) / max(float(np.ptp(v)), 1e-300)) for v in values]
+    return np.sort(np.unique(np.column_stack(steps), axis=0, return_index=True)[1])
 
 
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
     """Draw pressures and tip of all rows over time (s), with the rows that became states, and where trials begin."""
     for number, (_, q, cuts) in enumerate(imported.files):
         pressures, places = q.table.pressures, q.table.tip
-        every = max(1, len(q.t) // 4000)  # more points cannot be seen
+        every = max(1, len(q.t) // (4 * SEEN))
         for k in range(pressures.shape[1]):
             pressure.plot(
                 q.t[::every], pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
@@ -78,7 +86,10 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
-        spans = [(t[0], max(t[-1], t[0] + 1e-6)) for t in (q.t[cut.rows] for cut in cuts)]
+        begin, end = (q.t[np.array([at(cut.rows) for cut in cuts], int)] for at in (lambda r: r.start, lambda r: r.stop - 1))
+        end = np.maximum.accumulate(np.maximum(end, begin + 1e-6))
+        apart = begin[1:] - end[:-1] > np.ptp(q.t) / SEEN
+        spans = zip(begin[np.append(True, apart)], end[np.append(apart, True)], strict=True)
         corners = [[(a, 0.0), (a, 1.0), (b, 1.0), (b, 0.0)] for a, b in spans]
         for ax in (pressure, tip):
             _upright(ax, PolyCollection(corners, color="tab:orange", alpha=0.35, lw=0))
@@ -103,7 +114,8 @@ def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     x, y, z = 1e3 * states.tip.T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
     highest = states.pressures.max(axis=1) / robot.actuators.words.pascal
-    dots = ax.scatter(np.hypot(x, y), z, c=highest, s=14, cmap="viridis")
+    shown = _distinct(np.hypot(x, y), z, highest)
+    dots = ax.scatter(np.hypot(x, y)[shown], z[shown], c=highest[shown], s=14, cmap="viridis")
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = 1e3 * max(0.7 * robot.length, 1.1 * float(np.hypot(*states.tip[:, :2].T).max()))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
@@ -128,7 +140,9 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         end = start + 0.9 * (size - max(abs(start.real), abs(start.imag))) * push
         ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops={"arrowstyle": "->", "color": "0.6"})
-    ax.scatter(x, y, c=of_group.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
+    own, limits = of_group.pressures.max(axis=1) / pascal, {"vmin": highest.min(), "vmax": highest.max()}
+    shown = _distinct(x, y, own)
+    ax.scatter(x[shown], y[shown], c=own[shown], s=14, cmap="viridis", **limits)
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")
