@@ -24,7 +24,7 @@ def number(text: str) -> float:
 
 
 def numbers(texts: Sequence[str]) -> list[float]:
-    """The numbers of a column of texts without blanks around them, NaN where one is empty; raises ValueError where any is none."""
+    """The numbers of texts without blanks around them, NaN where one is empty; raises ValueError where any is none."""
     if "".join(texts).encode("ascii").translate(None, _DIGITS):  # of these alone `float` reads what `NUMBER` is
         raise ValueError("not a column of numbers")
     return [float(text) if text else math.nan for text in texts]

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from model.errors import BadCondition
 from model.robot import Robot
@@ -101,7 +101,7 @@ def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
             continue
         factors = np.array([1.0, *(unit.per_si if column == "force" else 1 / unit.per_si for column, _, unit in PUSH_UNITS)])
         prior = np.log([1 - PRIOR * len(PUSH_UNITS), *[PRIOR] * len(PUSH_UNITS)])
-        p = softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
+        p = scipy.special.softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
         if p[0] > 1 - judgement.CAUSE_PROBABILITY:
             continue
         column, si, unit = PUSH_UNITS[int(np.argmax(p[1:]))]

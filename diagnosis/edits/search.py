@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from itertools import groupby
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from model.effects.shows import sides_apart
 from model.robot import Robot
@@ -137,7 +137,7 @@ def judged(sample: Sample) -> Judged | None:
     still = sample.fitted([((STILL,), near.x)], 3, alone=True)
     edits = [*every_edit(sample, near), *of_table(sample, near)]
     fits = [near, *still, *_weighed(sample, edits, near, pairs=not sample.near(near))]
-    return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
+    return Judged(sample, fits, scipy.special.softmax([f.log_posterior for f in fits]))
 
 
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
