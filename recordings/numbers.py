@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Sequence
 
 NUMBER = r"[-+]?(?:[0-9]++\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _TEXT = re.compile(rf"{NUMBER}|[-+]?(?:inf(?:inity)?|nan)", re.IGNORECASE)
-_DIGITS = b"0123456789+-.eE"
 _WHOLE = re.compile(r"[-+]?[0-9]{1,18}")
 
 
@@ -21,13 +18,6 @@ def number(text: str) -> float:
     if not _TEXT.fullmatch(text := text.strip(" \t\r\n")):
         raise ValueError(f"{text[:80]!r} is not a number")
     return float(text)
-
-
-def numbers(texts: Sequence[str]) -> list[float]:
-    """The numbers of texts without blanks around them, NaN where one is empty; raises ValueError where any is none."""
-    if "".join(texts).encode("ascii").translate(None, _DIGITS):  # of these alone `float` reads what `NUMBER` is
-        raise ValueError("not a column of numbers")
-    return [float(text) if text else math.nan for text in texts]
 
 
 def whole_number(text: str) -> int:

@@ -10,7 +10,6 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from itertools import compress
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 from .bounded import read_bounded
 from .errors import BadTable
 from .numbers import number as number_in
-from .numbers import numbers
 from .own_files import replaced
 from .states.rules import BRANCHES, PROTOCOL, PROTOCOL_IS, SPECIMENS
 from .trials import DOUBTS, INTEGERS, LARGEST_INTEGER, REQUIRED, TEXTS, Cell, Table, column_order, highest, incomplete, present
@@ -67,9 +65,8 @@ def _texts(name: str, column: NDArray[Any]) -> list[str]:
     """The cells of a column."""
     if name in TEXTS:
         return [str(text) for text in column]
-    if column.dtype.kind == "i" or not (name in INTEGERS or name == "clipped"):
-        return ["" if text == "nan" else text for text in map(repr, column.tolist())]
-    return ["" if x != x else str(int(x)) for x in column.tolist()]
+    whole = name in INTEGERS or name == "clipped"
+    return ["" if x != x else str(int(x)) if whole else repr(x) for x in column.tolist()]
 
 
 def read_csv(path: str | os.PathLike[str]) -> Table:
@@ -165,10 +162,6 @@ def _parsed(name: str, cells: Sequence[str], place: Callable[[int], str], finite
     """A column as text or numbers, NaN where a cell is empty; raises `BadTable`."""
     if name in TEXTS:
         return np.array(cells, np.str_)
-    with suppress(ValueError):  # a cell that is no number is found below
-        values = np.array(numbers(cells))
-        if not np.isinf(values).any():
-            return values
     values = np.full(len(cells), math.nan)
     for row, text in enumerate(cells):
         try:

@@ -13,7 +13,7 @@ from itertools import combinations, permutations, product
 from typing import Any
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.errors import ModelError
@@ -178,12 +178,12 @@ def _origin(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> li
 def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     seen, robot = sample.table.tip, sample.robot
     predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
-    turn = scipy.spatial.transform.Rotation.align_vectors(predicted, seen)[0]
+    turn = Rotation.align_vectors(predicted, seen)[0]
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
             sign = np.array([1.0, 1.0, handed])
-            quaternion = scipy.spatial.transform.Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
+            quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
             yield Edit("frame", 0.006, axes_say(axes), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
@@ -213,16 +213,16 @@ def _turn(v: Variants, own: Array) -> Variants:
 
 
 def _turn_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
-    turn = scipy.spatial.transform.Rotation.from_rotvec(own)
+    turn = Rotation.from_rotvec(own)
     if turn.magnitude() < np.radians(judgement.EDIT_LEAST_TILT):
         return []
     return axes_say(turn.inv().as_matrix(), turn.inv())(robot, theta, own, p, rather)
 
 
-def axes_say(axes: Array, turn: scipy.spatial.transform.Rotation | None = None) -> Says:
+def axes_say(axes: Array, turn: Rotation | None = None) -> Says:
     """State the frame's angle and axis, and the line to correct; `axes` (3, 3), and `turn` without a mirror, lead to the base."""
     handed = np.round(np.linalg.det(axes))
-    back = (turn or scipy.spatial.transform.Rotation.from_matrix(handed * axes)).inv().as_rotvec()
+    back = (turn or Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
     named = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in nearest]
@@ -284,7 +284,7 @@ def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     none = np.array([1.0, 0.0, 0.0, 0.0])
-    for turn in scipy.spatial.transform.Rotation.create_group("O").as_quat(canonical=True, scalar_first=True).round(6):
+    for turn in Rotation.create_group("O").as_quat(canonical=True, scalar_first=True).round(6):
         by, back = (f"({', '.join(f'{x + 0.0:.3g}' for x in q)})" for q in (turn, turn * CONJUGATE))
         yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
         yield f"multiply each quaternion from the right by {by}", partial(_framed, none, turn)

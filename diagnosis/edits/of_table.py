@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
 from model.rotation import CONJUGATE, multiply
@@ -58,8 +58,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
             kind, says = ("frame", axes_say(axes)) if whole else ("points", _axes_of_one_say(bodies[0], axes))
-            handed = axes * np.round(np.linalg.det(axes))
-            turn = scipy.spatial.transform.Rotation.from_matrix(handed).as_quat(scalar_first=True) if whole else None
+            turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
             yield Edit(kind, 0.02 / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 

@@ -25,9 +25,7 @@ from ..data.campaign import Campaign
 from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
-from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described
-from .of_table import of_table
 from .order import ORDER, place_of, reordered, with_order
 
 
@@ -134,6 +132,9 @@ def judged(sample: Sample) -> Judged | None:
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
         return None
+    from .listed import every_edit  # a robot that is near does not wait for these
+    from .of_table import of_table
+
     still = sample.fitted([((STILL,), near.x)], 3, alone=True)
     edits = [*every_edit(sample, near), *of_table(sample, near)]
     fits = [near, *still, *_weighed(sample, edits, near, pairs=not sample.near(near))]
@@ -163,6 +164,8 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
         alone = tried([near], edits, 2, both=True)
     best = _best_of_kinds(alone, _log_posterior)[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
+        from .listed import of_attitudes
+
         explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
         return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
     return [*alone, *tried(best, edits, 1)] if pairs else alone

@@ -118,12 +118,10 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     values[~np.isfinite(values)] = np.nan
     unread_cells = np.isnan(values) & filled
     words = [w for w in map(str, pd.unique(cells[unread_cells])) if not is_missing(w, missing)]
-    if not words and (decimal == "." or not (decimal or commas)):
-        return Judged(values)
-    plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])]
+    plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])] if words or decimal == "," or commas else []
     if not words:
         dotted = [w for w in plain_numbers if "." in w]
-        if _in_thousands(dotted, plain_numbers):
+        if decimal != "." and _in_thousands(dotted, plain_numbers):
             values = np.array(cells.map({w: number(w, ",", True) for w in plain_numbers}), np.float64)
             return Judged(values, note=_of_thousands(dotted[0], ","))
         return Judged(values)

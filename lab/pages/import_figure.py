@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PathCollection
 
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
@@ -86,27 +86,22 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
-        begin, end = (q.t[np.array([at(cut.rows) for cut in cuts], int)] for at in (lambda r: r.start, lambda r: r.stop - 1))
-        end = np.maximum.accumulate(np.maximum(end, begin + 1e-6))
-        apart = begin[1:] - end[:-1] > np.ptp(q.t) / SEEN
-        spans = zip(begin[np.append(True, apart)], end[np.append(apart, True)], strict=True)
-        corners = [[(a, 0.0), (a, 1.0), (b, 1.0), (b, 0.0)] for a, b in spans]
+        taken = np.zeros(len(q.t), bool)
+        for cut in cuts:
+            taken[cut.rows] = True
         for ax in (pressure, tip):
-            _upright(ax, PolyCollection(corners, color="tab:orange", alpha=0.35, lw=0))
+            upright = ax.get_xaxis_transform()
+            ax.fill_between(q.t, 0, 1, where=taken, transform=upright, color="tab:orange", alpha=0.35, lw=0)
     t = states.get("t")
     pressure.plot(t, states.pressures.max(axis=1) / words.pascal, "o", ms=3, mfc="none", color="tab:orange", label="state")
     begins = (t - states.get("hold", 0.0))[np.diff(states.trial, prepend=-1) != 0]
     for ax in (pressure, tip):
-        _upright(ax, LineCollection([[(b, 0.0), (b, 1.0)] for b in begins], color="tab:blue", lw=0.6, label="trial begins"))
+        ends, upright = [[(b, 0.0), (b, 1.0)] for b in begins], ax.get_xaxis_transform()
+        lines = LineCollection(ends, color="tab:blue", lw=0.6, label="trial begins", transform=upright)
+        ax.add_collection(lines, autolim=False)
         ax.legend(**BESIDE)
     pressure.set(ylabel=words.axis, title=f"{len(states)} states in {len(begins)} trials")
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
-
-
-def _upright(ax: Axes, drawn: PolyCollection | LineCollection) -> None:
-    """Draw over the whole height of a panel, y from 0 to 1; one artist, however many bars or lines there are."""
-    drawn.set_transform(ax.get_xaxis_transform())
-    ax.add_collection(drawn, autolim=False)
 
 
 def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
@@ -140,9 +135,9 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         end = start + 0.9 * (size - max(abs(start.real), abs(start.imag))) * push
         ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops={"arrowstyle": "->", "color": "0.6"})
-    own, limits = of_group.pressures.max(axis=1) / pascal, {"vmin": highest.min(), "vmax": highest.max()}
+    own = of_group.pressures.max(axis=1) / pascal
     shown = _distinct(x, y, own)
-    ax.scatter(x[shown], y[shown], c=own[shown], s=14, cmap="viridis", **limits)
+    ax.scatter(x[shown], y[shown], c=own[shown], s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

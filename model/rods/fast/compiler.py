@@ -8,7 +8,6 @@ several files, so a change in any of them drops what was compiled from all of th
 from __future__ import annotations
 
 import contextlib
-import gc
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
@@ -109,19 +108,6 @@ def allocating(function: Function) -> Function:
     return cast(Function, _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
 
 
-class _KernelCompiler(Compiler):  # type: ignore[misc]
-    """Compiles an entry point without garbage collections meanwhile, which take a tenth of the time and find little."""
-
-    def _compile_core(self) -> Any:
-        collects = gc.isenabled()
-        gc.disable()
-        try:
-            return super()._compile_core()
-        finally:
-            if collects:
-                gc.enable()
-
-
 class _KernelCache(FunctionCache):  # type: ignore[misc]
     """Machine code on disk, which is loaded without all that Numba imports in order to compile."""
 
@@ -133,7 +119,7 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
 
 def kernel(function: Function) -> Function:
     """An entry point: compiled once a machine, runs without the interpreter lock."""
-    made: Any = _compiled(nogil=True, pipeline_class=_KernelCompiler)(function)
+    made: Any = _compiled(nogil=True)(function)
     made._cache = _KernelCache(function)
     _kernels.append(made)
     return cast(Function, made)
