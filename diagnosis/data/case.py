@@ -134,9 +134,7 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
     """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
     out = np.zeros(len(vacuum), np.int64)
-    length = levels(spine, gaps.SPINE_GAP)
-    for k in np.unique(length):
-        own = length == k
+    for own in rows_by(levels(spine, gaps.SPINE_GAP)):
         out[own] = levels(-vacuum[own], gaps.VACUUM_GAP)
     return out
 
@@ -189,8 +187,7 @@ def _conditions_of_pushes(given: Table) -> Ints:
     branch = (given.get("branch") == "unload").astype(np.int64)
     same = distinct(_kinds_of_pushes(given), levels(spine, gaps.SPINE_GAP), branch)
     level = np.zeros(len(given), np.int64)
-    for one in np.unique(same):
-        own = same == one
+    for own in rows_by(same):
         level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
     return distinct(same, level)
 

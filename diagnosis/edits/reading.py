@@ -27,8 +27,7 @@ from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
-from .misfit import as_described
-from .search import judged, sample_of
+from .misfit import as_described, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
@@ -79,6 +78,8 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
+        from .search import judged  # with the list of edits, for which a robot that is near does not wait
+
         by_edits = judged(sample)
         findings += by_edits.findings if by_edits is not None else ()
     if not findings and scaled and rms <= gross:

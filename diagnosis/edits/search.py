@@ -13,7 +13,7 @@ from functools import cached_property, lru_cache
 from itertools import groupby
 
 import numpy as np
-import scipy
+from scipy.special import softmax
 
 from model.effects.shows import sides_apart
 from model.robot import Robot
@@ -22,10 +22,11 @@ from recordings.trials import Table, pressure_columns
 from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
-from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
-from .misfit import Fit, Sample, as_described
+from .listed import every_edit, of_attitudes
+from .misfit import Fit, Sample, as_described, sample_of
+from .of_table import of_table
 from .order import ORDER, place_of, reordered, with_order
 
 
@@ -112,12 +113,6 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     return _made(robot, states, found, found.chosen, effects)
 
 
-def sample_of(robot: Robot, states: Campaign) -> Sample | None:
-    """Of the states that can be compared; None where there are too few."""
-    tips = states.take(~states.pushed & finite(states.trials))
-    return Sample.of(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else None
-
-
 def judge(robot: Robot, states: Campaign) -> Judged | None:
     """The edits of robot and states that were tried; None where the robot is near its data, or there are too few."""
     sample = sample_of(robot, states)
@@ -132,13 +127,10 @@ def judged(sample: Sample) -> Judged | None:
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
         return None
-    from .listed import every_edit  # a robot that is near does not wait for these
-    from .of_table import of_table
-
     still = sample.fitted([((STILL,), near.x)], 3, alone=True)
     edits = [*every_edit(sample, near), *of_table(sample, near)]
     fits = [near, *still, *_weighed(sample, edits, near, pairs=not sample.near(near))]
-    return Judged(sample, fits, scipy.special.softmax([f.log_posterior for f in fits]))
+    return Judged(sample, fits, softmax([f.log_posterior for f in fits]))
 
 
 def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[Fit]:
@@ -164,8 +156,6 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
         alone = tried([near], edits, 2, both=True)
     best = _best_of_kinds(alone, _log_posterior)[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
-        from .listed import of_attitudes
-
         explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
         return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
     return [*alone, *tried(best, edits, 1)] if pairs else alone

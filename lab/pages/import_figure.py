@@ -10,11 +10,11 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.collections import PathCollection
 
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
-from model.arrays import Array, Ints
+from model.arrays import Array
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -25,8 +25,6 @@ GREYS = ("black", "0.45", "0.7")
 STYLES = ("-", "--", ":", "-.")
 BESIDE: dict[str, Any] = {"fontsize": "small", "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.3}
 """A legend to the right of its panel."""
-SEEN = 1000
-"""Parts of a panel that can be told apart."""
 COLUMNS, MOST_GROUPS = 4, 7
 """Panels in a row at most, and groups of chambers that are drawn."""
 
@@ -67,17 +65,11 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     return {tuple((np.flatnonzero(groups[k]) + 1).tolist()): rows[group == k].tolist() for k in np.argsort(first)}
 
 
-def _distinct(*values: Array) -> Ints:
-    """Rows (n,) that differ from those before in one of some values (n,) by what can be seen."""
-    steps = [np.round(SEEN * (v - v.min()) / max(float(np.ptp(v)), 1e-300)) for v in values]
-    return np.sort(np.unique(np.column_stack(steps), axis=0, return_index=True)[1])
-
-
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
     """Draw pressures and tip of all rows over time (s), with the rows that became states, and where trials begin."""
     for number, (_, q, cuts) in enumerate(imported.files):
         pressures, places = q.table.pressures, q.table.tip
-        every = max(1, len(q.t) // (4 * SEEN))
+        every = max(1, len(q.t) // 4000)  # more points cannot be seen
         for k in range(pressures.shape[1]):
             pressure.plot(
                 q.t[::every], pressures[::every, k] / words.pascal, STYLES[k // 3 % 4], color=GREYS[k % 3], lw=1,
@@ -90,18 +82,22 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         for cut in cuts:
             taken[cut.rows] = True
         for ax in (pressure, tip):
-            upright = ax.get_xaxis_transform()
-            ax.fill_between(q.t, 0, 1, where=taken, transform=upright, color="tab:orange", alpha=0.35, lw=0)
+            ax.fill_between(q.t, 0, 1, taken, transform=ax.get_xaxis_transform(), color="tab:orange", alpha=0.35, lw=0)
     t = states.get("t")
     pressure.plot(t, states.pressures.max(axis=1) / words.pascal, "o", ms=3, mfc="none", color="tab:orange", label="state")
     begins = (t - states.get("hold", 0.0))[np.diff(states.trial, prepend=-1) != 0]
     for ax in (pressure, tip):
-        ends, upright = [[(b, 0.0), (b, 1.0)] for b in begins], ax.get_xaxis_transform()
-        lines = LineCollection(ends, color="tab:blue", lw=0.6, label="trial begins", transform=upright)
-        ax.add_collection(lines, autolim=False)
+        ax.vlines(begins, 0, 1, transform=ax.get_xaxis_transform(), color="tab:blue", lw=0.6, label="trial begins")
         ax.legend(**BESIDE)
     pressure.set(ylabel=words.axis, title=f"{len(states)} states in {len(begins)} trials")
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
+
+
+def _dots(ax: Axes, x: Array, y: Array, colour: Array, **limits: float) -> PathCollection:
+    """Draw points (n,), each in a colour (n,); those that look the same are drawn once."""
+    steps = [np.round(1000 * (v - v.min()) / max(float(np.ptp(v)), 1e-300)) for v in (x, y, colour)]
+    shown = np.unique(np.column_stack(steps), axis=0, return_index=True)[1]
+    return ax.scatter(x[shown], y[shown], c=colour[shown], s=14, cmap="viridis", **limits)
 
 
 def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
@@ -109,8 +105,7 @@ def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     x, y, z = 1e3 * states.tip.T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
     highest = states.pressures.max(axis=1) / robot.actuators.words.pascal
-    shown = _distinct(np.hypot(x, y), z, highest)
-    dots = ax.scatter(np.hypot(x, y)[shown], z[shown], c=highest[shown], s=14, cmap="viridis")
+    dots = _dots(ax, np.hypot(x, y), z, highest)
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = 1e3 * max(0.7 * robot.length, 1.1 * float(np.hypot(*states.tip[:, :2].T).max()))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
@@ -135,9 +130,7 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         end = start + 0.9 * (size - max(abs(start.real), abs(start.imag))) * push
         ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops={"arrowstyle": "->", "color": "0.6"})
-    own = of_group.pressures.max(axis=1) / pascal
-    shown = _distinct(x, y, own)
-    ax.scatter(x[shown], y[shown], c=own[shown], s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
+    _dots(ax, x, y, of_group.pressures.max(axis=1) / pascal, vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

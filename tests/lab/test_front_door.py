@@ -56,9 +56,7 @@ NEAR = "import lab, pandas; lab.case(pandas.read_csv('trials.csv'), 'robot.yaml'
     ],
     ids=["lab", "read", "load_robot", "guard", "safe", "check", "compare", "case"],
 )
-def test_what_solves_diagnoses_and_draws_is_loaded_where_it_is_used_alone(
-    work: str, without: set[str], small_case: Path
-) -> None:
+def test_what_solves_diagnoses_and_draws_is_loaded_where_it_is_used_alone(work: str, without: set[str], small_case: Path) -> None:
     said = f"import sys; {work}; print(sorted(set(sys.modules) & {without}))"
     place = small_case if work == NEAR else ROOT
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True, cwd=place)

@@ -6,7 +6,6 @@ import pickle
 import resource
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from multiprocessing import Pipe
