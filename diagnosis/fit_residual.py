@@ -18,7 +18,7 @@ from model.prediction.residual import covariance, kernel, section_sums
 from model.robot import Robot
 from model.stated import Residual
 
-from .arrays import Array, Ints, Mask, rms
+from .arrays import Array, Ints, Mask, rms, rows_by
 from .errors import BadCase
 
 LEAST_STATES = 6
@@ -91,8 +91,7 @@ def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array
     inverse = np.linalg.inv(c)
     weights = inverse @ missed
     out = np.empty_like(missed)
-    for number in np.unique(trial):
-        rows = np.flatnonzero(trial == number)
+    for rows in rows_by(trial):
         out[rows] = np.linalg.solve(inverse[np.ix_(rows, rows)], weights[rows])
     return out
 

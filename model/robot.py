@@ -41,23 +41,34 @@ def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
     first, last = table[0], table[-1]
     if len(table) < 2:
         return np.full(length.shape, first[1])
-    curve, slope = _curve(table)
-    out: Array = np.asarray(curve(np.clip(length, first[0], last[0])))
-    for (end, value), beyond in ((first, length < first[0]), (last, length > last[0])):
+    x, y, slope = _curve(table)
+    k = np.clip(np.searchsorted(x, length, side="right") - 1, 0, len(x) - 2)
+    step = x[k + 1] - x[k]
+    s, a, b, rise = (np.clip(length, x[0], x[-1]) - x[k]) / step, step * slope[k], step * slope[k + 1], y[k + 1] - y[k]
+    out: Array = y[k] + s * (a + s * (3 * rise - 2 * a - b + s * (a + b - 2 * rise)))
+    for (end, value), steep, beyond in ((first, slope[0], length < first[0]), (last, slope[-1], length > last[0])):
         if beyond.any():
-            rise = float(slope(end)) / (MOST_BEYOND * value) * (length - end)
+            rise = float(steep) / (MOST_BEYOND * value) * (length - end)
             out = np.where(beyond, value * np.exp(MOST_BEYOND * np.tanh(rise)), out)
     return out
 
 
 @lru_cache(maxsize=64)
-def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """The curve between the ends, and its slope."""
-    from scipy.interpolate import PchipInterpolator  # reading a robot needs none of it
-
-    lengths, values = np.array(table).T
-    curve = PchipInterpolator(lengths, values)
-    return curve, curve.derivative()
+def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Array, Array, Array]:
+    """Lengths and values (n,) of a table, and slopes there: harmonic means, 0 at an extremum; at the ends by three points."""
+    x, y = np.array(table).T
+    h, m = np.diff(x), np.diff(y) / np.diff(x)
+    slope = np.full(len(x), m[0])
+    if len(x) > 2:
+        rising = m[1:] * m[:-1] > 0
+        before, after = np.where(rising, m[:-1], np.inf), np.where(rising, m[1:], np.inf)
+        means = 3 * (h[1:] + h[:-1]) / np.where(rising, (2 * h[1:] + h[:-1]) / before + (h[1:] + 2 * h[:-1]) / after, 1.0)
+        slope[1:-1] = np.where(rising, means, 0.0)
+    for end, here, next_ in ((0, 0, 1), (-1, -1, -2)) if len(x) > 2 else ():
+        steep = ((2 * h[here] + h[next_]) * m[here] - h[here] * m[next_]) / (h[here] + h[next_])
+        turns = m[here] * m[next_] < 0 and abs(steep) > 3 * abs(m[here])
+        slope[end] = 0.0 if steep * m[here] <= 0 else 3 * m[here] if turns else steep
+    return x, y, slope
 
 
 Vector3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

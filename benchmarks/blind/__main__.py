@@ -67,7 +67,8 @@ def parser() -> argparse.ArgumentParser:
         step.set_defaults(call=call)
         step.add_argument("out", type=Path, help="folder of the set")
     for step in (making, running):
-        step.add_argument("--workers", type=int, default=1, help="processes (default 1)")
+        step.add_argument("--workers", type=lambda text: text if "://" in text else int(text), default=1, help="processes "
+                          "(default 1), or tcp://HOST:PORT of a Dask scheduler")  # fmt: skip
     making.add_argument("--n", type=int, default=200, help="cases (default 200)")
     making.add_argument("--seed", type=int, required=True, help="seed, one that was not used before")
     making.add_argument("--design", default="full", help="tip, full (orientation and unload), full+markers, full+extras")

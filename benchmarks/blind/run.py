@@ -61,7 +61,7 @@ def _answered(folder: Path, options: Options) -> dict[str, Any]:
     return found
 
 
-def run(root: Path, diagnose: Diagnose, most: int = 0, workers: int = 1) -> int:
+def run(root: Path, diagnose: Diagnose, most: int = 0, workers: int | str = 1) -> int:
     """Diagnose all cases that have no answer yet, giving each up to `most` experiments; returns how many.
 
     Raises ConfigError when the set has been scored already.

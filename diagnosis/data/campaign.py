@@ -12,7 +12,7 @@ from model.condition import States, conditions
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,7 @@ class Campaign:
         """Numbers, from 1, of the chambers inflated in each state; at rest those of the next state of its trial, else of the
         last."""
         out = self.inflated.copy()
-        for trial in np.unique(self.trial):
-            own = np.flatnonzero(self.trial == trial)
+        for own in rows_by(self.trial):
             used = own[self.inflated[own].any(axis=1)]
             if used.size:
                 out[own] = self.inflated[used[np.minimum(np.searchsorted(used, own), used.size - 1)]]

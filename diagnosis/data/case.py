@@ -15,7 +15,7 @@ import numpy as np
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 from ..errors import BadCase
 from ..findings import Finding, finding
 from . import levels as gaps
@@ -103,9 +103,8 @@ def _kinds(s: Campaign) -> Ints:
     trials = s.trials
     while_ramping, rate = trials.get("hold") <= 0, np.abs(trials.get("rate", 0.0))
     inflated, ramp = s.inflated.copy(), np.zeros(len(trials))
-    for trial in np.unique(s.trial):
+    for in_trial in rows_by(s.trial):
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
-        in_trial = s.trial == trial
         inflated[in_trial] = _sweeps(inflated[in_trial], s.highest[in_trial], s.pressure_gap)
         ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
     return by_frequency(
@@ -135,9 +134,7 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
 def _vacuums(vacuum: Array, spine: Array) -> Ints:
     """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
     out = np.zeros(len(vacuum), np.int64)
-    length = levels(spine, gaps.SPINE_GAP)
-    for k in np.unique(length):
-        own = length == k
+    for own in rows_by(levels(spine, gaps.SPINE_GAP)):
         out[own] = levels(-vacuum[own], gaps.VACUUM_GAP)
     return out
 
@@ -190,8 +187,7 @@ def _conditions_of_pushes(given: Table) -> Ints:
     branch = (given.get("branch") == "unload").astype(np.int64)
     same = distinct(_kinds_of_pushes(given), levels(spine, gaps.SPINE_GAP), branch)
     level = np.zeros(len(given), np.int64)
-    for one in np.unique(same):
-        own = same == one
+    for own in rows_by(same):
         level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
     return distinct(same, level)
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from recordings.trials import Table
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, rows_by
 
 SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
@@ -55,7 +55,7 @@ def pressure_gap(trials: Table) -> float:
 
 def step_gap(deflection: Array, trial: Ints) -> float:
     """m within which deflections of one specimen at one length were meant to be the same."""
-    moved = np.concatenate([np.diff(np.sort(deflection[trial == t])) for t in np.unique(trial)])
+    moved = np.concatenate([np.diff(np.sort(deflection[own])) for own in rows_by(trial)])
     moved = moved[moved > 0]
     # of the trials' usual step: deflections that differ by less were meant to be the same
     return 0.4 * float(np.median(moved)) if moved.size else 0.0

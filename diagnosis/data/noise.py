@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 
 AT_ONCE = 1 << 16
 """Numbers that are whitened at once: they stay in a processor's cache."""
@@ -191,8 +191,8 @@ class _Blocks:
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:
     """(n,) block of each of n states: its trial, cut so that none has more than `longest` states; -1 where no time is known."""
     out, count = np.full(len(trial), -1, np.intp), itertools.count()
-    for t in np.unique(trial):
-        own = np.flatnonzero((trial == t) & np.isfinite(time))
+    timed = np.flatnonzero(np.isfinite(time))
+    for own in (timed[rows] for rows in rows_by(trial[timed])):
         own = own[np.argsort(time[own], kind="stable")]
         for k in range(0, len(own), longest):
             out[own[k : k + longest]] = next(count)

@@ -15,7 +15,7 @@ from scipy.linalg import helmert
 
 from model.effects.scales import STANDARD
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 from ..judgement import MEMORY
 
 PRESSURE = "pressure"
@@ -98,8 +98,7 @@ def reading_rms(data: Repeated, channels: Mask) -> float:
 def contrasts(condition: Ints) -> Array:
     """(k, n) orthonormal rows, each a difference between repeats of one condition."""
     rows = [np.zeros((0, len(condition)))]
-    for c in np.unique(condition):
-        own = np.flatnonzero(condition == c)
+    for own in rows_by(condition):
         rows.append(np.zeros((own.size - 1, len(condition))))
         rows[-1][:, own] = -helmert(own.size)
     return np.concatenate(rows)

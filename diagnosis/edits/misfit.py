@@ -32,6 +32,7 @@ from recordings.trials import Table
 from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..data.campaign import Campaign, settings, spread_over
+from ..data.case import finite
 from .edit import AREA, AZIMUTH, CALIBRATION, MODULUS, ROD, WIDEST, Edit, Variants
 
 STEP = 1e-4
@@ -289,6 +290,12 @@ class Sample:
             both = np.stack([near.theta, np.zeros(len(CALIBRATION))])
             both[:, [*last.widens]] = values[: len(last.widens)]
             yield tuple(np.concatenate([theta, *near.own, values[len(last.widens) :]]) for theta in both)
+
+
+def sample_of(robot: Robot, states: Campaign) -> Sample | None:
+    """Of the states that can be compared; None where there are too few."""
+    tips = states.take(~states.pushed & finite(states.trials))
+    return Sample.of(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else None
 
 
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:

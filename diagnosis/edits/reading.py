@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from model.errors import BadCondition
 from model.robot import Robot
@@ -27,8 +27,7 @@ from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
-from .misfit import as_described
-from .search import judged, sample_of
+from .misfit import as_described, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
@@ -79,6 +78,8 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     ratio, words = float(np.exp(fit.theta[AREA] - fit.theta[MODULUS])), robot.actuators.words
     scaled = not 1 / judgement.OTHER_UNIT < ratio < judgement.OTHER_UNIT
     if rms > gross or not sample.aligned(fit) or sample.ambient or scaled:
+        from .search import judged  # with the list of edits, for which a robot that is near does not wait
+
         by_edits = judged(sample)
         findings += by_edits.findings if by_edits is not None else ()
     if not findings and scaled and rms <= gross:
@@ -101,7 +102,7 @@ def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
             continue
         factors = np.array([1.0, *(unit.per_si if column == "force" else 1 / unit.per_si for column, _, unit in PUSH_UNITS)])
         prior = np.log([1 - PRIOR * len(PUSH_UNITS), *[PRIOR] * len(PUSH_UNITS)])
-        p = softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
+        p = scipy.special.softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
         if p[0] > 1 - judgement.CAUSE_PROBABILITY:
             continue
         column, si, unit = PUSH_UNITS[int(np.argmax(p[1:]))]

@@ -22,11 +22,10 @@ from recordings.trials import Table, pressure_columns
 from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
-from ..data.case import finite
 from ..findings import Finding, finding
 from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
 from .listed import every_edit, of_attitudes
-from .misfit import Fit, Sample, as_described
+from .misfit import Fit, Sample, as_described, sample_of
 from .of_table import of_table
 from .order import ORDER, place_of, reordered, with_order
 
@@ -112,12 +111,6 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     if found is None or found.chosen is None:
         return Edited(robot, states)
     return _made(robot, states, found, found.chosen, effects)
-
-
-def sample_of(robot: Robot, states: Campaign) -> Sample | None:
-    """Of the states that can be compared; None where there are too few."""
-    tips = states.take(~states.pushed & finite(states.trials))
-    return Sample.of(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else None
 
 
 def judge(robot: Robot, states: Campaign) -> Judged | None:

@@ -20,7 +20,7 @@ from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 from model.effects.scales import STANDARD
 
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, rows_by
 from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
@@ -75,8 +75,8 @@ class StiffnessTrials:
         at this length."""
         out = states.highest.copy()
         top = max(float(out.max(initial=0.0)), 1.0)
-        for t in np.unique(states.trial[states.pushed]):
-            own = states.pushed & (states.trial == t)
+        pushed = np.flatnonzero(states.pushed)
+        for own in (pushed[rows] for rows in rows_by(states.trial[pushed])):
             out[own] = top * np.abs(states.deflection[own]) / max(float(np.abs(states.deflection[own]).max()), 1e-9)
         return out
 
@@ -93,9 +93,9 @@ def stiffness_trials(
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
     }
     stiffness = np.zeros(len(rows))  # N/m: derivative of the force by the place of contact
-    for t in np.unique(trial):
+    for own in rows_by(trial):
         # Before contact there is no force; the specimen is the same.
-        stiffness[trial == t] = np.abs(by_source["touch"][trial == t]).max()
+        stiffness[own] = np.abs(by_source["touch"][own]).max()
     stiffness = np.maximum(stiffness, 1e-9)
     data = Repeated(
         missed[rows, None],
@@ -322,8 +322,7 @@ def with_vented_at_zero(states: Campaign) -> Array:
     """
     out = states.pressure.copy()
     vented_below = min(VENTED, VENTED_SHARE * float(out.max()))
-    for t in np.unique(states.trial):
-        own = states.trial == t
+    for own in rows_by(states.trial):
         out[own] = np.where(out[own].max(axis=0) < vented_below, 0.0, out[own])
     out[out.max(axis=1) < states.pressure_gap] = 0.0
     return out

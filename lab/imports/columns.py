@@ -39,7 +39,7 @@ WRITTEN = str.maketrans({"\u2212": "-", "\u2013": "-", "\u00a0": " ", "\u202f": 
 """How minus signs and blanks are written besides."""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:([.,' ’])\d{3})(?:\1\d{3})*(?=$|[.,]\d*$)")
 """A number with marks between its thousands."""
-PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?", re.ASCII)
+PLAIN = re.compile(r"[-+]?(?:\d++\.?\d*|\.\d+)(?:[eEdD][-+]?\d{1,4})?", re.ASCII)
 CLOCK = re.compile(r"(?:(\d{1,3}):)?(\d{1,2}):(\d{2}(?:[.,]\d+)?)\s*([AaPp][Mm])?", re.ASCII)
 HOURS = re.compile(r"(\d{1,2}):(\d{2})\s*([AaPp][Mm])?", re.ASCII)
 DATE = re.compile(r"\d{1,4}[-/.](?:\d{1,2}|[A-Za-z]{3})[-/.]\d{1,4}(?:[T ,]+\d{1,2}:\d{2}.*)?|\d{8}T\d{6}.*", re.ASCII)
@@ -118,10 +118,10 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     values[~np.isfinite(values)] = np.nan
     unread_cells = np.isnan(values) & filled
     words = [w for w in map(str, pd.unique(cells[unread_cells])) if not is_missing(w, missing)]
-    plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])]
+    plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])] if words or decimal == "," or commas else []
     if not words:
         dotted = [w for w in plain_numbers if "." in w]
-        if decimal != "." and (decimal or commas) and dotted and _in_thousands(dotted, plain_numbers):
+        if decimal != "." and _in_thousands(dotted, plain_numbers):
             values = np.array(cells.map({w: number(w, ",", True) for w in plain_numbers}), np.float64)
             return Judged(values, note=_of_thousands(dotted[0], ","))
         return Judged(values)

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial.transform import Rotation
+import scipy
 
 from diagnosis.data.campaign import settings
 from model.arrays import Array, Mask
@@ -37,7 +36,7 @@ def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     resting = at_rest(oriented.pressures)
     if not resting.any():
         return None
-    turn = Rotation.from_quat(oriented.orientation.reshape(-1, 4), scalar_first=True)
+    turn = scipy.spatial.transform.Rotation.from_quat(oriented.orientation.reshape(-1, 4), scalar_first=True)
     bent, across = _from_rest(turn, resting), _across(oriented.tip, resting)
     moved, turned = (np.linalg.norm(v, axis=1) for v in (across, bent))
     clear = turned > LEAST_TURN
@@ -48,7 +47,7 @@ def turn_off(states: Table, length: float) -> tuple[float, float] | None:
     return None if agreement > FITS and SIZES[0] < size < SIZES[1] else (agreement, size)
 
 
-def turn_misfit(tip: Array, turn: Rotation, resting: Mask) -> float | None:
+def turn_misfit(tip: Array, turn: scipy.spatial.transform.Rotation, resting: Mask) -> float | None:
     """rad (rms) by which the tip, (n, 3) m, turns about another axis than the one across its displacement; None: hardly turns."""
     bent, axis = _from_rest(turn, resting), _across(tip, resting)
     axis /= np.maximum(np.linalg.norm(axis, axis=1), 1e-12)[:, None]
@@ -59,7 +58,7 @@ def turn_misfit(tip: Array, turn: Rotation, resting: Mask) -> float | None:
     return float(np.sqrt(((bent - about[:, None] * axis)[told] ** 2).sum(axis=1).mean()))
 
 
-def _from_rest(turn: Rotation, resting: Mask) -> Array:
+def _from_rest(turn: scipy.spatial.transform.Rotation, resting: Mask) -> Array:
     """(n, 3) rad, rotation vectors from the mean of the states at rest."""
     return np.asarray((turn * turn[resting].mean().inv()).as_rotvec())
 
@@ -92,7 +91,7 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
     points = ["the tip", *(f"marker {k}" for k in range(1, places.shape[1]))]
     for name, place in zip(names, places, strict=True):
         off = np.linalg.norm(place[:, None] - places[usual][None], axis=2)
-        rows, columns = linear_sum_assignment(off)  # which point of the usual file each is nearest to
+        rows, columns = scipy.optimize.linear_sum_assignment(off)  # which point of the usual file each is nearest to
         exchanged = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if i != j]
         in_order = float(np.trace(off))
         if exchanged and in_order > max(EXCHANGED * float(off[rows, columns].sum()), STILL * length):
@@ -109,7 +108,7 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
 
 
 # ------------------------------------------------------------------ at rest
-def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, Rotation, Array]:
+def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, scipy.spatial.transform.Rotation, Array]:
     """Tip (n, 3) m, its turn and markers (n, k, 3) m of states in the base frame, as the model of robot.yaml has them: with their
     spine, mass, roll and force, without pressure. Raises ConfigError where it finds no equilibrium."""
     try:
@@ -122,7 +121,7 @@ def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, Rotation, Arra
             "straight: at rest: robot.yaml's model has no equilibrium in the states at rest; correct modulus and weight, or "
             "write `straight: first state` for a robot that is straight at rest"
         )
-    return read.tip[0], Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0]
+    return read.tip[0], scipy.spatial.transform.Rotation.from_quat(read.orientation[0], scalar_first=True), read.markers[0]
 
 
 # ------------------------------------------------------------------ jumps

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -275,11 +275,11 @@ def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
         made, there = _fitted(file, points)
     else:
         return {}
-    onto = Rotation.from_matrix(frame)
+    onto = scipy.spatial.transform.Rotation.from_matrix(frame)
     return orientation_columns(onto * made * onto.inv(), there)
 
 
-def orientation_columns(turn: Rotation, there: Mask) -> dict[str, Array]:
+def orientation_columns(turn: scipy.spatial.transform.Rotation, there: Mask) -> dict[str, Array]:
     """Columns of the orientations (n,) of a table, NaN of states that have none."""
     values = np.where(there[:, None], turn.as_quat(canonical=True, scalar_first=True), np.nan)
     return dict(zip(ORIENTATION, values.T, strict=True))
@@ -291,7 +291,7 @@ def misfits(series: Series, given: Orientation, frame: Array, tip: Array, restin
 
     A body that bends turns about no other axis; a wrong order adds turns about its own."""
     misfit_of = {}
-    onto = Rotation.from_matrix(frame)
+    onto = scipy.spatial.transform.Rotation.from_matrix(frame)
     for order in OF_ANGLES:
         turn, stated_rows = stated(series, given.model_copy(update={"order": order}))
         kept = stated_rows & np.isfinite(tip).all(axis=1)
@@ -319,14 +319,14 @@ def _order_note(series: Series, wanted: Map, frame: Array, tip: Array, resting: 
         )
 
 
-def stated(series: Series, given: Orientation) -> tuple[Rotation, Mask]:
+def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.Rotation, Mask]:
     """Rotations (n,) in the recorded axes, and the rows that have one; raises ConfigError."""
     values = np.column_stack([numbers(series, c, "orientation.columns") for c in given.columns])
     known_rows = np.asarray(np.isfinite(values).all(axis=1), bool)
     if len(given.columns) == 4:
         known_rows &= np.linalg.norm(values, axis=1) > HALF
         filled = np.where(known_rows[:, None], values, [1.0, 0, 0, 0] if given.order == "wxyz" else [0, 0, 0, 1.0])
-        return Rotation.from_quat(filled, scalar_first=given.order == "wxyz"), known_rows
+        return scipy.spatial.transform.Rotation.from_quat(filled, scalar_first=given.order == "wxyz"), known_rows
     filled = np.where(known_rows[:, None], values, 0.0)
     unit = given.unit or unit_in(series, name_of(series, given.columns[0], "orientation.columns"), KINDS["deg"]) or "rad"
     # rad, about two turns: larger angles without a unit are asked about
@@ -335,11 +335,11 @@ def stated(series: Series, given: Orientation) -> tuple[Rotation, Mask]:
             f"{series.path}: orientation: angles up to {largest:.4g} rad; write unit: deg, or unit: rad if they are"
         )
     if given.order == "rotation vector":
-        return Rotation.from_rotvec(filled, degrees=unit == "deg"), known_rows
-    return Rotation.from_euler(given.order.split()[1], filled, degrees=unit == "deg"), known_rows
+        return scipy.spatial.transform.Rotation.from_rotvec(filled, degrees=unit == "deg"), known_rows
+    return scipy.spatial.transform.Rotation.from_euler(given.order.split()[1], filled, degrees=unit == "deg"), known_rows
 
 
-def _fitted(file: File, points: Points) -> tuple[Rotation, Mask]:
+def _fitted(file: File, points: Points) -> tuple[scipy.spatial.transform.Rotation, Mask]:
     """From the first row with all markers to each other one."""
     every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
     there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
@@ -348,5 +348,5 @@ def _fitted(file: File, points: Points) -> tuple[Rotation, Mask]:
     first = every[np.argmax(there)] - every[np.argmax(there)].mean(axis=0)
     matrix = np.tile(np.eye(3), (len(every), 1, 1))
     for i in np.flatnonzero(there):
-        matrix[i] = Rotation.align_vectors(every[i] - every[i].mean(axis=0), first)[0].as_matrix()
-    return Rotation.from_matrix(matrix), there
+        matrix[i] = scipy.spatial.transform.Rotation.align_vectors(every[i] - every[i].mean(axis=0), first)[0].as_matrix()
+    return scipy.spatial.transform.Rotation.from_matrix(matrix), there

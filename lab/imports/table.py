@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
 from model.actuators import Words
@@ -66,11 +66,11 @@ def _with(table: Table, names: Sequence[str], values: Array) -> Table:
     return table.replaced(dict(zip(names, values.T, strict=True)))
 
 
-def _turns(table: Table) -> tuple[Rotation, Mask]:
+def _turns(table: Table) -> tuple[scipy.spatial.transform.Rotation, Mask]:
     """Orientations of the tip, none where there is none, and (n,) where there is one."""
     turned = np.asarray(np.isfinite(table.orientation).all(axis=1))
     kept = np.where(turned[:, None], table.orientation, [1.0, 0.0, 0.0, 0.0])
-    return Rotation.from_quat(kept, scalar_first=True), turned
+    return scipy.spatial.transform.Rotation.from_quat(kept, scalar_first=True), turned
 
 
 def _levered(table: Table, lever: Array) -> Table:
@@ -390,16 +390,16 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     """States moved so that those at rest (`first state`, or the mean of all: `at rest`) are where the robot stands then."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
     resting = np.flatnonzero(level == level.min())
+    turns, turned = _turns(table)
     if straight == "first state":
         resting = resting[:1]
-        tip, turn, places = _straight_point(robot)[None], Rotation.identity(1), _on_axis(robot.markers)[None]
+        tip, places, turn = _straight_point(robot)[None], _on_axis(robot.markers)[None], turns[:0].identity(1)
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting
         tip, turn, places = at_rest_by_model(robot, table.take(resting))
-    turns, turned = _turns(table)
     known = turned[resting]
-    mount = (turn[known].inv() * turns[resting[known]]).mean().inv() if known.any() else Rotation.identity()
+    mount = (turn[known].inv() * turns[resting[known]]).mean().inv() if known.any() else turns.identity()
     table = _levered(table.replaced(orientation_columns(turns * mount, turned & known.any())), np.array(sensor))
     shift = np.mean(tip - table.tip[resting], axis=0)
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])

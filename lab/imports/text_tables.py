@@ -283,11 +283,10 @@ def _data_rows(
     the stated heading or units, numbers above headings, nor sums and means below the table. Raises ConfigError where none is."""
     import pandas as pd
 
-    number, (missing, filled, single) = number.copy(), (np.zeros(frame.shape, bool) for _ in range(3))
+    number, (missing, filled) = number.copy(), (np.zeros(frame.shape, bool) for _ in range(2))
     for k in frame:
         cells = frame[k]
         filled[:, k] = cells != ""
-        single[:, k] = ~cells.duplicated(keep=False)  # what occurs once in its column
         rest = pd.unique(cells[~number[:, k] & filled[:, k]])
         missing[:, k] = cells.isin([w for w in rest if is_missing(w, source.missing)])
         number[:, k] |= np.array(cells.isin([w for w in rest if looks_like_value(w)]), bool) & ~missing[:, k]
@@ -313,7 +312,8 @@ def _data_rows(
     clean = np.flatnonzero(data & full & ~has_word)
     behind = np.arange(len(has_word)) > (clean[-1] if len(clean) else len(has_word))
     # behind the last clean line, words that stand nowhere else ("mean", "total") begin what sums the table up
-    data = np.asarray(data & ~(behind & (words & single)[:, number_columns].any(axis=1)))
+    for k in np.flatnonzero(number_columns & words[behind].any(axis=0)).tolist():
+        data &= ~(behind & words[:, k] & ~frame[k].duplicated(keep=False).to_numpy())
     return data, int(np.argmax(data))
 
 
@@ -550,7 +550,7 @@ def _units_in(text: str) -> dict[str, str]:
 # ------------------------------------------------------------------ columns
 def _columns(kept: pd.DataFrame, parsed: pd.DataFrame, head: Head, source: Source, separator: str) -> dict[str, Judged]:
     """What each column of cells, parsed where they are plain numbers, holds; separators at the end of lines make none."""
-    commas = any(kept[k].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
+    commas = any(kept[k][parsed[k].isna()].str.fullmatch(DECIMAL_COMMA).any() for k in kept)
     splits = separator == "," and not commas
     judged = {
         name: judge(kept[k], source.missing, source.decimal, parsed=parsed[k], comma_splits=splits, commas=commas)

@@ -10,10 +10,11 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.collections import PathCollection
 
 from diagnosis.data.levels import pressure_gap
 from model.actuators import Words
+from model.arrays import Array
 from model.robot import Robot
 from recordings.trials import Table
 
@@ -57,12 +58,11 @@ def draw(imported: Imported, robot: Robot, path: Path) -> None:
 
 def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     """Indices of the states by the chambers inflated, from 1, in the order in which they come; without those at rest."""
-    gap, out = pressure_gap(states), dict[tuple[int, ...], list[int]]()
-    for i, pressures in enumerate(states.pressures):
-        if pressures.max() > gap:
-            group = tuple((np.flatnonzero(pressures > 0.5 * pressures.max()) + 1).tolist())
-            out.setdefault(group, []).append(i)
-    return out
+    highest = states.pressures.max(axis=1, initial=-np.inf)
+    rows = np.flatnonzero(highest > pressure_gap(states))
+    inflated = states.pressures[rows] > 0.5 * highest[rows, None]
+    groups, first, group = np.unique(inflated, axis=0, return_index=True, return_inverse=True)
+    return {tuple((np.flatnonzero(groups[k]) + 1).tolist()): rows[group == k].tolist() for k in np.argsort(first)}
 
 
 def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, tip: Axes) -> None:
@@ -78,24 +78,26 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
-        spans = [(t[0], max(t[-1], t[0] + 1e-6)) for t in (q.t[cut.rows] for cut in cuts)]
-        corners = [[(a, 0.0), (a, 1.0), (b, 1.0), (b, 0.0)] for a, b in spans]
+        taken = np.zeros(len(q.t), bool)
+        for cut in cuts:
+            taken[cut.rows] = True
         for ax in (pressure, tip):
-            _upright(ax, PolyCollection(corners, color="tab:orange", alpha=0.35, lw=0))
+            ax.fill_between(q.t, 0, 1, taken, transform=ax.get_xaxis_transform(), color="tab:orange", alpha=0.35, lw=0)
     t = states.get("t")
     pressure.plot(t, states.pressures.max(axis=1) / words.pascal, "o", ms=3, mfc="none", color="tab:orange", label="state")
     begins = (t - states.get("hold", 0.0))[np.diff(states.trial, prepend=-1) != 0]
     for ax in (pressure, tip):
-        _upright(ax, LineCollection([[(b, 0.0), (b, 1.0)] for b in begins], color="tab:blue", lw=0.6, label="trial begins"))
+        ax.vlines(begins, 0, 1, transform=ax.get_xaxis_transform(), color="tab:blue", lw=0.6, label="trial begins")
         ax.legend(**BESIDE)
     pressure.set(ylabel=words.axis, title=f"{len(states)} states in {len(begins)} trials")
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
 
 
-def _upright(ax: Axes, drawn: PolyCollection | LineCollection) -> None:
-    """Draw over the whole height of a panel, y from 0 to 1; one artist, however many bars or lines there are."""
-    drawn.set_transform(ax.get_xaxis_transform())
-    ax.add_collection(drawn, autolim=False)
+def _dots(ax: Axes, x: Array, y: Array, colour: Array, **limits: float) -> PathCollection:
+    """Draw points (n,), each in a colour (n,); those that look the same are drawn once."""
+    steps = [np.round(1000 * (v - v.min()) / max(float(np.ptp(v)), 1e-300)) for v in (x, y, colour)]
+    shown = np.unique(np.column_stack(steps), axis=0, return_index=True)[1]
+    return ax.scatter(x[shown], y[shown], c=colour[shown], s=14, cmap="viridis", **limits)
 
 
 def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
@@ -103,7 +105,7 @@ def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     x, y, z = 1e3 * states.tip.T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
     highest = states.pressures.max(axis=1) / robot.actuators.words.pascal
-    dots = ax.scatter(np.hypot(x, y), z, c=highest, s=14, cmap="viridis")
+    dots = _dots(ax, np.hypot(x, y), z, highest)
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = 1e3 * max(0.7 * robot.length, 1.1 * float(np.hypot(*states.tip[:, :2].T).max()))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))
@@ -128,7 +130,7 @@ def _top(of_group: Table, group: Sequence[int], states: Table, robot: Robot, ax:
     for push in (p / abs(p) for p in pushed.values() if abs(p) > weak):
         end = start + 0.9 * (size - max(abs(start.real), abs(start.imag))) * push
         ax.annotate("", (end.real, end.imag), (start.real, start.imag), arrowprops={"arrowstyle": "->", "color": "0.6"})
-    ax.scatter(x, y, c=of_group.pressures.max(axis=1) / pascal, s=14, cmap="viridis", vmin=highest.min(), vmax=highest.max())
+    _dots(ax, x, y, of_group.pressures.max(axis=1) / pascal, vmin=highest.min(), vmax=highest.max())
     ax.set_title(" + ".join(f"p{c}" for c in group), fontsize="small")
     ax.set(xlabel="x, mm", ylabel="y, mm", xlim=(-size, size), ylim=(-size, size))
     ax.set_aspect("equal")

@@ -108,7 +108,7 @@ def _progress(t: Array, trial: Ints, of_robot: Flags) -> Array:
     """Part 0..1 (n,) of the campaign past at the states `of_robot`, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
     if of_robot.any():
-        begins = np.array([t[of_robot & (trial == k)][0] for k in np.unique(trial[of_robot])])
+        begins = t[of_robot][np.unique(trial[of_robot], return_index=True)[1]]
         usable = np.isfinite(t[of_robot]).all() and bool((np.diff(begins) > 0).all())
         passed = t[of_robot] if usable else trial[of_robot].astype(float)
         out[of_robot] = (passed - passed.min()) / max(float(np.ptp(passed)), 1e-9)

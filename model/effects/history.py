@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from model.effects.compose import RodColumns, silicone_share
 from model.effects.quantities import Quantities
 from model.robot import Robot
 from model.rods import columns as col
+from model.rods.fast.compiler import kernel
 from model.rotation import CONJUGATE, multiply, rotation_vector
 
 Array = NDArray[np.float64]
@@ -238,7 +238,7 @@ def _spread(values: Array, *shape: int) -> Array:
     return np.array(np.broadcast_to(values, shape), order="C")
 
 
-@numba.njit(cache=True)
+@kernel
 def _lag(
     drive: Array, before: Order, after: Order, first: NDArray[np.bool_], stay: Array, ramp: Array, hold: Array,
     time: float, out: Array,
@@ -269,7 +269,7 @@ def _lag(
                 out[v, after[k], c] = end - x
 
 
-@numba.njit(cache=True)
+@kernel
 def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
     """Fill `out` with the mean of Jenkins elements: state += change of drive / yield, shortened to length 1 where longer."""
     elements, components = yields.shape[1], drive.shape[2]
@@ -289,7 +289,7 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
                     out[v, after[k], c] += state[j, c] / elements
 
 
-@numba.njit(cache=True)
+@kernel
 def _hold(
     pulls: Array, friction: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array
 ) -> None:
@@ -318,7 +318,7 @@ def _hold(
                     rises[v, row, part, i] = rise * 2 * places / squares
 
 
-@numba.njit(cache=True)
+@kernel
 def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: Array, rate: Array, out: Array) -> None:
     """See `Path.extremes`; `passed` (k,) s since the step before, the state `after[k]` included."""
     cells = covered.shape[2]

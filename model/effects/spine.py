@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from model.arrays import Array
 from model.effects.quantities import Quantities
@@ -57,7 +57,7 @@ def shear_spine(spine: Spine) -> ShearSpine:
         a = 0.1 / modulus * (float(length[0]) ** 2 if length.size else 0.01)  # 0.1 m where no length is known
     else:  # x = (ln 1/E0, ln a)
         start = [-log_modulus.max(), math.log(length.min() ** 2) - log_modulus.min()]
-        solution = least_squares(lambda x: log_modulus + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
+        solution = scipy.optimize.least_squares(lambda x: log_modulus + np.log(np.exp(x[0]) + np.exp(x[1]) / length**2), start)
         modulus, a = math.exp(-solution.x[0]), math.exp(solution.x[1])
     shear = 3 * spine.radius**2 / (4 * a)
     return ShearSpine(modulus, shear, math.sqrt(modulus * spine.radius**2 / (4 * shear)))

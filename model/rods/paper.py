@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import fsolve
 
 from model.errors import BadCondition
 from model.rods.description import Rods
@@ -51,7 +51,7 @@ class Paper:
         status = np.full(n, Status.FAILED, np.int8)
         for i in range(n):
             rod = _EulerRod(rods, i, self.steps)
-            wrench[i], _, flag, _ = fsolve(rod.error, np.zeros(6), full_output=True)
+            wrench[i], _, flag, _ = scipy.optimize.fsolve(rod.error, np.zeros(6), full_output=True)
             path = np.zeros((self.steps + 1, 3))
             _, rotation, _, _ = rod.integrate(wrench[i], path)
             if flag == 1 and np.abs(rod.error(wrench[i])).max() < 1e-6:  # N, N m
@@ -90,7 +90,7 @@ class _EulerRod:
 _NO_PATH = np.zeros((0, 3))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _march(
     start: Array, length: float, steps: int, ends: Array, sections: Array, path: Array
 ) -> tuple[Array, Array, Array, Array]:

@@ -174,12 +174,18 @@ def dies_once(mark: str) -> str:
     return mark
 
 
-@pytest.mark.long
-def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str) -> None:
+@pytest.mark.parametrize("loses", ["nothing", pytest.param("a worker", marks=pytest.mark.long)])
+def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str, loses: str) -> None:
     told: list[str] = []
     problem = toy_problem(5, {"play": 1.0, "turned": -0.9})
+
+    def hear(step: str, _: float) -> None:
+        told.append(step)
+        if loses == "a worker" and len(told) == 3:
+            os.kill(min(workers._client.run(os.getpid).values()), signal.SIGKILL)
+
     with cluster(scheduler) as workers:
-        there = Search(problem, executor=Executor(progress=lambda step, _: told.append(step), remote_map=workers.in_order)).run()
+        there = Search(problem, executor=Executor(progress=hear, remote_map=workers.in_order)).run()
     here = Search(problem).run()
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)

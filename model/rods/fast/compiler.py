@@ -16,8 +16,10 @@ from typing import Any, TypeVar, cast
 import numba
 from llvmlite import binding
 from numba.core import config, types
+from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary, get_host_cpu_features
 from numba.core.compiler import Compiler
+from numba.core.runtime import rtsys
 from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -106,11 +108,21 @@ def allocating(function: Function) -> Function:
     return cast(Function, _compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)(function))
 
 
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """Machine code on disk, which is loaded without all that Numba imports in order to compile."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        rtsys.initialize(target_context)  # what allocates arrays
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+
 def kernel(function: Function) -> Function:
     """An entry point: compiled once a machine, runs without the interpreter lock."""
-    made: Function = _compiled(nogil=True, cache=True)(function)
+    made: Any = _compiled(nogil=True)(function)
+    made._cache = _KernelCache(function)
     _kernels.append(made)
-    return made
+    return cast(Function, made)
 
 
 def compiled_here() -> int:
