@@ -6,7 +6,6 @@ Each problem names the file and line, the key, the value with its unit, the limi
 
 from __future__ import annotations
 
-import difflib
 import operator
 import re
 import sys
@@ -21,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from model.errors import alike, nearest
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from recordings.bounded import read_bounded
 from recordings.numbers import number
@@ -314,9 +314,8 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(loc[-1]), siblings, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(siblings)}"
-        return f"{key}: unknown key; {hint}"
+        known = f"known keys: {', '.join(siblings)}"
+        return f"{key}: unknown key; {nearest(str(loc[-1]), siblings, known)}"
     if kind == "missing":
         extra = field.json_schema_extra if field is not None else None
         hint = f"; {extra['write']}" if isinstance(extra, dict) and "write" in extra else ""
@@ -331,8 +330,8 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
         tag = context.get("tag", error["input"])
-        near = difflib.get_close_matches(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1)
-        return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean '{near[0]}'?" if near else "")
+        near = alike(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")])
+        return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean {near}?" if near else "")
     if kind == "union_tag_not_found":
         return f"{key}: needs a key {context.get('discriminator', '')} that says which kind it is"
     if kind in ("float_parsing", "float_type", "int_parsing", "int_type"):

@@ -7,7 +7,6 @@ neither is used.
 
 from __future__ import annotations
 
-import difflib
 import importlib.metadata
 import importlib.util
 import os
@@ -19,6 +18,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, Generic, TypeVar
 
+from model.errors import alike
 from recordings.bounded import read_bounded
 
 from .config import ConfigError
@@ -145,8 +145,8 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name."""
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if not path.exists():
-        near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)
-        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else ""))
+        near = alike(path.name, [other.name for other in path.parent.glob("*.py")])
+        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near)}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
     text = read_bounded(path, 2_000_000, ConfigError)  # bytes

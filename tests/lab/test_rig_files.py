@@ -111,7 +111,7 @@ def test_a_tension_in_place_of_a_pressure_is_refused_with_its_size_as_a_pressure
 def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) -> None:
     found = problems(tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n")
     assert len(found) == 4
-    assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
+    assert "file.yaml:2: lenght: unknown key; did you mean length?" in found[0]
     assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1 kPa; did you mean 250 kPa?" in found[1]
     assert "file.yaml:6: device.max_pressure = 2 MPa: must be at most 1 MPa" in found[2]
     assert "length: is missing; give it in m" in found[3]
