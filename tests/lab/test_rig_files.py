@@ -198,7 +198,7 @@ def test_every_number_whose_unit_is_known_has_it() -> None:
     text = rig_yaml(FakeRig(), "robot.yaml", AWKWARD)
     told = yaml.safe_load(text)
     assert told["instruments"]["pressure"]["full_scale"] == "400 kPa"
-    assert told["stand"]["origin"] == ["0.5 m", "0 m", "0.7 m"] and told["stand"]["standoff"] == "7.3 mm"
+    assert told["stand"]["origin"] == ["50 cm", "0 cm", "70 cm"] and told["stand"]["standoff"] == "7.3 mm"
     assert told["stand"]["tool_rotation"] == ["0.1 rad", "1.5707963267948966 rad", "0.3333333333333333 rad"]
     assert told["limits"]["max_age_in_motion"] == "0.03 s" and told["limits"]["max_force"] == "59.999 N"
     assert re.findall(r"(\w+): -?\d+(?:\.\d+)?(?=[,}\n])", text) == ["speed"]
