@@ -360,6 +360,10 @@ class Robot(Shown, BaseModel):
         rows |= {name: (stated.value, stated.unit.strip("1")) for name, stated in self.stated.items()}
         return {"parameter": list(rows), "value": [v for v, _ in rows.values()], "unit": [unit for _, unit in rows.values()]}
 
+    def __dir__(self) -> list[str]:
+        """Without the names that pydantic adds."""
+        return [name for name in super().__dir__() if name.startswith("__") or name not in dir(BaseModel)]
+
     def __repr__(self) -> str:
         count, effects = len(self.actuators.azimuths_deg), ", ".join(self.effects) or "none"
         return f"<Robot: {self.name}, {1e3 * self.length:g} mm, {count} {self.actuators.words.kind}, effects: {effects}>"

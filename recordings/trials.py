@@ -12,6 +12,7 @@ mean. `doubt` says why a state is unreliable:
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -431,10 +432,17 @@ class Table:
         return frame
 
     def __repr__(self) -> str:
-        protocols, lengths = ", ".join(np.unique(self.get("protocol"))), self.spine_length
+        kinds, lengths = self.get("protocol"), self.spine_length
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
-        states, trials = counted(len(self), "state"), counted(len(np.unique(self.trial)), "trial")
-        return f"<Table: {states} in {trials}, {protocols or 'no protocol'}{spine}>"
+        each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
+        trials = " and ".join(each) or "no trial"
+        measured = [column for column in self.units.items() if column[0] not in REQUIRED[:5] and not column[0].startswith("sd_")]
+        alike = itertools.groupby(measured, lambda column: (re.sub(r"\d.*|[wxyz]$", "", column[0]), column[1]))
+        columns = [
+            f"{' .. '.join(dict.fromkeys((names[0], names[-1])))}{f' [{unit}]' if unit.strip('1') else ''}"
+            for (_, unit), names in ((key, [name for name, _ in group]) for key, group in alike)
+        ]
+        return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; columns {', '.join(columns)}>"
 
     def _repr_html_(self) -> str:
         return str(self.to_pandas().to_html(max_rows=20))

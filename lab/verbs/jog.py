@@ -130,7 +130,7 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
 def known(file: RigFile) -> str:
     """The commands that this rig can carry out."""
     spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
-    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | q; Ctrl-C vents and ends"
+    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | help | q; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:
@@ -170,7 +170,7 @@ def _follow(bench: Bench, file: RigFile, screen: Screen, lines: queue.SimpleQueu
         if line == "q":
             return
         try:
-            screen.say(f"{act(bench, file, line, rate)}; {readings(bench)}" if line else known(file))
+            screen.say(known(file) if line in ("", "help", "?") else f"{act(bench, file, line, rate)}; {readings(bench)}")
         except (ConfigError, ProtocolError) as e:
             screen.say(str(e))
 

@@ -43,7 +43,7 @@ from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
 from ..console import Screen, clock, err, note, out, warn
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
-from ..files.checked import announce, last
+from ..files.checked import announce, last, place
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
@@ -389,8 +389,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
-        if isinstance(why_unchecked := last(rig_path, j.rig), str):
-            out.print(unverified(rig_path, why_unchecked), soft_wrap=True)
+        note_unverified(rig_path, j.rig)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -441,10 +440,13 @@ def slower(speed: float) -> float:
     return max(1.0, speed // 4)
 
 
-def unverified(rig_path: Path, why: str) -> str:
-    """State that the movement check of a rig is missing, with the command that does it."""
-    check = typed("lab", "check", "--move", "--rig", rig_path)
-    return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+def note_unverified(rig_path: Path, rig: RigFile) -> None:
+    """Print that the movement check of a rig is missing, with the command that does it. Fakes, which alone run at another speed,
+    need none."""
+    if isinstance(why := last(rig_path, rig), str) and (rig.clock.speed == 1 or place(rig_path).exists()):
+        check = typed("lab", "check", "--move", "--rig", rig_path)
+        text = f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+        out.print(text, soft_wrap=True)
 
 
 def resume_command(file: Path, rig_path: Path) -> str:

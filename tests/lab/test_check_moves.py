@@ -21,6 +21,7 @@ from lab.files.rig_file import load_rig
 from lab.files.robot_file import paper_robot
 from lab.verbs.calibrate import BaseSeen, lines
 from lab.verbs.fakes import write_rig
+from lab.verbs.run import note_unverified
 from model.robot import Robot
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
@@ -238,3 +239,13 @@ def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path) -> None:
     assert "not passed" in str(last(rig, example))
     place(rig).write_text("{")
     assert "cannot be read" in str(last(rig, example))
+
+
+@pytest.mark.parametrize(("speed", "asked"), [(1, True), (20, False)])
+def test_fakes_that_run_faster_than_real_time_need_no_movement_check(
+    speed: float, asked: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.yaml"
+    write_rig(FakeRig(), rig, {"clock": {"speed": speed}})
+    note_unverified(rig, load_rig(rig))
+    assert ("lab check --move --rig" in capsys.readouterr().out) == asked
