@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.campaign import settings, tip_moments
 from diagnosis.inference.on_baseline import Baseline
 from model.arrays import Array, Ints
 from model.condition import conditions
@@ -30,8 +31,8 @@ Columns = dict[str, NDArray[np.generic]]
 
 PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
 """Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
-TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
-"""m of spine, Pa, kg at the tip, rad of roll and N on the tip within which one setting is simulated for several readings."""
+TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, *[1e-3] * 3, *[1e-4] * 3)
+"""m of spine, Pa, kg at the tip, rad of roll, N and N m on the tip within which one setting is simulated for several readings."""
 BEHIND = len(TOGETHER) - 2
 """Numbers of a setting behind its pressures."""
 SETTING = ("spine_length", "tip_mass", "roll_deg")
@@ -65,6 +66,8 @@ def _by_step(path: Path, predicted: Columns, case: Case) -> Ints:
 
 def _by_state(path: Path, predicted: Columns, case: Case) -> Ints:
     """(rows,) line of the file's nearest state, within `SPINE_WITHIN` and `PRESSURE_WITHIN`; -1: none. Raises ConfigError."""
+    if (np.ptp(np.hstack([case.table.tip_force, tip_moments(case.robot, case.table)]), axis=0) > TOGETHER[-6:]).any():
+        raise ConfigError(f"{path}: names states, but their forces or moments on the tip differ; give the columns trial and step")
     pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
     missing = [name for name in pressures if name not in predicted]
     if missing:
@@ -177,8 +180,7 @@ def from_simulator(
     unknown = [p for p in forward.parameters if p not in scale]
     if unknown:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
-    settings = _settings(case)
-    distinct, place = _distinct(settings)
+    distinct, place = _distinct(_settings(case))
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
     steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
@@ -187,8 +189,8 @@ def from_simulator(
         parts: list[Array] = []
         for i, part in enumerate(states):
             try:
-                mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
-                states_of_part = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
+                mass, roll = part[:, -BEHIND], part[:, 1 - BEHIND]
+                states_of_part = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, part[:, -6:-3], part[:, -3:])
                 read = forward.predict(states_of_part, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
@@ -214,10 +216,9 @@ def _distinct(settings: Array) -> tuple[Array, Ints]:
 
 
 def _settings(case: Case) -> Array:
-    """(n, 1 + chambers + 5): spine length, pressures, mass, roll (rad) and force at the tip of each state."""
-    table = case.table
-    mass, roll = table.get("tip_mass", case.robot.tip_mass), np.radians(table.get("roll_deg", 0.0))
-    return np.column_stack([np.clip(table.spine_length, 0.0, None), table.pressures, mass, roll, table.tip_force])
+    """(n, 1 + chambers + 8): spine length, pressures, mass, roll (rad), force and moment at the tip of each state."""
+    s = settings(case.robot, case.table)
+    return np.column_stack([s.spine_length, s.pressure, s.tip_mass, s.roll, s.force, s.moment])
 
 
 def _arrays(name: str, read: Readings, n: int, markers: int) -> Array:

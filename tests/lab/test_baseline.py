@@ -1,6 +1,7 @@
 """Predictions of another simulator: read from a table or asked of the simulator, and every doubt told."""
 
 import csv
+import dataclasses
 import json
 import sys
 from collections.abc import Mapping
@@ -132,6 +133,25 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
     assert steps[-1][0] == steps[-1][1] == len(own.asked)
     step, there = made.varied["youngs_modulus.excess"]
     assert step == pytest.approx(0.002) and np.abs(there.predicted.tip - made.predicted.tip).max() > 1e-5
+
+
+def test_a_moment_on_the_tip_reaches_a_simulator_and_is_no_part_of_a_state_in_a_table(case: Case, tmp_path: Path) -> None:
+    moment = np.where(case.table["step"] == 2, 0.2, np.nan)
+    robot = case.robot.replace(tip_moment=(0.1, 0.0, 0.05))
+    bent = Case(robot, dataclasses.replace(case.table, values=case.table.values | {"tip_moment_y": moment}))
+
+    class Watched(Rod):
+        moments: list[np.ndarray] = []
+
+        def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+            self.moments.append(states.moment)
+            return super().predict(states, parameters)
+
+    from_simulator("rod", Watched(), bent, CATALOGUE, lambda done, total: None, varied=False)
+    assert {*map(tuple, np.vstack(Watched.moments).tolist())} == {(0.1, 0.0, 0.05), (0.1, 0.2, 0.05)}
+    with pytest.raises(ConfigError, match="forces or moments on the tip differ; give the columns trial and step"):
+        from_table(written(tmp_path / "p.csv", by_state(case)), bent)
+    from_table(written(tmp_path / "p.csv", by_step(case)), bent)
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
