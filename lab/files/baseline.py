@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.data.campaign import settings, tip_moments
+from diagnosis.data.campaign import settings
 from diagnosis.inference.on_baseline import Baseline
 from model.arrays import Array, Ints
 from model.condition import conditions
@@ -29,24 +29,21 @@ from .packages import installed, python_file, without
 
 Columns = dict[str, NDArray[np.generic]]
 
-PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
-"""Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
 TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, *[1e-3] * 3, *[1e-4] * 3)
 """m of spine, Pa, kg at the tip, rad of roll, N and N m on the tip within which one setting is simulated for several readings."""
 BEHIND = len(TOGETHER) - 2
 """Numbers of a setting behind its pressures."""
-SETTING = ("spine_length", "tip_mass", "roll_deg")
 READ = (*TIP, *ORIENTATION)
 
 
 def from_table(path: Path, case: Case) -> Baseline:
-    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError and BadTable."""
-    predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
-    missing = [name for name in "xyz" if name not in predicted]
+    """Predictions of a CSV file, matched by trial and step. Raises ConfigError and BadTable."""
+    predicted = read_numbers(path, ("trial", "step", "spine_length", *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
+    missing = [name for name in ("trial", "step", *TIP) if name not in predicted]
     if missing:
-        raise ConfigError(f"{path}: has no column {missing[0]}; a baseline must predict the tip: x, y, z in m, base frame")
-    place = _by_step(path, predicted, case) if {"trial", "step"} <= predicted.keys() else _by_state(path, predicted, case)
-    baseline = _baseline(path.name, predicted, place, case)
+        needed = "trial and step name the row of trials.csv; x, y, z are its tip in m, base frame"
+        raise ConfigError(f"{path}: has no column {missing[0]}; {needed}")
+    baseline = _baseline(path.name, predicted, _by_step(path, predicted, case), case)
     _demand_plausible(str(path), baseline, case)
     return baseline
 
@@ -62,41 +59,6 @@ def _by_step(path: Path, predicted: Columns, case: Case) -> Ints:
     if (place < 0).all():
         raise ConfigError(f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step")
     return place
-
-
-def _by_state(path: Path, predicted: Columns, case: Case) -> Ints:
-    """(rows,) line of the file's nearest state, within `SPINE_WITHIN` and `PRESSURE_WITHIN`; -1: none. Raises ConfigError."""
-    if (np.ptp(np.hstack([case.table.tip_force, tip_moments(case.robot, case.table)]), axis=0) > TOGETHER[-6:]).any():
-        raise ConfigError(f"{path}: names states, but their forces or moments on the tip differ; give the columns trial and step")
-    pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
-    missing = [name for name in pressures if name not in predicted]
-    if missing:
-        raise ConfigError(
-            f"{path}: has neither trial and step nor {missing[0]}; give the columns trial and step, or the state: "
-            f"spine_length (m) and p1..p{len(pressures)} (Pa)"
-        )
-    predicted_pressures = np.column_stack([np.asarray(predicted[name], float) for name in pressures])
-    highest, measured = float(np.nanmax(predicted_pressures)), float(np.nanmax(case.table.pressures, initial=0.0))
-    if measured > PRESSURE_WITHIN and highest < 0.01 * measured:  # in another unit
-        text = f"its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
-        raise ConfigError(f"{path}: {text}")
-    spine = np.asarray(predicted.get("spine_length", np.zeros(len(predicted_pressures))), float)
-    settings = [name for name in ("tip_mass", "roll_deg") if name in predicted]
-    line_of_row, table = np.full(len(case.table), -1), case.table
-    lengths, measured_settings = np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in settings}
-    for i, pressures_read in enumerate(table.pressures):
-        by_pressure = np.abs(predicted_pressures - pressures_read).max(axis=1) / PRESSURE_WITHIN
-        distance = np.maximum(by_pressure, np.abs(spine - lengths[i]) / SPINE_WITHIN)
-        for name in settings:
-            distance[np.asarray(predicted[name], float) != measured_settings[name][i]] = np.inf
-        nearest = int(np.nanargmin(distance)) if np.isfinite(distance).any() else 0
-        line_of_row[i] = nearest if distance[nearest] <= 1.0 else -1
-    if (line_of_row < 0).all():
-        raise ConfigError(
-            f"{path}: predicts none of the {len(line_of_row)} states of the table to {PRESSURE_WITHIN / 1e3:g} kPa and "
-            f"{SPINE_WITHIN * 1e3:g} mm of spine; pressures are in Pa, lengths in m"
-        )
-    return line_of_row
 
 
 def _baseline(name: str, predicted: Columns, place: Ints, case: Case) -> Baseline:
