@@ -315,11 +315,6 @@ class Robot(Shown, BaseModel):
         nothing = dict.fromkeys(("posterior", "obstacle_azimuth_deg", "quoted_pressure", "quoted_time", "residual"))
         return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
-    @property
-    def without_residual(self) -> Robot:
-        """The same robot without what was learnt beyond its model."""
-        return self.model_copy(update={"residual": None})
-
     def joint_uncertainty(self) -> tuple[tuple[str, ...], Array]:
         """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
 
