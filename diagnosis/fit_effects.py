@@ -254,7 +254,8 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         value, value_sd = float(c.fit.theta[i]), relative_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
-        info, bound = parameters.infos[i], parameters.bound(i, c.fit.theta)
+        info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
+        bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
         undetermined = of_shape or (parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE)
         stated[name] = Value(_rounded(value), _rounded(value_sd), info.unit, not undetermined, bound)

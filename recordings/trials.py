@@ -12,7 +12,6 @@ mean. `doubt` says why a state is unreliable:
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
@@ -318,10 +317,6 @@ class Table:
         cells = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
         return tuple(TrialRow.from_cells({n: v for n, v in row.items() if v == v and v != ""}) for row in cells)
 
-    def of_protocols(self, *protocols: str) -> Table:
-        """The states of these protocols."""
-        return self.take(np.isin(self.get("protocol"), protocols))
-
     # -- columns
     def __len__(self) -> int:
         return len(next(iter(self.values.values()), ()))
@@ -436,13 +431,11 @@ class Table:
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
         each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
         trials = " and ".join(each) or "no trial"
-        measured = [column for column in self.units.items() if column[0] not in REQUIRED[:5] and not column[0].startswith("sd_")]
-        alike = itertools.groupby(measured, lambda column: (re.sub(r"\d.*|[wxyz]$", "", column[0]), column[1]))
-        columns = [
-            f"{' .. '.join(dict.fromkeys((names[0], names[-1])))}{f' [{unit}]' if unit.strip('1') else ''}"
-            for (_, unit), names in ((key, [name for name, _ in group]) for key, group in alike)
-        ]
-        return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; columns {', '.join(columns)}>"
+        columns: dict[str, list[str]] = {}
+        for name, unit in self.units.items():
+            columns.setdefault(unit, []).append(name)
+        measured = "; ".join(f"{', '.join(names)} [{unit}]" for unit, names in columns.items() if unit.strip("1"))
+        return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:
         return str(self.to_pandas().to_html(max_rows=20))

@@ -18,7 +18,6 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
-from ..inference.problem import Bound
 from ..judgement import SIZE_CERTAIN_SD
 from .decision import Decision
 
@@ -152,8 +151,8 @@ class Value:
     unit: str
     determined: bool = True
     """Whether the data say more of it than was assumed before."""
-    bound: Bound = ""
-    """The end of its allowed range on which it stands, from which its interval extends to one side."""
+    bound: str = ""
+    """The end of its range, low or high, at which it stands, and from which its interval extends to one side; else empty."""
 
     @property
     def interval(self) -> tuple[float, float]:

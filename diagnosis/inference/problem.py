@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from .linear import Linear, SizePrior
 
 ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
-
-
-Bound = Literal["", "low", "high"]
-"""The end of its allowed range at which a parameter stands."""
 
 
 class FitParameter(Protocol):
@@ -288,12 +284,6 @@ class FitParameters:
         away = theta - self.mean
         far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(away) > TENSE_SD * self.sd)
         return {i: float(away[i]) for i in np.flatnonzero(far).tolist()}
-
-    def bound(self, i: int, theta: Array) -> Bound:
-        """Which of its bounds parameter i has at parameters (k,)."""
-        if np.isclose(theta[i], self.lower[i]):
-            return "low"
-        return "high" if np.isclose(theta[i], self.upper[i]) else ""
 
     def mask(self, chosen: tuple[str, ...]) -> Mask:
         """(p,) which of the effects' parameters belong to the chosen effects."""

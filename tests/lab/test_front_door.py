@@ -90,8 +90,8 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     for result, heading in shown:
         assert heading in result.to_frame().columns and "<table" in result._repr_html_()
         assert len(repr(result).splitlines()) == 1 and len(repr(result)) < 1500
-    assert "14 states in 2 bending trials, spine 0 to 20 cm; columns t [s], rate [Pa/s]" in repr(case)
-    assert "p1 .. p9 [Pa], x .. z [m]" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
+    assert "14 states in 2 bending trials, spine 0 to 20 cm; t, hold [s]; rate [Pa/s]; spine_length, x, y, z" in repr(case)
+    assert "p8, p9 [Pa]" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
     offered = {name for name in dir(robot) if not name.startswith("_")}
     assert {"predict", "inverse", "replace", "length", "to_frame"} <= offered and not offered & set(dir(BaseModel))
     assert repr(robot).startswith(f"<Robot: {robot.name}, 400 mm, 9 chambers")
