@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
@@ -16,8 +16,7 @@ from ..files.units import written
 from ..plain import typed
 from .limits import Excess
 
-SHARES = (1.0, 0.5, 0.25)
-"""Of the limit; less where a value is not in proportion to the number of one key."""
+P = TypeVar("P", bound=BaseModel)
 
 
 def settings(parameters: Parameters, excesses: Callable[[Parameters], Mapping[str, Excess]]) -> dict[str, str]:
@@ -26,10 +25,10 @@ def settings(parameters: Parameters, excesses: Callable[[Parameters], Mapping[st
     `excesses`: of a plan with such parameters, by limit."""
     over, keys = excesses(parameters), dict[str, str]()
     for limit, excess in list(over.items()):
-        for key, value, _ in sorted(_numbers(parameters), key=lambda one: one[2] != excess.unit):
-            for one in _instead(value, excess) if limit in over else ():
+        for key, value, _ in sorted(_values(parameters), key=lambda one: one[2] != excess.unit):
+            for instead in _instead(value, excess) if limit in over else ():
                 try:
-                    changed = type(parameters).model_validate(_with(parameters, key, one))
+                    changed = type(parameters).model_validate(_with(parameters, key, instead).model_dump(warnings=False))
                     left = excesses(changed)
                 except (ValueError, BadProtocol):
                     continue
@@ -37,18 +36,16 @@ def settings(parameters: Parameters, excesses: Callable[[Parameters], Mapping[st
                     keys |= dict.fromkeys(over.keys() - left.keys(), key)
                     parameters, over = changed, left
                     break
-    values = {key: (value, unit) for key, value, unit in _numbers(parameters)}
-    return {limit: typed("--set", f"{key}={_text(*values[key])}") for limit, key in keys.items()}
+    text = {key: _text(value, unit) for key, value, unit in _values(parameters) if key in keys.values()}
+    return {limit: typed("--set", f"{key}={text[key]}") for limit, key in keys.items()}
 
 
-def _numbers(parameters: BaseModel, table: str = "") -> Iterator[tuple[str, Any, str]]:
+def _values(parameters: BaseModel, table: str = "") -> Iterator[tuple[str, Any, str]]:
     """Dotted key, value and unit of all parameters."""
     for name, field in type(parameters).model_fields.items():
         value = getattr(parameters, name)
-        if isinstance(value, BaseModel):
-            yield from _numbers(value, f"{table}{name}.")
-        else:
-            yield f"{table}{name}", value, unit_of(field) or ""
+        inner = isinstance(value, BaseModel)
+        yield from _values(value, f"{table}{name}.") if inner else [(f"{table}{name}", value, unit_of(field) or "")]
 
 
 def _instead(value: Any, excess: Excess) -> Iterator[Any]:
@@ -57,14 +54,13 @@ def _instead(value: Any, excess: Excess) -> Iterator[Any]:
     numbers = value if several else [value]
     for group in excess.channels if several else ():
         yield from (list(group), [list(group)])
-    if not excess.unit or not numbers or not all(isinstance(x, float) and x >= 0 for x in numbers):
-        return
-    within = [x for x in numbers if x * excess.over <= max(numbers) * (1 + 1e-9)]
-    if several and within and (len(within) > 1 or excess.over == math.inf):
-        yield within
-    for share in SHARES:
-        scaled = [_rounded(share * x / excess.over) for x in numbers]
-        yield list(dict.fromkeys(scaled)) if several else scaled[0]
+    if excess.unit and numbers and all(isinstance(x, float) and x >= 0 for x in numbers):
+        within = [x for x in numbers if x * excess.over <= max(numbers) * (1 + 1e-9)]
+        if several and within and (len(within) > 1 or excess.over == math.inf):
+            yield within
+        for share in (1.0, 0.5, 0.25):  # less, where what is asked for is not in proportion to one key
+            scaled = [_rounded(share * x / excess.over) for x in numbers]
+            yield list(dict.fromkeys(scaled)) if several else scaled[0]
 
 
 def _rounded(x: float) -> float:
@@ -73,14 +69,10 @@ def _rounded(x: float) -> float:
     return float(f"{math.floor(x / step * (1 + 1e-9)) * step:.2g}")
 
 
-def _with(parameters: Parameters, key: str, value: Any) -> dict[str, Any]:
-    data = parameters.model_dump()
-    *path, last = key.split(".")
-    table = data
-    for step in path:
-        table = table[step]
-    table[last] = value
-    return data
+def _with(parameters: P, key: str, value: Any) -> P:
+    """The same with another value at a dotted key, unchecked."""
+    name, _, rest = key.partition(".")
+    return parameters.model_copy(update={name: _with(getattr(parameters, name), rest, value) if rest else value})
 
 
 def _text(value: Any, unit: str) -> str:
