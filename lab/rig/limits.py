@@ -23,6 +23,7 @@ from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..files.units import shown
 
+NO_TENDONS = "a rig can only drive chambers: measure elsewhere and `lab import` the table"
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
@@ -89,9 +90,7 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
     driven = robot.chambers
     if driven is None:
-        raise ConfigError(
-            f"{rig.robot}: has tendons, but a rig can only drive chambers: measure elsewhere and `lab import` the table"
-        )
+        raise ConfigError(f"{rig.robot}: has tendons, but {NO_TENDONS}")
     count = len(driven.azimuths_deg)
     pressure = rig.instruments.pressure
     try:

@@ -36,8 +36,10 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     assert made.max_pressure == 80e3
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
-    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | q; Ctrl-C vents and ends"
+    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | help | q; Ctrl-C vents and ends"
     tendons = tmp_path / "tendons.yaml"
+    refused = cli("init", "--tendons", 4, "--length", "30 cm", "--out", tendons, "--rig", tmp_path / "new.yaml", code=2).flat_err
+    assert "a rig can only drive chambers: measure elsewhere and `lab import` the table" in refused and not tendons.exists()
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
