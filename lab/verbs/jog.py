@@ -35,6 +35,8 @@ JOGGED, SEEN = ("pressure", "spine", "valve", "gauge"), ("mocap", "force")
 """Instruments whose readings are demanded, and those that are only shown."""
 RECENT, SHOWN_EVERY = 5.0, 0.2
 """Rig seconds for which a reading counts as present; host seconds between two looks at the readings."""
+LAG = 1.0
+"""Rig seconds after which readings show what was done."""
 
 
 class Commands(Line):
@@ -170,7 +172,9 @@ def _follow(bench: Bench, file: RigFile, screen: Screen, lines: queue.SimpleQueu
         if line == "q":
             return
         try:
-            screen.say(known(file) if line in ("", "help", "?") else f"{act(bench, file, line, rate)}; {readings(bench)}")
+            done = "" if line in ("", "help", "?") else act(bench, file, line, rate)
+            bench.pause(LAG if done else 0.0)
+            screen.say(f"{done}; {readings(bench)}" if done else known(file))
         except (ConfigError, ProtocolError) as e:
             screen.say(str(e))
 

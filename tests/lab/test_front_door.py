@@ -171,6 +171,11 @@ def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: 
     assert told.startswith(said) and len(told.splitlines()) == 1
 
 
+def test_a_value_without_its_quotes_is_told(cli: Cli) -> None:
+    told = cli("plan", "bending", "--set", "rate=20", "kPa/s", code=2).err
+    assert "unrecognized arguments: kPa/s; quote a value with spaces: --set 'rate=20 kPa/s'" in told
+
+
 @pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])
 def test_what_follows_two_dashes_or_asks_for_help_is_no_unknown_option(words: list[str]) -> None:
     assert declared("watch").unknown_option(["a.mcap", *words]) == ""
