@@ -254,7 +254,7 @@ def runs(folder: Path, where: Sequence[str] = ()) -> Result:
 def _show_runs(listed: Sequence[RecordedRun]) -> None:
     """Print runs, with those that continue others or are not whole."""
     for run in listed:
-        spine = f", spine {', '.join(f'{100 * length:g}' for length in run.spines)} cm" if run.spines else ""
+        spine = f", spine {', '.join(f'{100 * length:g}' for length in run.spines)} cm" if any(run.spines) else ""
         noted = f", {counted(run.notes, 'note')}" if run.notes else ""
         read = f"{run.protocol or 'no protocol'}{spine}, {_states(run)} states, {run.outcome}, {run.lost} lost{noted}"
         out.print(run.path, soft_wrap=True, style="bold")
