@@ -277,17 +277,12 @@ def _pressures(bench: Bench) -> Array:
 def _demand_size(moved: Array, expected: Array, pressure: float, least: float = 0.0) -> None:
     """Raise NotAsCommanded where the tip moved clearly farther than expected, or less than the share `least`."""
     size, should = math.hypot(*moved), math.hypot(*expected)
-    if size > MOST_RATIO * should + NOISE:
+    more = size > MOST_RATIO * should + NOISE
+    if more or (should >= LEAST_VISIBLE and size < least * should - NOISE):
         raise NotAsCommanded(
             f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
-            "regulator delivers more than it reads; correct full_scale (or unit) in rig.yaml, else area_factor and "
-            "youngs_modulus in robot.yaml"
-        )
-    if should >= LEAST_VISIBLE and size < least * should - NOISE:
-        raise NotAsCommanded(
-            f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
-            "regulator delivers less than it reads, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
-            "area_factor and youngs_modulus in robot.yaml"
+            f"regulator delivers {'more than it reads' if more else 'less than it reads, or its hose is off'}; correct "
+            "full_scale (or unit) in rig.yaml, else area_factor and youngs_modulus in robot.yaml"
         )
 
 

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from rich.table import Table
 
+from diagnosis.answer.headline import for_people
 from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
 from model.effects.scales import scales
@@ -162,9 +163,7 @@ def _columns(robot: Robot, spines: Array, how: str) -> Columns:
         "hold": np.full(n * count, hold),
         "spine_length": np.repeat(spines, n),
         **pressures,
-        "x": np.zeros(n * count),
-        "y": np.zeros(n * count),
-        "z": np.zeros(n * count),
+        **dict.fromkeys("xyz", np.zeros(n * count)),
     }
 
 
@@ -250,19 +249,15 @@ def _table(effect_signatures: list[Signature], robot: str) -> Table:
 
 def _size(p: Parameter) -> str:
     """Name and plausible size as a person reads it."""
-    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(p.unit, (1.0, p.unit))
-    return f"{p.name} {factor * p.scale:.3g} {unit}".strip()
+    size, unit = for_people(p.scale, p.unit)
+    return f"{p.name} {size:.3g} {unit}".strip()
 
 
 def _as_dict(s: Signature) -> dict[str, object]:
     """An effect and its signature as JSON has them; `rms` in m or N."""
     return {
-        "id": s.effect.id,
-        "stage": s.effect.stage,
+        **{key: getattr(s.effect, key) for key in ("id", "stage", "equation", "citation", "seen_best_in")},
         "family": s.effect.family_id,
-        "equation": s.effect.equation,
-        "citation": s.effect.citation,
-        "seen_best_in": s.effect.seen_best_in,
         "parameters": [
             {"name": p.name, "unit": p.unit, "scale": p.scale, "low": p.low, "high": p.high, "role": p.role}
             for p in s.effect.parameters
