@@ -12,7 +12,7 @@ import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -66,7 +66,9 @@ def installed(
     """The project's own objects and those of installed packages; `missing`: own ones that cannot be used here, and why."""
     offers: dict[str, list[tuple[Entry, T]]] = {}
     faults: dict[str, list[str]] = {}
-    for entry in _entries(group):
+    for point in importlib.metadata.entry_points(group=group):
+        about = point.dist
+        entry = Entry(point, about.name if about else "of unknown name", about.version if about else "")
         try:
             things = unpack(entry.point.name, entry.point.load())
         except Unusable as error:
@@ -89,12 +91,6 @@ def without(faults: Callable[[object], str]) -> Unpack[Any]:
         return {name: thing}
 
     return unpack
-
-
-def _entries(group: str) -> Iterator[Entry]:
-    for point in importlib.metadata.entry_points(group=group):
-        about = point.dist
-        yield Entry(point, about.name if about else "of unknown name", about.version if about else "")
 
 
 def _settled(

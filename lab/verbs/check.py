@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -338,7 +338,11 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         still = np.array([sample.position for sample in seen if sample.valid])
         scatter = [round(1e3 * sd, 3) for sd in still.std(axis=0)] if len(still) > 1 else []
-        rig.notices += _misplaced(rig, seen)
+        places = np.array([[s.position, *s.markers] for s in seen[-1:]])
+        if seen and (far := too_far(places, bodies(rig.file, rig.file.body))):
+            rig.notices.append(
+                f"mocap: {far}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"
+            )
         if robot is not None and all(r["ok"] for r in rows):
             moved, said = _moved(rig, robot, calibrate if calibrating else moves)
             if move:
@@ -411,12 +415,6 @@ def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
     return outcomes, said
-
-
-def _misplaced(rig: Rig, seen: Sequence[BodySample]) -> list[str]:
-    """Report implausible positions of tip and markers."""
-    said = too_far(np.array([[s.position, *s.markers] for s in seen[-1:]]), bodies(rig.file, rig.file.body)) if seen else ""
-    return [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"] if said else []
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> tuple[float, list[BodySample]]:

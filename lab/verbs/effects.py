@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from diagnosis.answer.headline import for_people
+from model.actuators import Words
 from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
 from model.effects.scales import scales
@@ -171,14 +172,14 @@ PANELS = 5
 """In a row of the figure."""
 
 
-def draw(effect_signatures: list[Signature], path: Path) -> Path:
+def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
     """Draw all signatures into one picture, without effects that move nothing."""
     effect_signatures = [s for s in effect_signatures if s.how != "none"]
     rows = -(-len(effect_signatures) // PANELS)
     with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):
         figure, axes = plt.subplots(rows, PANELS, figsize=(13, 2.1 * rows + 0.4), layout="constrained", squeeze=False)
         for axis, signature in zip(axes.flat, effect_signatures, strict=False):
-            _panel(axis, signature)
+            _panel(axis, signature, words)
         for axis in axes.flat[len(effect_signatures) :]:
             axis.set_axis_off()
         longest = max(effect_signatures, key=lambda s: (s.how != "stiffness", len(s.spine_length)))
@@ -186,18 +187,18 @@ def draw(effect_signatures: list[Signature], path: Path) -> Path:
         return save(figure, path)
 
 
-def _panel(axis: Axes, s: Signature) -> None:
+def _panel(axis: Axes, s: Signature, words: Words) -> None:
     """Draw one signature: a curve for each spine length, dashed on the way down."""
     stiffness = s.how == "stiffness"
     for x, y, colour in zip(s.x, s.shown, colours(len(s.x)), strict=True):
         top = int(np.argmax(x))
-        scaled = x * 1e3 if stiffness else x / 1e3
+        scaled = x * 1e3 if stiffness else x / words.pascal
         axis.plot(scaled[: top + 1], y[: top + 1], color=colour, lw=1.2)
         axis.plot(scaled[top:], y[top:], color=colour, lw=1.0, ls=(0, (3, 2)))
     axis.axhline(0.0, color="0.6", lw=0.6, zorder=0)
     title = s.effect.id if s.how == "settled" else f"{s.effect.id} ({s.how})"
     axis.set_title(title, loc="left")
-    axis.set_xlabel("deflection, mm" if stiffness else "pressure, kPa", labelpad=1)
+    axis.set_xlabel("deflection, mm" if stiffness else words.axis, labelpad=1)
     axis.set_ylabel("force, N" if stiffness else f"tip {'xyz'[s.axis]}, mm", labelpad=1)
 
 
@@ -216,18 +217,19 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
     note(left_out)
     effect_signatures = signatures(shown.plain, effects)
     with whole(out, OWN, replace) as place:
-        figure = out / draw(effect_signatures, place / "signatures.png").name
+        figure = out / draw(effect_signatures, place / "signatures.png", shown.actuators.words).name
 
     def show() -> None:
-        screen.print(_table(effect_signatures, shown.name))
+        screen.print(_table(effect_signatures, shown))
         screen.print(f"signatures drawn in {figure}")
 
     return Result({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in effect_signatures]}, show)
 
 
-def _table(effect_signatures: list[Signature], robot: str) -> Table:
+def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
     """Effects by stage, with plausible size, how far each moves the tip, and what calibration would hide of it."""
-    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot}", title_justify="left")
+    words = robot.actuators.words
+    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot.name}", title_justify="left")
     table.add_column("effect", no_wrap=True)
     table.add_column("plausible size")
     table.add_column("moves", justify="right", no_wrap=True)
@@ -241,15 +243,15 @@ def _table(effect_signatures: list[Signature], robot: str) -> Table:
             visible = s.how != "none"
             moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if visible else "nothing"
             hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and visible else ""
-            sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
+            sizes = ", ".join(_size(p, words) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"
     return table
 
 
-def _size(p: Parameter) -> str:
+def _size(p: Parameter, words: Words) -> str:
     """Name and plausible size as a person reads it."""
-    size, unit = for_people(p.scale, p.unit)
+    size, unit = for_people(p.scale, p.unit, words)
     return f"{p.name} {size:.3g} {unit}".strip()
 
 
