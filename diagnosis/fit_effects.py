@@ -259,6 +259,9 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
         undetermined = of_shape or (parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE)
         stated[name] = Value(_rounded(value), _rounded(value_sd), info.unit, not undetermined, bound)
+    trials, components = len(np.unique(p.states.trial)), p.noise_components
+    # m^2 by which the mean square exceeds what the noise floor gives in as many trials, with two standard errors
+    beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
     # rounding must leave the correlations positive definite
     correlation = (1 - 1e-6) * covariance / np.outer(scale, scale)
     posterior = {
@@ -266,27 +269,15 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": _rounded(law_error),
-        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, rms_after) / 3)))),
-        "noise": _noise(p),
+        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
+        "noise": {
+            "floor": _rounded(p.noise_floor),
+            "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
+            "pressure": _rounded(components.pressure),
+            **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
+        },
     }
     return stated, posterior
-
-
-def _beyond_noise(p: Prepared, left: float) -> float:
-    """m^2 by which a mean square exceeds what the noise floor gives in as many trials, with two standard errors."""
-    trials = len(np.unique(p.states.trial))
-    return max(left**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
-
-
-def _noise(p: Prepared) -> dict[str, float]:
-    """robot.yaml's `posterior.noise`: noise floor and reading (m), pressure (Pa), each component of the trials in its unit."""
-    components = p.noise_components
-    return {
-        "floor": _rounded(p.noise_floor),
-        "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
-        "pressure": _rounded(components.pressure),
-        **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
-    }
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:

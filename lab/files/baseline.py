@@ -43,32 +43,21 @@ def from_table(path: Path, case: Case) -> Baseline:
     if missing:
         needed = "trial and step name the row of trials.csv; x, y, z are its tip in m, base frame"
         raise ConfigError(f"{path}: has no column {missing[0]}; {needed}")
-    baseline = _baseline(path.name, predicted, _by_step(path, predicted, case), case)
-    _demand_plausible(str(path), baseline, case)
-    return baseline
-
-
-def _by_step(path: Path, predicted: Columns, case: Case) -> Ints:
-    """(rows,) line of the file for each row of the table, -1 where it has none."""
     keys = list(zip(predicted["trial"].tolist(), predicted["step"].tolist(), strict=True))
     twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: trial {twice[0]:g} step {twice[1]:g} is predicted twice; keep one")
-    line, table = {key: i for i, key in enumerate(keys)}, case.table
+    line, table, (setting, read) = {key: i for i, key in enumerate(keys)}, case.table, _names(case)
     place = np.array([line.get((float(t), float(s)), -1) for t, s in zip(table.trial, table["step"], strict=True)])
     if (place < 0).all():
         raise ConfigError(f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step")
-    return place
-
-
-def _baseline(name: str, predicted: Columns, place: Ints, case: Case) -> Baseline:
-    """The columns of a file as a baseline: `place` (rows,) names its line for each row of the case's table, -1 for none (NaN)."""
-    table, (setting, read) = case.table, _names(case)
     measured = dict(zip(setting, (np.clip(table.spine_length, 0.0, None), *table.pressures.T), strict=True))
     columns = measured | dict.fromkeys(read, np.full(len(table), np.nan))
     for column in columns.keys() & predicted.keys():
         columns[column] = np.where(place >= 0, np.asarray(predicted[column], float)[np.maximum(place, 0)], columns[column])
-    return Baseline(name, Table(columns))
+    baseline = Baseline(path.name, Table(columns))
+    _demand_plausible(str(path), baseline, case)
+    return baseline
 
 
 def _names(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
