@@ -431,10 +431,9 @@ class Table:
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
         each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
         trials = " and ".join(each) or "no trial"
-        columns: dict[str, list[str]] = {}
-        for name, unit in self.units.items():
-            columns.setdefault(unit, []).append(name)
-        measured = "; ".join(f"{', '.join(names)} [{unit}]" for unit, names in columns.items() if unit.strip("1"))
+        units = [unit for unit in dict.fromkeys(self.units.values()) if unit.strip("1")]
+        columns = {unit: ", ".join(name for name, own in self.units.items() if own == unit) for unit in units}
+        measured = "; ".join(f"{names} [{unit}]" for unit, names in columns.items())
         return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:

@@ -241,7 +241,8 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
-    numeric = _is_number(field)
+    kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
+    numeric = bool(kinds) and all(kind in (int, float) for kind in kinds)  # numbers or lists of them, and nothing else
     if isinstance(value, str) and (numeric or unit is not None):
         try:
             value = to_si(value, unit or "")  # YAML takes 1e3 for a text
@@ -252,12 +253,6 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
     elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
         problems[loc] = f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
     return value
-
-
-def _is_number(field: FieldInfo) -> bool:
-    """Whether a field takes numbers, or lists of them, and nothing else."""
-    kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
-    return bool(kinds) and all(kind in (int, float) for kind in kinds)
 
 
 # ------------------------------------------------------------------ 250000.0 -> "250 kPa"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -14,17 +14,17 @@ from protocols.parameters import Parameters
 from ..files.config import unit_of
 from ..files.units import written
 from ..plain import typed
-from .limits import Excess
+from .limits import Excess, Excesses
 
 P = TypeVar("P", bound=BaseModel)
 
 
-def settings(parameters: Parameters, excesses: Callable[[Parameters], Mapping[str, Excess]]) -> dict[str, str]:
+def settings(parameters: Parameters, excesses: Callable[[Parameters], Excesses]) -> dict[str, str]:
     """Limit -> `--set KEY=VALUE`, for the limits that smaller numbers of one key keep; all of them together keep these limits.
 
     `excesses`: of a plan with such parameters, by limit."""
     over, keys = excesses(parameters), dict[str, str]()
-    for limit, excess in list(over.items()):
+    for limit, ((_, excess), *_) in list(over.items()):
         for key, value, _ in sorted(_values(parameters), key=lambda one: one[2] != excess.unit):
             for instead in _instead(value, excess) if limit in over else ():
                 try:

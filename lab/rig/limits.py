@@ -100,9 +100,13 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
         raise ConfigError(f"{where}; the robot of {rig.robot} has {count}") from e
 
 
-def excesses(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> dict[str, list[tuple[int, Excess]]]:
-    """By limit that the plan does not keep, the steps that exceed it, counted from 1, the worst first."""
-    found: dict[str, list[tuple[int, Excess]]] = {}
+Excesses = dict[str, list[tuple[int, Excess]]]
+"""By limit that a plan does not keep, the steps that exceed it, counted from 1, the worst first."""
+
+
+def excesses(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> Excesses:
+    """Each limit that the plan does not keep."""
+    found: Excesses = {}
     for number, step in enumerate(plan.steps, 1):
         for excess in _excesses(step.ask, rig, path, robot):
             found.setdefault(excess.limit, []).append((number, excess))

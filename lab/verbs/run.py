@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -53,11 +54,11 @@ from ..live.beside import Page, page_where
 from ..live.picture import PLAN
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
 from ..plain import typed
-from ..rig import keeping
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
+from ..rig.keeping import settings as settings_within
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import ACTIVE, SLACK, Excess, Margin, arm_places, excesses, margins, problems, wiring
+from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, excesses, margins, problems, wiring
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -105,12 +106,9 @@ def job(
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
-
-    def exceeded(tried: Parameters) -> dict[str, Excess]:
-        steps = excesses(_planned(experiment, tried), rig, rig_path, robot)
-        return {limit: worst for limit, ((_, worst), *_) in steps.items()}
-
-    if beyond := problems(plan, rig, rig_path, robot, lambda: keeping.settings(parameters, exceeded)):
+    on_rig = (rig, rig_path, robot)
+    keeping = partial(settings_within, parameters, lambda tried: excesses(_planned(experiment, tried), *on_rig))
+    if beyond := problems(plan, *on_rig, keeping):
         raise ConfigError(*beyond)
     return Job(experiment, parameters, plan, rig, rig_path)
 
