@@ -562,8 +562,11 @@ def execute(
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         safe = _make_safe(rig, screen, outcome == "completed")
         rig.record_to(None)
-        for topic, n in rig.lost().items():
-            _note_lost(recorder, topic, lost_before.get(topic, 0), n)
+        for topic, now in rig.lost().items():
+            recorder.note_lost(topic, newly_lost(before := lost_before.get(topic, 0), now))
+            if now < before:
+                with contextlib.suppress(RecordingError):  # `close` tells the same
+                    recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
         lost = _finish(recorder, outcome, str(error or ""), safe)
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
@@ -597,13 +600,6 @@ def _checked(j: Job) -> dict[str, dict[str, str]]:
     if isinstance(check, str):
         return {"check": {"moved": "no", "why": check}}
     return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
-
-
-def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
-    recorder.note_lost(topic, newly_lost(before, now))
-    if now < before:
-        with contextlib.suppress(RecordingError):  # `close` tells the same
-            recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:
