@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -15,8 +15,6 @@ from ..files.config import unit_of
 from ..files.units import written
 from ..plain import typed
 from .limits import Excess, Excesses
-
-P = TypeVar("P", bound=BaseModel)
 
 
 def settings(parameters: Parameters, excesses: Callable[[Parameters], Excesses]) -> dict[str, str]:
@@ -69,7 +67,7 @@ def _rounded(x: float) -> float:
     return float(f"{math.floor(x / step * (1 + 1e-9)) * step:.2g}")
 
 
-def _with(parameters: P, key: str, value: Any) -> P:
+def _with(parameters: Any, key: str, value: Any) -> Any:
     """The same with another value at a dotted key, unchecked."""
     name, _, rest = key.partition(".")
     return parameters.model_copy(update={name: _with(getattr(parameters, name), rest, value) if rest else value})

@@ -72,13 +72,8 @@ class Signature:
         return float(np.sqrt((self.change**2).sum(axis=-1).mean())) if self.change.size else 0.0
 
     @property
-    def unit(self) -> str:
-        """mm or N."""
-        return "N" if self.how == "stiffness" else "mm"
-
-    @property
     def shown(self) -> Array:
-        """(l, k) the component that moves most, in `unit`."""
+        """(l, k) the component that moves most, mm or N."""
         return self.change[..., self.axis] * (1.0 if self.how == "stiffness" else 1e3)
 
 
@@ -183,7 +178,10 @@ def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
         for axis in axes.flat[len(effect_signatures) :]:
             axis.set_axis_off()
         longest = max(effect_signatures, key=lambda s: (s.how != "stiffness", len(s.spine_length)))
-        figure.legend(handles=_legend(longest), loc="outside upper left", ncols=8)
+        lengths = zip(longest.spine_length, colours(len(longest.spine_length)), strict=True)
+        handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
+        ways = [Line2D([], [], color="0.3", ls=style, label=way) for way, style in (("load", "-"), ("unload", (0, (3, 2))))]
+        figure.legend(handles=[*handles, *ways], loc="outside upper left", ncols=8)
         return save(figure, path)
 
 
@@ -200,13 +198,6 @@ def _panel(axis: Axes, s: Signature, words: Words) -> None:
     axis.set_title(title, loc="left")
     axis.set_xlabel("deflection, mm" if stiffness else words.axis, labelpad=1)
     axis.set_ylabel("force, N" if stiffness else f"tip {'xyz'[s.axis]}, mm", labelpad=1)
-
-
-def _legend(s: Signature) -> list[Line2D]:
-    lengths = zip(s.spine_length, colours(len(s.spine_length)), strict=True)
-    handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
-    handles.append(Line2D([], [], color="0.3", label="load"))
-    return [*handles, Line2D([], [], color="0.3", ls=(0, (3, 2)), label="unload")]
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
@@ -241,8 +232,9 @@ def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
                 table.add_section()
                 table.add_row(styled(stage, "bold"))
             visible = s.how != "none"
-            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if visible else "nothing"
-            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and visible else ""
+            factor, unit = (1, "N") if s.how == "stiffness" else (1e3, "mm")
+            moves = f"{s.rms * factor:.2g} {unit}" if visible else "nothing"
+            hidden = f"{100 * s.hidden:.0f} %" if unit == "mm" and visible else ""
             sizes = ", ".join(_size(p, words) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"

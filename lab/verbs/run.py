@@ -439,8 +439,7 @@ def slower(speed: float) -> float:
 
 
 def note_unverified(rig_path: Path, rig: RigFile) -> None:
-    """Print that the movement check of a rig is missing, with the command that does it. Fakes, which alone run at another speed,
-    need none."""
+    """Print that the movement check of a rig is missing; fakes, which alone run at another speed, need none."""
     if isinstance(why := last(rig_path, rig), str) and (rig.clock.speed == 1 or place(rig_path).exists()):
         check = typed("lab", "check", "--move", "--rig", rig_path)
         text = f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
