@@ -30,6 +30,7 @@ from model.shown import Shown
 from model.stated import AREA_FACTOR
 
 from .answer.attribute import calibrated
+from .answer.headline import sized
 from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance
 from .answer.size import ByActuator, by_actuator
@@ -111,9 +112,9 @@ class Fitted(Shown, FittedRobot):
         return {head: [row[k] for row in rows] for k, head in enumerate(heads)}
 
     def __repr__(self) -> str:
-        rows = [(n, f"{v.value:.4g} ± {v.sd:.2g} {v.unit.strip('1')}".rstrip(), v.note) for n, v in [*self._rows()][:9]]
-        sizes = "; ".join(f"{name} = {size}{f' ({note})' if note else ''}" for name, size, note in rows)
-        differs = "".join(f" ({each.says(self.robot.actuators.words)})" for each in self.by_actuator)
+        words = self.robot.actuators.words
+        sizes = "; ".join(f"{name} = {sized(v, words)}" for name, v in [*self._rows()][:9])
+        differs = "".join(f" ({each.says(words)})" for each in self.by_actuator)
         effects = (", ".join(self.effects) or "no effect") + differs
         tips = (
             f"{self.states} states in {self.trials} trials, {self.left_mm:.3g} mm rms (in-sample)" if self.states else "no tips"

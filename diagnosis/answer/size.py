@@ -23,9 +23,6 @@ from ..inference.prepare import Prepared
 from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
 from .result import FittedRobot, Value
 
-DRAWS = 1000
-"""Of an effect's parameters, for the standard deviation of each actuator's factor."""
-
 
 @dataclass(frozen=True)
 class Size:
@@ -140,7 +137,7 @@ def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value], cova
         return None
     if covariance is None:
         covariance = np.diag([v.sd**2 * one for v, one in zip(known.values(), of_size, strict=True)])
-    drawn = np.vstack([found, np.random.default_rng(0).multivariate_normal(found, covariance, DRAWS)])
+    drawn = np.vstack([found, np.random.default_rng(0).multivariate_normal(found, covariance, 1000)])
     absent = {p.name: np.array(0.0) for p in spec.parameters}
     factor = spec.each(robot, absent | dict(zip(known, drawn.T, strict=True)))
     spread = float(np.linalg.norm(drawn[1:, of_size], axis=1).std()) / size

@@ -8,7 +8,6 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.data.campaign import settings
 from diagnosis.inference.on_baseline import Baseline
@@ -26,8 +25,6 @@ from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_
 from .config import ConfigError
 from .inputs import Case
 from .packages import installed, python_file, without
-
-Columns = dict[str, NDArray[np.generic]]
 
 TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, *[1e-3] * 3, *[1e-4] * 3)
 """m of spine, Pa, kg at the tip, rad of roll, N and N m on the tip within which one setting is simulated for several readings."""

@@ -309,8 +309,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
-        known = f"known keys: {', '.join(siblings)}"
-        return f"{key}: unknown key; {nearest(str(loc[-1]), siblings, known)}"
+        return f"{key}: unknown key; " + nearest(str(loc[-1]), siblings, "known keys: " + ", ".join(siblings))
     if kind == "missing":
         extra = field.json_schema_extra if field is not None else None
         hint = f"; {extra['write']}" if isinstance(extra, dict) and "write" in extra else ""
