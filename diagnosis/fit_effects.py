@@ -30,8 +30,10 @@ from model.shown import Shown
 from model.stated import AREA_FACTOR
 
 from .answer.attribute import calibrated
+from .answer.headline import sized
 from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance
+from .answer.size import ByActuator, by_actuator
 from .arrays import Array, rms
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
@@ -73,6 +75,8 @@ class Fitted(Shown, FittedRobot):
     calibrated_area_factor: float
     """The area factor of the calibrated robot without effects."""
     findings: tuple[Finding, ...]
+    by_actuator: tuple[ByActuator, ...] = ()
+    """Of effects that are a factor on each actuator, relative to the mean."""
     left_out_mm: float | None = None
     """rms of the tip with effects and learnt residual, on trials that the residual did not learn from."""
     spine_modulus: Mapping[float, Estimate] = field(default_factory=dict)
@@ -91,22 +95,27 @@ class Fitted(Shown, FittedRobot):
         sd = self.parameters[AREA_FACTOR].sd
         return AreaFit(Estimate(self.calibrated_area_factor, sd, numbers, numbers, rms))
 
-    def _rows(self) -> Iterator[tuple[str, float, float, str]]:
-        """Name, value, standard deviation and unit of all that was fitted."""
+    def _rows(self) -> Iterator[tuple[str, Value]]:
+        """All that was fitted, by name."""
         bodies = {"youngs_modulus": self.body_modulus} if self.body_modulus else {}
         for name, e in {**bodies, **{f"spine.modulus at {s:g} m": e for s, e in self.spine_modulus.items()}}.items():
-            yield name, e.value, e.standard_error, "Pa"
+            yield name, Value(e.value, e.standard_error, "Pa")
         for length, area in self.area_factor_by_length.items():
-            yield f"area_factor at {length:g} m", area.factor.value, area.factor.standard_error, ""
-        yield from ((name, p.value, p.sd, "" if p.unit == "1" else p.unit) for name, p in self.parameters.items())
+            yield f"area_factor at {length:g} m", Value(area.factor.value, area.factor.standard_error, "1")
+        yield from self.parameters.items()
+        for each in self.by_actuator:
+            yield from each.by_name(self.robot.actuators.words).items()
 
     def _columns(self) -> dict[str, Any]:
-        rows = list(self._rows())
-        return {name: [row[k] for row in rows] for k, name in enumerate(("parameter", "value", "sd", "unit"))}
+        rows = [(name, v.value, v.sd, *v.interval, v.unit.strip("1"), v.note) for name, v in self._rows()]
+        heads = ("parameter", "value", "sd", "low 95 %", "high 95 %", "unit", "note")
+        return {head: [row[k] for row in rows] for k, head in enumerate(heads)}
 
     def __repr__(self) -> str:
-        sizes = "; ".join(f"{n} = {value:.4g} ± {sd:.2g} {unit}".rstrip() for n, value, sd, unit in [*self._rows()][:9])
-        effects = ", ".join(self.effects) or "no effect"
+        words = self.robot.actuators.words
+        sizes = "; ".join(f"{name} = {sized(v, words)}" for name, v in [*self._rows()][:9])
+        differs = "".join(f" ({each.says(words)})" for each in self.by_actuator)
+        effects = (", ".join(self.effects) or "no effect") + differs
         tips = (
             f"{self.states} states in {self.trials} trials, {self.left_mm:.3g} mm rms (in-sample)" if self.states else "no tips"
         )
@@ -124,6 +133,7 @@ class Fitted(Shown, FittedRobot):
             "area_factor": area.as_dict() if area else None,
             "area_factor_by_length": {f"{length:g}": one.as_dict() for length, one in self.area_factor_by_length.items()},
             "parameters": {n: asdict(p) for n, p in self.parameters.items()},
+            "by_actuator": [asdict(each) for each in self.by_actuator],
             "in_sample": True,
             "findings": [asdict(f) for f in self.findings],
             "noise_floor_mm": 1e3 * posterior.noise.floor if posterior else None,
@@ -207,12 +217,14 @@ def fit_described(
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
         learnt, left_out = learn_residual(described, campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
-    parameters = p.problem.parameters
+    parameters, (names, covariance) = p.problem.parameters, described.joint_uncertainty()
+    own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
+    each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     findings = tuple(beyond_tolerance(parameters, parameters.tense(fitted.fit.theta), robot))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
-        left_out_mm=None if left_out is None else 1e3 * left_out,
+        by_actuator=tuple(filter(None, each)), left_out_mm=None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
 
 
@@ -243,8 +255,14 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         value, value_sd = float(c.fit.theta[i]), relative_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
-        undetermined = parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE
-        stated[name] = Value(_rounded(value), _rounded(value_sd), parameters.infos[i].unit, not undetermined)
+        info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
+        bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
+        of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
+        undetermined = of_shape or (parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE)
+        stated[name] = Value(_rounded(value), _rounded(value_sd), info.unit, not undetermined, bound)
+    trials, components = len(np.unique(p.states.trial)), p.noise_components
+    # m^2 by which the mean square exceeds what the noise floor gives in as many trials, with two standard errors
+    beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
     # rounding must leave the correlations positive definite
     correlation = (1 - 1e-6) * covariance / np.outer(scale, scale)
     posterior = {
@@ -252,27 +270,15 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": _rounded(law_error),
-        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, _beyond_noise(p, rms_after) / 3)))),
-        "noise": _noise(p),
+        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
+        "noise": {
+            "floor": _rounded(p.noise_floor),
+            "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
+            "pressure": _rounded(components.pressure),
+            **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
+        },
     }
     return stated, posterior
-
-
-def _beyond_noise(p: Prepared, left: float) -> float:
-    """m^2 by which a mean square exceeds what the noise floor gives in as many trials, with two standard errors."""
-    trials = len(np.unique(p.states.trial))
-    return max(left**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
-
-
-def _noise(p: Prepared) -> dict[str, float]:
-    """robot.yaml's `posterior.noise`: noise floor and reading (m), pressure (Pa), each component of the trials in its unit."""
-    components = p.noise_components
-    return {
-        "floor": _rounded(p.noise_floor),
-        "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
-        "pressure": _rounded(components.pressure),
-        **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
-    }
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:

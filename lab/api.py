@@ -79,9 +79,8 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
     if not inputs:
         raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
     if columns or keys or isinstance(robot, Robot):
-        raise ConfigError(
-            "case: columns, further keys and a Robot go with a DataFrame; give the path of robot.yaml, or lab import"
-        )
+        given = ", ".join([*(["columns"] if columns else []), *keys]) or "a Robot"
+        raise ConfigError(f"case: {given}: only with a DataFrame; give the path of robot.yaml, or lab import")
     return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
 
 

@@ -63,5 +63,5 @@ def _body_modulus(case: Case) -> Estimate | None:
 
 def _pushes(case: Case, specimen: str) -> Table:
     """The states of stiffness trials of a specimen that have a force."""
-    table = case.of("stiffness")
+    table = case.table.take(case.table.pushed)
     return table.take((table.get("specimen") == specimen) & np.isfinite(table.get("force")))

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
+from typing import NoReturn
 
 from .options import Result, Verb, unknown
 
@@ -72,6 +73,11 @@ class LabParser(argparse.ArgumentParser):
             lines += ["", f"{title}:", *(f"  {verb:13}{summary}" for verb, (_, summary) in verbs.items())]
         lines += ["", "lab VERB --help: options and examples of a verb; lab --version: version"]
         return "\n".join([*lines, "start: docs/tutorials/first-day.md"]) + "\n"
+
+    def error(self, message: str) -> NoReturn:
+        """See ArgumentParser; words that are left over are most often those of a value without its quotes."""
+        hint = "; quote a value with spaces: --set 'rate=20 kPa/s'" if message.startswith("unrecognized") else ""
+        super().error(message + hint)
 
 
 class Version(argparse.Action):

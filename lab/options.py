@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -114,8 +113,9 @@ OPTION = re.compile(r"--?[a-zA-Z][^\s]*")
 
 def unknown(said: str, kind: str, name: str, known: Iterable[str], otherwise: str) -> str:
     """Return the error for an unknown name: the nearest known one, or where to look."""
-    near = difflib.get_close_matches(name, known, 1)
-    return f"{said}: is not {kind}; " + (f"did you mean {near[0]}?" if near else otherwise)
+    from model.errors import nearest  # after a module of another package by this name was told
+
+    return f"{said}: is not {kind}; {nearest(name, known, otherwise)}"
 
 
 TYPES: dict[Any, Callable[[str], float]] = {float: number, int: whole_number}

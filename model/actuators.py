@@ -70,23 +70,27 @@ class Words:
         return f"{named} {', '.join(map(str, numbers))}" if numbers else f"nothing {self.inflated}"
 
 
-class Chambers(BaseModel):
-    """Pressure chambers: equal round channels along the body."""
+class Actuators(BaseModel):
+    """What chambers and tendons have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
+        min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
+    )
+    ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
+    """Arc length at which each ends or is fastened; by default at the tip."""
+
+
+class Chambers(Actuators):
+    """Pressure chambers: equal round channels along the body."""
+
     words: ClassVar[Words] = Words(
         "chambers", "kPa", 1e3, 0, True, "chamber", "chambers", "pressure", "pressures", "inflate", "inflated", "pushes",
         "area factor", "an area factor", "chambers' area", "areas of the chambers", "regulators",
     )  # fmt: skip
 
     radius: FiniteFloat = Field(gt=0, le=0.5, json_schema_extra={"unit": "m"})
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
-    azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
-        min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
-    )
-
-    ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each ends; by default at the tip."""
 
     @property
     def area(self) -> float:
@@ -94,21 +98,13 @@ class Chambers(BaseModel):
         return math.pi * self.radius**2
 
 
-class Tendons(BaseModel):
+class Tendons(Actuators):
     """Tendons along the body in its wall, each pulled by a known tension."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     words: ClassVar[Words] = Words(
         "tendons", "N", 1 / PULL_AREA, 1, False, "tendon", "tendons", "tension", "tensions", "pull", "pulled", "pulls",
         "tension factor", "a tension factor", "tendons' pull", "tensions of the tendons", "motors",
     )  # fmt: skip
-
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
-    azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
-        min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
-    )
-    ends: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc length at which each is fastened; by default at the tip."""
 
     @property
     def area(self) -> float:

@@ -34,8 +34,18 @@ class NotIdentified(ModelError, ValueError):
     """The data do not determine what is to be fitted."""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """What a message adds about a name that is not known: the one that was probably meant, else all there are."""
+def alike(name: str, known: Iterable[str]) -> str:
+    """The known name that was probably meant, capitals aside; empty if none resembles it."""
+    names = {other.casefold(): other for other in known}
+    return next((names[near] for near in difflib.get_close_matches(name.casefold(), names)), "")
+
+
+def nearest(name: str, known: Iterable[str], otherwise: str = "") -> str:
+    """What a message adds about a name that is not known: the one that was probably meant, else `otherwise` or all there are.
+
+    >>> nearest("Robt", ["robot", "files"]), nearest("foo", ["robot", "files"])
+    ('did you mean robot?', 'there are robot, files')
+    """
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
+    near = alike(name, names)
+    return f"did you mean {near}?" if near else otherwise or f"there are {', '.join(names)}"

@@ -326,11 +326,6 @@ class Robot(Shown, BaseModel):
         nothing = dict.fromkeys(("posterior", "obstacle_azimuth_deg", "quoted_pressure", "quoted_time", "residual"))
         return self.model_copy(update={"effects": {}, "tolerances": {}, **nothing})
 
-    @property
-    def without_residual(self) -> Robot:
-        """The same robot without what was learnt beyond its model."""
-        return self.model_copy(update={"residual": None})
-
     def joint_uncertainty(self) -> tuple[tuple[str, ...], Array]:
         """Names (k) of all parameters that are not exact, and their covariance (k, k) in the units in which they are stated.
 
@@ -370,6 +365,10 @@ class Robot(Shown, BaseModel):
         rows = {".".join(p): (v, _unit_of(p)) for p, v in given.items() if not isinstance(v, BaseModel) and p[0] not in STATED}
         rows |= {name: (stated.value, stated.unit.strip("1")) for name, stated in self.stated.items()}
         return {"parameter": list(rows), "value": [v for v, _ in rows.values()], "unit": [unit for _, unit in rows.values()]}
+
+    def __dir__(self) -> list[str]:
+        """Without the names that pydantic adds."""
+        return [name for name in super().__dir__() if name.startswith("__") or name not in dir(BaseModel)]
 
     def __repr__(self) -> str:
         count, effects = len(self.actuators.azimuths_deg), ", ".join(self.effects) or "none"

@@ -152,7 +152,7 @@ def _trials_columns(path: Path, header: list[str]) -> list[str]:
     known = [name for name in header if column_order(name) is not None]
     for name in REQUIRED:
         if name not in known:
-            near = difflib.get_close_matches(name, [n for n in header if n not in known], 1, 0.5)
+            near = difflib.get_close_matches(name, [n for n in header if n not in known], 1)
             hint = f" (is it the column {near[0]!r}?)" if near else ""
             raise BadTable(f"{path}: no column {name}{hint}; required are {', '.join(REQUIRED)}")
     return known

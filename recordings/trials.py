@@ -317,10 +317,6 @@ class Table:
         cells = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
         return tuple(TrialRow.from_cells({n: v for n, v in row.items() if v == v and v != ""}) for row in cells)
 
-    def of_protocols(self, *protocols: str) -> Table:
-        """The states of these protocols."""
-        return self.take(np.isin(self.get("protocol"), protocols))
-
     # -- columns
     def __len__(self) -> int:
         return len(next(iter(self.values.values()), ()))
@@ -431,10 +427,14 @@ class Table:
         return frame
 
     def __repr__(self) -> str:
-        protocols, lengths = ", ".join(np.unique(self.get("protocol"))), self.spine_length
+        kinds, lengths = self.get("protocol"), self.spine_length
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
-        states, trials = counted(len(self), "state"), counted(len(np.unique(self.trial)), "trial")
-        return f"<Table: {states} in {trials}, {protocols or 'no protocol'}{spine}>"
+        each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
+        trials = " and ".join(each) or "no trial"
+        units = [unit for unit in dict.fromkeys(self.units.values()) if unit.strip("1")]
+        columns = {unit: ", ".join(name for name, own in self.units.items() if own == unit) for unit in units}
+        measured = "; ".join(f"{names} [{unit}]" for unit, names in columns.items())
+        return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:
         return str(self.to_pandas().to_html(max_rows=20))

@@ -31,14 +31,10 @@ class Distinguishability:
         i = self.effects.index(effect)
         return tuple(e for j, e in enumerate(self.effects) if j != i and self.separation[i, j] < TIED)
 
-    def detectable(self, effect: str) -> bool:
-        """Whether T against no effect at all reaches `TIED`."""
-        i = self.effects.index(effect)
-        return bool(self.separation[i, i] >= TIED)
-
     def groups(self, among: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         """Groups of detectable effects that these data cannot tell apart."""
-        seen = [e for e in among if self.detectable(e)]
+        detectable = np.diag(self.separation) >= TIED  # against no effect at all
+        seen = [e for e in among if detectable[self.effects.index(e)]]
         groups = (tuple(e for e in seen if e == one or e in self.rivals(one)) for one in seen)
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 

@@ -98,12 +98,15 @@ def percent(share: float) -> str:
 def sized(v: Value, words: Words = Chambers.words) -> str:
     """A parameter with its standard deviation, as a person reads it.
 
-    >>> sized(Value(0.3, 0.05, "ln")), sized(Value(0.994, 0.03, "1"))
-    ('1.35 times (± 5 %)', '0.994 ± 0.03')
+    >>> sized(Value(0.3, 0.05, "ln")), sized(Value(0.994, 0.03, "1")), sized(Value(0.0, 0.01, "rad", bound="low"))
+    ('1.35 times (± 5 %)', '0.994 ± 0.03', 'at its bound 0 deg (95 %: up to 1.12)')
     """
     if not v.determined:
-        return "not determined"
+        return v.note
     number, unit = for_people(v.value, v.unit, words)
+    if v.bound:
+        end = for_people(v.interval[v.bound == "low"], v.unit, words)[0]
+        return f"at its bound {number:.3g} {unit}".rstrip() + f" (95 %: {'up to' if v.bound == 'low' else 'from'} {end:.3g})"
     if v.unit == "ln":
         return f"{number:.3g} {unit} (± {100 * math.expm1(v.sd):.0f} %)"
     return f"{number:.3g} ± {for_people(v.sd, v.unit, words)[0]:.2g} {unit}".rstrip()

@@ -18,6 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
+from ..judgement import SIZE_CERTAIN_SD
 from .decision import Decision
 
 SCHEMA = "diagnosis/1"
@@ -150,6 +151,19 @@ class Value:
     unit: str
     determined: bool = True
     """Whether the data say more of it than was assumed before."""
+    bound: str = ""
+    """The end of its range, low or high, at which it stands, and from which its interval extends to one side; else empty."""
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, one-sided at a bound."""
+        away = SIZE_CERTAIN_SD * self.sd
+        return self.value - away * (self.bound != "low"), self.value + away * (self.bound != "high")
+
+    @property
+    def note(self) -> str:
+        """What a table states next to the number; empty if the data determine it."""
+        return ", ".join(["not determined"] * (not self.determined) + ["at its bound"] * bool(self.bound))
 
 
 @dataclass(frozen=True)

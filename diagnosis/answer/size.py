@@ -17,6 +17,7 @@ from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
+from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
 from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
@@ -100,6 +101,13 @@ class ByActuator:
     """On what each does."""
     spread: float
     """Relative standard deviation of their differences."""
+    sd: tuple[float, ...]
+    """(n) of each factor."""
+
+    def by_name(self, words: Words) -> dict[str, Value]:
+        """`EFFECT of chamber 1` and so on -> factor."""
+        each = enumerate(zip(self.factor, self.sd, strict=True), 1)
+        return {f"{self.effect} of {words.actuator} {k}": Value(f, sd, "1") for k, (f, sd) in each}
 
     def says(self, words: Words, spread: bool = True) -> str:
         """Which one differs from the others, or the two that differ most, by number and in percent."""
@@ -117,19 +125,23 @@ class ByActuator:
         return f"{words.actuator} {odd + 1} {words.pushes} {amount} {'more' if by > 0 else 'less'} than {of}"
 
 
-def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value]) -> ByActuator | None:
+def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value], covariance: Array | None = None) -> ByActuator | None:
     """What an effect of these sizes (EFFECT.PARAMETER -> value) makes of each actuator; None where it is more than a factor on
-    each."""
+    each. `covariance`: of these sizes; unless given, they are independent, and shapes exact."""
     known = {p.name: v for p in spec.parameters if (v := sizes.get(f"{spec.id}.{p.name}")) is not None}
     if spec.each is None or not known or len(robot.actuators.azimuths_deg) < 2:
         return None
-    values = {p.name: np.array(known[p.name].value if p.name in known else 0.0) for p in spec.parameters}
-    own = [known[p.name] for p in spec.parameters if p.role == "size" and p.name in known]
-    size = float(np.hypot.reduce([s.value for s in own]))
-    if not size:
+    of_size = [p.role == "size" for p in spec.parameters if p.name in known]
+    found = np.array([v.value for v in known.values()])
+    if not (size := float(np.linalg.norm(found[of_size]))):
         return None
-    spread = float(np.hypot.reduce([s.value * s.sd for s in own])) / size**2
-    return ByActuator(spec.id, tuple(spec.each(robot, values).ravel().tolist()), spread)
+    if covariance is None:
+        covariance = np.diag([v.sd**2 * one for v, one in zip(known.values(), of_size, strict=True)])
+    drawn = np.vstack([found, np.random.default_rng(0).multivariate_normal(found, covariance, 1000)])
+    absent = {p.name: np.array(0.0) for p in spec.parameters}
+    factor = spec.each(robot, absent | dict(zip(known, drawn.T, strict=True)))
+    spread = float(np.linalg.norm(drawn[1:, of_size], axis=1).std()) / size
+    return ByActuator(spec.id, tuple(factor[0].tolist()), spread, tuple(factor[1:].std(axis=0).tolist()))
 
 
 def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:

@@ -91,7 +91,8 @@ class Prepared:
             bent = ~self.states.pushed
             tip = np.full((len(self.states), 3), np.nan)
             robot, states = self.described or (self.robot, self.states)
-            tip[bent] = predict_campaign(robot.without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
+            without_residual = robot.model_copy(update={"residual": None})
+            tip[bent] = predict_campaign(without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
             tip += self.states.tip - states.tip
             out[own] = tip[self.labels.state[own], self.labels.axis[own]]
         return out

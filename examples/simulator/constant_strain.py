@@ -35,14 +35,14 @@ def tip(rods, i):
 
     bend, stretch, load = along("bend_stiffness", -1), along("stretch_stiffness", -1), each * along("load")
     curved, stretched = along("rest_curvature"), along("rest_strain")
-    force, moment, dead = (rods.field(name)[i] for name in ("tip_force", "tip_moment", "dead_force"))
+    force, moment, dead, about_tip = (rods.field(name)[i] for name in ("tip_force", "tip_moment", "dead_force", "dead_moment"))
 
     def strains_of(strains):
         turns, places = shape(strains, each)
         middle, where = turns[1::2], places[1::2]
         cut = turns[-1] @ force + dead + np.cumsum(load[::-1], axis=0)[::-1] - 0.5 * load
         arm = places[-1] - where
-        about = turns[-1] @ moment + np.cross(arm, turns[-1] @ force + dead)
+        about = turns[-1] @ moment + about_tip + np.cross(arm, turns[-1] @ force + dead)
         for k in range(SEGMENTS):  # the weight of all that is beyond
             about[k] += np.cross(where[k + 1 :] - where[k], load[k + 1 :]).sum(axis=0)
         into = middle.transpose(0, 2, 1)

@@ -26,7 +26,6 @@ from recordings.trials import Table
 
 from ..console import Screen, clock, out, warn
 from ..files.campaign_file import OWN_LABELS, Stop
-from ..files.checked import last
 from ..files.config import ConfigError
 from ..files.resume import Broken
 from ..files.units import shown
@@ -38,7 +37,7 @@ from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
-from ..verbs.run import Job, Outcome, connect, execute, job_again, unverified
+from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
 
@@ -272,10 +271,9 @@ class Session:
         rig.operator = self.hands.over(rig.operator)
         connect(rig, needs)
         self._open = rig.needed(needs)
-        unchecked = last(self.campaign.rig_path, job.rig)
-        if isinstance(unchecked, str) and not self._said:
+        if not self._said:
             self._said = True
-            out.print(unverified(self.campaign.rig_path, unchecked), soft_wrap=True)
+            note_unverified(self.campaign.rig_path, job.rig)
         return rig
 
     def _close(self) -> None:

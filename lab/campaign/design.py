@@ -133,15 +133,11 @@ class CampaignDesign:
         return len(self.robot.actuators.azimuths_deg)
 
     @property
-    def first_inflating(self) -> CampaignRun | None:
-        """The run before which the robot is warmed up."""
-        return next((run for run in self.runs if run.inflates), None)
-
-    @property
     def jobs(self) -> Iterator[tuple[CampaignRun | None, Job]]:
         """All plans in order, with their runs; None: the warm-up, where it is planned."""
+        first_inflating = next((run for run in self.runs if run.inflates), None)
         for run in self.runs:
-            if self.warm_up is not None and run is self.first_inflating:
+            if self.warm_up is not None and run is first_inflating:
                 yield None, self.warm_up_for(run)
             yield run, run.job
 

@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from diagnosis.data.campaign import settings
 from diagnosis.inference.on_baseline import Baseline
 from model.arrays import Array, Ints
 from model.condition import conditions
@@ -26,84 +26,35 @@ from .config import ConfigError
 from .inputs import Case
 from .packages import installed, python_file, without
 
-Columns = dict[str, NDArray[np.generic]]
-
-PRESSURE_WITHIN, SPINE_WITHIN = 5e3, 5e-3
-"""Pa and m within which a predicted state stands for a measured one; the rod bridges the rest."""
-TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, 1e-3, 1e-3, 1e-3)
-"""m of spine, Pa, kg at the tip, rad of roll and N on the tip within which one setting is simulated for several readings."""
+TOGETHER = (2e-3, 3e3, 1e-4, 1e-3, *[1e-3] * 3, *[1e-4] * 3)
+"""m of spine, Pa, kg at the tip, rad of roll, N and N m on the tip within which one setting is simulated for several readings."""
 BEHIND = len(TOGETHER) - 2
 """Numbers of a setting behind its pressures."""
-SETTING = ("spine_length", "tip_mass", "roll_deg")
 READ = (*TIP, *ORIENTATION)
 
 
 def from_table(path: Path, case: Case) -> Baseline:
-    """Predictions of a CSV file, matched by trial and step, or by state. Raises ConfigError and BadTable."""
-    predicted = read_numbers(path, ("trial", "step", *SETTING, *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
-    missing = [name for name in "xyz" if name not in predicted]
+    """Predictions of a CSV file, matched by trial and step. Raises ConfigError and BadTable."""
+    predicted = read_numbers(path, ("trial", "step", "spine_length", *READ), r"p[0-9]+|m[0-9]+[xyz]", "x, y, z (m)")
+    missing = [name for name in ("trial", "step", *TIP) if name not in predicted]
     if missing:
-        raise ConfigError(f"{path}: has no column {missing[0]}; a baseline must predict the tip: x, y, z in m, base frame")
-    place = _by_step(path, predicted, case) if {"trial", "step"} <= predicted.keys() else _by_state(path, predicted, case)
-    baseline = _baseline(path.name, predicted, place, case)
-    _demand_plausible(str(path), baseline, case)
-    return baseline
-
-
-def _by_step(path: Path, predicted: Columns, case: Case) -> Ints:
-    """(rows,) line of the file for each row of the table, -1 where it has none."""
+        needed = "trial and step name the row of trials.csv; x, y, z are its tip in m, base frame"
+        raise ConfigError(f"{path}: has no column {missing[0]}; {needed}")
     keys = list(zip(predicted["trial"].tolist(), predicted["step"].tolist(), strict=True))
     twice = next((k for k in dict.fromkeys(keys) if keys.count(k) > 1), None)
     if twice is not None:
         raise ConfigError(f"{path}: trial {twice[0]:g} step {twice[1]:g} is predicted twice; keep one")
-    line, table = {key: i for i, key in enumerate(keys)}, case.table
+    line, table, (setting, read) = {key: i for i, key in enumerate(keys)}, case.table, _names(case)
     place = np.array([line.get((float(t), float(s)), -1) for t, s in zip(table.trial, table["step"], strict=True)])
     if (place < 0).all():
         raise ConfigError(f"{path}: predicts none of the {len(place)} states of the table; match its columns trial and step")
-    return place
-
-
-def _by_state(path: Path, predicted: Columns, case: Case) -> Ints:
-    """(rows,) line of the file's nearest state, within `SPINE_WITHIN` and `PRESSURE_WITHIN`; -1: none. Raises ConfigError."""
-    pressures = [f"p{i}" for i in range(1, len(case.robot.actuators.azimuths_deg) + 1)]
-    missing = [name for name in pressures if name not in predicted]
-    if missing:
-        raise ConfigError(
-            f"{path}: has neither trial and step nor {missing[0]}; give the columns trial and step, or the state: "
-            f"spine_length (m) and p1..p{len(pressures)} (Pa)"
-        )
-    predicted_pressures = np.column_stack([np.asarray(predicted[name], float) for name in pressures])
-    highest, measured = float(np.nanmax(predicted_pressures)), float(np.nanmax(case.table.pressures, initial=0.0))
-    if measured > PRESSURE_WITHIN and highest < 0.01 * measured:  # in another unit
-        text = f"its highest pressure is {highest:g} Pa, that of the table {measured:g} Pa; pressures are in Pa"
-        raise ConfigError(f"{path}: {text}")
-    spine = np.asarray(predicted.get("spine_length", np.zeros(len(predicted_pressures))), float)
-    settings = [name for name in ("tip_mass", "roll_deg") if name in predicted]
-    line_of_row, table = np.full(len(case.table), -1), case.table
-    lengths, measured_settings = np.clip(table.spine_length, 0.0, None), {n: table.get(n, 0.0) for n in settings}
-    for i, pressures_read in enumerate(table.pressures):
-        by_pressure = np.abs(predicted_pressures - pressures_read).max(axis=1) / PRESSURE_WITHIN
-        distance = np.maximum(by_pressure, np.abs(spine - lengths[i]) / SPINE_WITHIN)
-        for name in settings:
-            distance[np.asarray(predicted[name], float) != measured_settings[name][i]] = np.inf
-        nearest = int(np.nanargmin(distance)) if np.isfinite(distance).any() else 0
-        line_of_row[i] = nearest if distance[nearest] <= 1.0 else -1
-    if (line_of_row < 0).all():
-        raise ConfigError(
-            f"{path}: predicts none of the {len(line_of_row)} states of the table to {PRESSURE_WITHIN / 1e3:g} kPa and "
-            f"{SPINE_WITHIN * 1e3:g} mm of spine; pressures are in Pa, lengths in m"
-        )
-    return line_of_row
-
-
-def _baseline(name: str, predicted: Columns, place: Ints, case: Case) -> Baseline:
-    """The columns of a file as a baseline: `place` (rows,) names its line for each row of the case's table, -1 for none (NaN)."""
-    table, (setting, read) = case.table, _names(case)
     measured = dict(zip(setting, (np.clip(table.spine_length, 0.0, None), *table.pressures.T), strict=True))
     columns = measured | dict.fromkeys(read, np.full(len(table), np.nan))
     for column in columns.keys() & predicted.keys():
         columns[column] = np.where(place >= 0, np.asarray(predicted[column], float)[np.maximum(place, 0)], columns[column])
-    return Baseline(name, Table(columns))
+    baseline = Baseline(path.name, Table(columns))
+    _demand_plausible(str(path), baseline, case)
+    return baseline
 
 
 def _names(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -177,8 +128,7 @@ def from_simulator(
     unknown = [p for p in forward.parameters if p not in scale]
     if unknown:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
-    settings = _settings(case)
-    distinct, place = _distinct(settings)
+    distinct, place = _distinct(_settings(case))
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
     steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
@@ -187,8 +137,8 @@ def from_simulator(
         parts: list[Array] = []
         for i, part in enumerate(states):
             try:
-                mass, roll, force = part[:, -BEHIND], part[:, 1 - BEHIND], part[:, 2 - BEHIND :]
-                states_of_part = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, force)
+                mass, roll = part[:, -BEHIND], part[:, 1 - BEHIND]
+                states_of_part = conditions(case.robot, part[:, 0], part[:, 1:-BEHIND], mass, roll, part[:, -6:-3], part[:, -3:])
                 read = forward.predict(states_of_part, {parameter: step} if parameter else {})
             except Exception as e:
                 raise ConfigError(f"simulator {name}: predict failed: {type(e).__name__}: {e}") from e
@@ -214,10 +164,9 @@ def _distinct(settings: Array) -> tuple[Array, Ints]:
 
 
 def _settings(case: Case) -> Array:
-    """(n, 1 + chambers + 5): spine length, pressures, mass, roll (rad) and force at the tip of each state."""
-    table = case.table
-    mass, roll = table.get("tip_mass", case.robot.tip_mass), np.radians(table.get("roll_deg", 0.0))
-    return np.column_stack([np.clip(table.spine_length, 0.0, None), table.pressures, mass, roll, table.tip_force])
+    """(n, 1 + chambers + 8): spine length, pressures, mass, roll (rad), force and moment at the tip of each state."""
+    s = settings(case.robot, case.table)
+    return np.column_stack([s.spine_length, s.pressure, s.tip_mass, s.roll, s.force, s.moment])
 
 
 def _arrays(name: str, read: Readings, n: int, markers: int) -> Array:

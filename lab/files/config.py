@@ -6,7 +6,6 @@ Each problem names the file and line, the key, the value with its unit, the limi
 
 from __future__ import annotations
 
-import difflib
 import operator
 import re
 import sys
@@ -21,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
+from model.errors import alike, nearest
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from recordings.bounded import read_bounded
 from recordings.numbers import number
@@ -241,7 +241,8 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
         return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
     if isinstance(value, list):
         return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
-    numeric = _is_number(field)
+    kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
+    numeric = bool(kinds) and all(kind in (int, float) for kind in kinds)  # numbers or lists of them, and nothing else
     if isinstance(value, str) and (numeric or unit is not None):
         try:
             value = to_si(value, unit or "")  # YAML takes 1e3 for a text
@@ -252,12 +253,6 @@ def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -
     elif isinstance(value, float) and 0 < abs(value) < SMALLEST:
         problems[loc] = f"{_dotted(loc)} = {f'{_short(value)} {unit or str()}'.strip()}: must be 0, or at least {SMALLEST:.1e}"
     return value
-
-
-def _is_number(field: FieldInfo) -> bool:
-    """Whether a field takes numbers, or lists of them, and nothing else."""
-    kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
-    return bool(kinds) and all(kind in (int, float) for kind in kinds)
 
 
 # ------------------------------------------------------------------ 250000.0 -> "250 kPa"
@@ -314,9 +309,7 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     unit = (unit_of(field) or "") if field is not None else ""
     number = f"{_short(error['input'])} {unit}".strip()
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(loc[-1]), siblings, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(siblings)}"
-        return f"{key}: unknown key; {hint}"
+        return f"{key}: unknown key; " + nearest(str(loc[-1]), siblings, "known keys: " + ", ".join(siblings))
     if kind == "missing":
         extra = field.json_schema_extra if field is not None else None
         hint = f"; {extra['write']}" if isinstance(extra, dict) and "write" in extra else ""
@@ -331,8 +324,8 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
     if kind in ("union_tag_invalid", "literal_error"):
         allowed = str(context.get("expected_tags") or context.get("expected", ""))
         tag = context.get("tag", error["input"])
-        near = difflib.get_close_matches(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")], n=1)
-        return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean '{near[0]}'?" if near else "")
+        near = alike(str(tag), [a.strip(" '") for a in allowed.replace(" or ", ",").split(",")])
+        return f"{key} = {_short(tag)}: must be one of {allowed}" + (f"; did you mean {near}?" if near else "")
     if kind == "union_tag_not_found":
         return f"{key}: needs a key {context.get('discriminator', '')} that says which kind it is"
     if kind in ("float_parsing", "float_type", "int_parsing", "int_type"):

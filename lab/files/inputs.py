@@ -49,10 +49,6 @@ class Case(Shown):
     def _columns(self) -> dict[str, NDArray[Any]]:
         return {f"{n} [{unit}]" if unit not in ("", "1") else n: self.table[n] for n, unit in self.table.units.items()}
 
-    def of(self, *protocols: str) -> Table:
-        """The rows of these protocols."""
-        return self.table.of_protocols(*protocols)
-
     @property
     def tips(self) -> tuple[States, Array, Ints]:
         """States with a tip: conditions, tips (n, 3) m in the base frame, trial numbers (n,)."""

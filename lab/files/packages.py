@@ -7,18 +7,18 @@ neither is used.
 
 from __future__ import annotations
 
-import difflib
 import importlib.metadata
 import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, Generic, TypeVar
 
+from model.errors import alike
 from recordings.bounded import read_bounded
 
 from .config import ConfigError
@@ -66,7 +66,9 @@ def installed(
     """The project's own objects and those of installed packages; `missing`: own ones that cannot be used here, and why."""
     offers: dict[str, list[tuple[Entry, T]]] = {}
     faults: dict[str, list[str]] = {}
-    for entry in _entries(group):
+    for point in importlib.metadata.entry_points(group=group):
+        about = point.dist
+        entry = Entry(point, about.name if about else "of unknown name", about.version if about else "")
         try:
             things = unpack(entry.point.name, entry.point.load())
         except Unusable as error:
@@ -89,12 +91,6 @@ def without(faults: Callable[[object], str]) -> Unpack[Any]:
         return {name: thing}
 
     return unpack
-
-
-def _entries(group: str) -> Iterator[Entry]:
-    for point in importlib.metadata.entry_points(group=group):
-        about = point.dist
-        yield Entry(point, about.name if about else "of unknown name", about.version if about else "")
 
 
 def _settled(
@@ -145,8 +141,8 @@ def python_file(path: Path) -> tuple[ModuleType, bytes]:
     It is no module that others can import: what is sent elsewhere from it goes as a whole (cloudpickle), not by its name."""
     spec = importlib.util.spec_from_file_location(f"softlab_file_{path.stem}", path)
     if not path.exists():
-        near = difflib.get_close_matches(path.name, [other.name for other in path.parent.glob("*.py")], 1)
-        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near[0])}?" if near else ""))
+        near = alike(path.name, [other.name for other in path.parent.glob("*.py")])
+        raise ConfigError(f"{path}: no such file" + (f"; did you mean {path.with_name(near)}?" if near else ""))
     if spec is None or not path.is_file():
         raise ConfigError(f"{path}: is not a readable Python file")
     text = read_bounded(path, 2_000_000, ConfigError)  # bytes

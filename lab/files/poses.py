@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import pandas as pd
 
 from drivers.frames import alignment, matrix_from_quaternion, quaternion_from_matrix
 from model.arm import Arm
+from model.errors import alike
 from recordings.errors import BadTable
 from recordings.file.reader import Recording
 from recordings.own_files import replacing
@@ -48,8 +48,8 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
             if bare in (*needed, *before, *OPTIONAL) and headings.setdefault(bare, name) != name:
                 raise BadTable(f"{path}: the columns {headings[bare]} and {name} are both {bare}: leave one out")
         for name in (name for name in needed if name not in headings):
-            near = difflib.get_close_matches(name, [n for n in header if n not in headings.values()], 1, 0.5)
-            hint = f" (is it the column {near[0]!r}?)" if near else ""
+            near = alike(name, [n for n in header if n not in headings.values()])
+            hint = f" (is it the column {near!r}?)" if near else ""
             wanted = f"{arm.joints[0]} .. {arm.joints[-1]} in rad{' and x, y, z in m' if measured else ''}"
             raise BadTable(f"{path}: no column {name}{hint}; the first line must name {wanted}")
         return list(headings.values())

@@ -54,7 +54,12 @@ class Broken:
 
 def find(run: Path) -> Broken:
     """Return the campaign of a recording or journal. Raises ConfigError or RecordingError if it cannot be continued."""
-    journal = run if run.suffix == ".journal" else _journal_of(run)
+    journal = run
+    if run.suffix != ".journal":
+        name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
+        if name is None:
+            raise ConfigError(f"{run}: names no journal; a run without a journal cannot be resumed")
+        journal = _beside(run, name)
     progress = read(journal)
     names = list(progress.recordings)
     last = max((*progress.done, *progress.skipped), default=0)
@@ -77,13 +82,6 @@ def find(run: Path) -> Broken:
         labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
         first.attachments.get("protocol.py"), first.path.stat().st_uid == os.getuid(),
     )  # fmt: skip
-
-
-def _journal_of(run: Path) -> Path:
-    name = Recording.open(run, truncated=True).metadata.get("campaign", {}).get("journal")
-    if name is None:
-        raise ConfigError(f"{run}: names no journal; a run without a journal cannot be resumed")
-    return _beside(run, name)
 
 
 def _beside(file: Path, name: str) -> Path:

@@ -10,6 +10,8 @@ from model.robot import Robot
 from model.section import body_mass
 from recordings.trials import Table
 
+from .units import sized
+
 FAR_OUT, LARGE = 3.0, 0.15
 """Outer radii, and lengths of the robot, off the axis beyond both of which no actuator is expected: disks on a thin rod stand out
 far, but are small beside its length."""
@@ -49,9 +51,9 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
     by_material = robot.bending_stiffness is None
     if by_material and not LEAST_POISSON <= poisson <= MOST_POISSON:
         yield (
-            f"shear_modulus {_modulus(robot.shear_modulus)} with youngs_modulus {_modulus(robot.youngs_modulus)} means a "
+            f"shear_modulus {sized(robot.shear_modulus, 'Pa')} with youngs_modulus {sized(robot.youngs_modulus, 'Pa')} means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "
-            f"{_modulus(robot.youngs_modulus / 3)}"
+            f"{sized(float(f'{robot.youngs_modulus / 3:.4g}'), 'Pa')}"
         )
 
 
@@ -65,8 +67,3 @@ def _above(robot: Robot, table: Table) -> Iterator[str]:
             f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
             f"{words.unit} of robot.yaml: check the unit (psi and kPa differ by 6.9), or max_{words.pressure}"
         )
-
-
-def _modulus(pascal: float) -> str:
-    size, unit = next((one for one in ((1e9, "GPa"), (1e6, "MPa")) if pascal >= one[0]), (1e3, "kPa"))
-    return f"{pascal / size:.4g} {unit}"

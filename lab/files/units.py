@@ -83,7 +83,8 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
         if unit == "Pa" and name in KINDS["N"]:
             hint = "of tendons, max_tension takes N; elsewhere write 10 kPa for 1 N"
         raise UnitError(f"{text!r} has the unit {name!r}, but a value in {unit} is needed; {hint}")
-    return value * factors[name]
+    factor = factors[name]
+    return value / round(1 / factor) if round(1 / factor) * factor == 1 else value * factor  # 35 / 100, as 35 * 0.01 is not 0.35
 
 
 def example(unit: str) -> str:
@@ -134,7 +135,7 @@ def written(values: Sequence[float], unit: str) -> list[str]:
     """Return SI values as a person writes them in a file: in one unit, in which `to_si` reads the same to the last bit.
 
     >>> written([400e3], "Pa"), written([0.5, 0.7], "m"), written([0.0, 0.006], "m"), written([math.pi / 2], "rad")
-    (['400 kPa'], ['0.5 m', '0.7 m'], ['0 mm', '6 mm'], ['90 deg'])
+    (['400 kPa'], ['50 cm', '70 cm'], ['0 mm', '6 mm'], ['90 deg'])
     """
     small = unit == "m" and 0 < max(map(abs, values), default=0) < 0.01
     for name in ("mm" if small else usual(unit)[1], "deg" if unit == "rad" else unit):

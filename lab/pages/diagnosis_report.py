@@ -21,7 +21,6 @@ from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
 from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
-from recordings.trials import Table
 
 from ..files.inputs import Case
 from ..next_step import FIRST, command, nothing_next
@@ -101,7 +100,10 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
         if quantities(table):
-            _sensors(report.section("What the lab's own sensors measured", folded=True), table, d.words, folder)
+            own = report.section("What the lab's own sensors measured", folded=True)
+            how = "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them."
+            own.figure(apart(draw_sensors(table, d.words), folder / "sensors.svg"), how)
+            own.table(*sensor_numbers(table))
 
 
 def origin(robot: str, inputs: Sequence[Path]) -> str:
@@ -217,14 +219,6 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
 
 def _mm(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
-
-
-def _sensors(s: PageSection, table: Table, words: Words, folder: Path) -> None:
-    s.figure(
-        apart(draw_sensors(table, words), folder / "sensors.svg"),
-        "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them.",
-    )
-    s.table(*sensor_numbers(table))
 
 
 def _held_out(s: PageSection, h: Holdout, statement: str, spine: bool) -> None:

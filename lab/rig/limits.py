@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..files.units import shown
 
+NO_TENDONS = "a rig can only drive chambers: measure elsewhere and `lab import` the table"
 SLACK = 1 + 1e-9
 """A value at its limit is within it, however it was rounded."""
 
@@ -33,14 +34,14 @@ PUSHED = "a deflection of {mm:.2g} mm, for which the specimen should need "
 SUBJECTS = {"total pressure": "a total over the chambers of ", "vacuum": "a vacuum of ", "expected force": PUSHED,
             "expected moment": PUSHED}  # fmt: skip
 """What a value is, where its unit does not say it."""
-RAISE = "reduce it, or raise the limit if the rig allows it"
-PUSH_LESS = "push less far (deflection_ratio), or raise the limit if specimen, sensor and arm allow it"
-REMEDIES = {
-    "max_pressure": "reduce it: the robot bears no more",
-    "limits.max_total_pressure": "inflate fewer chambers, or less, or raise the limit if the robot allows it",
-    "limits.max_force": PUSH_LESS, "limits.max_moment": PUSH_LESS, "max_force": PUSH_LESS,
+RAISE = "or raise the limit if the rig allows it"
+RAISE_FORCE = "or raise the limit if specimen, sensor and arm allow it"
+OTHERWISE = {
+    "max_pressure": "since the robot bears no more",
+    "limits.max_total_pressure": "or inflate fewer chambers, or raise the limit if the robot allows it",
+    "limits.max_force": RAISE_FORCE, "limits.max_moment": RAISE_FORCE, "max_force": RAISE_FORCE,
 }  # fmt: skip
-"""What else to do about a value beyond a limit than to `RAISE` it, by the limit's key."""
+"""What else to do about a value beyond a limit than to reduce it or `RAISE` the limit, by the limit's key."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +78,19 @@ class Excess:
     limit: str
     """Name, value and place of the limit, with above or outside."""
     over: float
-    """How far beyond: the worst of several is told."""
+    """How far beyond: the worst of several is told. With a unit, what is required over its limit."""
     remedy: str
+    unit: str = ""
+    """Of a value that smaller numbers of the protocol keep within its limit."""
+    channels: tuple[tuple[int, ...], ...] = ()
+    """Chambers of each, where it is others that can be inflated."""
 
 
 def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
     """Which channel feeds which chambers of the rig's robot; raises ConfigError."""
     driven = robot.chambers
     if driven is None:
-        raise ConfigError(
-            f"{rig.robot}: has tendons, but a rig can only drive chambers: measure elsewhere and `lab import` the table"
-        )
+        raise ConfigError(f"{rig.robot}: has tendons, but {NO_TENDONS}")
     count = len(driven.azimuths_deg)
     pressure = rig.instruments.pressure
     try:
@@ -97,13 +100,22 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
         raise ConfigError(f"{where}; the robot of {rig.robot} has {count}") from e
 
 
-def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
-    """One line for each limit that the plan does not keep, with its worst step."""
-    excesses: dict[str, list[tuple[int, Excess]]] = {}
+Excesses = dict[str, list[tuple[int, Excess]]]
+"""By limit that a plan does not keep, the steps that exceed it, counted from 1, the worst first."""
+
+
+def excesses(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> Excesses:
+    """Each limit that the plan does not keep."""
+    found: Excesses = {}
     for number, step in enumerate(plan.steps, 1):
         for excess in _excesses(step.ask, rig, path, robot):
-            excesses.setdefault(excess.limit, []).append((number, excess))
-    lines = []
+            found.setdefault(excess.limit, []).append((number, excess))
+    return {limit: sorted(several, key=lambda pair: -pair[1].over) for limit, several in found.items()}
+
+
+def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot, settings: Callable[[], Mapping[str, str]]) -> list[str]:
+    """One line for each limit that the plan does not keep, with its worst step. `settings`: limit -> what keeps it."""
+    lines, found = [], excesses(plan, rig, path, robot)
     if rig.instruments.pressure is not None and robot.max_pressure is None:
         lines.append(
             f"{rig.robot}: max_pressure: is missing; to run, write the highest pressure that the robot's chambers may hold, "
@@ -111,13 +123,16 @@ def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> list[str]:
         )
     if rig.stand is None and any(step.ask.probe for step in plan.steps):
         lines.append(f"{path}: stand: is missing; {plan.protocol} needs to know where the specimen is clamped")
-    for several in excesses.values():
-        number, worst = max(several, key=lambda pair: pair[1].over)
+    keeping = settings() if found else {}
+    for limit, several in found.items():
+        number, worst = several[0]
         further = len(several) - 1
+        add = f"add {keeping[limit]}" if limit in keeping else "reduce it" if worst.unit else ""
+        remedy = f"{worst.remedy}; {add}".removesuffix("; ") if worst.channels or not add else f"{add}, {worst.remedy}"
         more = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
             f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.text}, {worst.limit}; "
-            f"{worst.remedy}{more}"
+            f"{remedy}{more}"
         )
     return lines
 
@@ -171,17 +186,18 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
         if d.limit is not None and d.value > d.limit * SLACK:
             subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
             limit = f"above {d.key} = {shown(d.limit, d.unit)} of {d.file}"
-            yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, REMEDIES.get(d.key, RAISE))
+            otherwise = OTHERWISE.get(d.key, RAISE)
+            yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, otherwise, d.unit)
     if ask.pressures and rig.instruments.pressure is not None:
         try:
-            wiring(rig, robot).setpoints(dict(enumerate(ask.pressures, 1)))
+            (wired := wiring(rig, robot)).setpoints(dict(enumerate(ask.pressures, 1)))
         except ValueError as e:
             channels = f"outside what instruments.pressure.chambers of {path} can deliver"
-            yield Excess(shown(max(ask.pressures), "Pa"), channels, 1.0, str(e))
+            yield Excess(shown(max(ask.pressures), "Pa"), channels, 1.0, str(e), channels=wired.channels)
     if robot.spine is None and ask.spine_length:
-        remedy = "write spine_lengths: [0], or describe the spine there"
+        remedy = "or describe the spine there"
         limit = f"above what {rig.robot} allows: it has no spine"
-        yield Excess(f"a spine of {shown(ask.spine_length, 'm')}", limit, math.inf, remedy)
+        yield Excess(f"a spine of {shown(ask.spine_length, 'm')}", limit, math.inf, remedy, "m")
     if rig.instruments.arm is not None:
         yield from _places(ask, rig, robot, path)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -277,17 +277,12 @@ def _pressures(bench: Bench) -> Array:
 def _demand_size(moved: Array, expected: Array, pressure: float, least: float = 0.0) -> None:
     """Raise NotAsCommanded where the tip moved clearly farther than expected, or less than the share `least`."""
     size, should = math.hypot(*moved), math.hypot(*expected)
-    if size > MOST_RATIO * should + NOISE:
+    more = size > MOST_RATIO * should + NOISE
+    if more or (should >= LEAST_VISIBLE and size < least * should - NOISE):
         raise NotAsCommanded(
             f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
-            "regulator delivers more than it reads; correct full_scale (or unit) in rig.yaml, else area_factor and "
-            "youngs_modulus in robot.yaml"
-        )
-    if should >= LEAST_VISIBLE and size < least * should - NOISE:
-        raise NotAsCommanded(
-            f"pressure: at {pressure / 1e3:.1f} kPa the tip moves {size * 1e3:.1f} mm, expected {should * 1e3:.1f} mm: the "
-            "regulator delivers less than it reads, or its hose is off; correct full_scale (or unit) in rig.yaml, else "
-            "area_factor and youngs_modulus in robot.yaml"
+            f"regulator delivers {'more than it reads' if more else 'less than it reads, or its hose is off'}; correct "
+            "full_scale (or unit) in rig.yaml, else area_factor and youngs_modulus in robot.yaml"
         )
 
 
@@ -343,7 +338,11 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
         rows = [_row(rig, name, outcome[name], counts_before, lost_before, span) for name in rig.names]
         still = np.array([sample.position for sample in seen if sample.valid])
         scatter = [round(1e3 * sd, 3) for sd in still.std(axis=0)] if len(still) > 1 else []
-        rig.notices += _misplaced(rig, seen)
+        places = np.array([[s.position, *s.markers] for s in seen[-1:]])
+        if seen and (far := too_far(places, bodies(rig.file, rig.file.body))):
+            rig.notices.append(
+                f"mocap: {far}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"
+            )
         if robot is not None and all(r["ok"] for r in rows):
             moved, said = _moved(rig, robot, calibrate if calibrating else moves)
             if move:
@@ -416,12 +415,6 @@ def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]
         except (ProtocolError, KeyboardInterrupt) as e:
             tell(Moved("check", False, str(e) or "stopped immediately by the operator"))
     return outcomes, said
-
-
-def _misplaced(rig: Rig, seen: Sequence[BodySample]) -> list[str]:
-    """Report implausible positions of tip and markers."""
-    said = too_far(np.array([[s.position, *s.markers] for s in seen[-1:]]), bodies(rig.file, rig.file.body)) if seen else ""
-    return [f"mocap: {said}; check mocap_to_base, the names of the bodies, and length and markers of robot.yaml"] if said else []
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> tuple[float, list[BodySample]]:

@@ -17,6 +17,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from rich.table import Table
 
+from diagnosis.answer.headline import for_people
+from model.actuators import Words
 from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
 from model.effects.scales import scales
@@ -70,13 +72,8 @@ class Signature:
         return float(np.sqrt((self.change**2).sum(axis=-1).mean())) if self.change.size else 0.0
 
     @property
-    def unit(self) -> str:
-        """mm or N."""
-        return "N" if self.how == "stiffness" else "mm"
-
-    @property
     def shown(self) -> Array:
-        """(l, k) the component that moves most, in `unit`."""
+        """(l, k) the component that moves most, mm or N."""
         return self.change[..., self.axis] * (1.0 if self.how == "stiffness" else 1e3)
 
 
@@ -162,9 +159,7 @@ def _columns(robot: Robot, spines: Array, how: str) -> Columns:
         "hold": np.full(n * count, hold),
         "spine_length": np.repeat(spines, n),
         **pressures,
-        "x": np.zeros(n * count),
-        "y": np.zeros(n * count),
-        "z": np.zeros(n * count),
+        **dict.fromkeys("xyz", np.zeros(n * count)),
     }
 
 
@@ -172,41 +167,37 @@ PANELS = 5
 """In a row of the figure."""
 
 
-def draw(effect_signatures: list[Signature], path: Path) -> Path:
+def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
     """Draw all signatures into one picture, without effects that move nothing."""
     effect_signatures = [s for s in effect_signatures if s.how != "none"]
     rows = -(-len(effect_signatures) // PANELS)
     with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):
         figure, axes = plt.subplots(rows, PANELS, figsize=(13, 2.1 * rows + 0.4), layout="constrained", squeeze=False)
         for axis, signature in zip(axes.flat, effect_signatures, strict=False):
-            _panel(axis, signature)
+            _panel(axis, signature, words)
         for axis in axes.flat[len(effect_signatures) :]:
             axis.set_axis_off()
         longest = max(effect_signatures, key=lambda s: (s.how != "stiffness", len(s.spine_length)))
-        figure.legend(handles=_legend(longest), loc="outside upper left", ncols=8)
+        lengths = zip(longest.spine_length, colours(len(longest.spine_length)), strict=True)
+        handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
+        ways = [Line2D([], [], color="0.3", ls=style, label=way) for way, style in (("load", "-"), ("unload", (0, (3, 2))))]
+        figure.legend(handles=[*handles, *ways], loc="outside upper left", ncols=8)
         return save(figure, path)
 
 
-def _panel(axis: Axes, s: Signature) -> None:
+def _panel(axis: Axes, s: Signature, words: Words) -> None:
     """Draw one signature: a curve for each spine length, dashed on the way down."""
     stiffness = s.how == "stiffness"
     for x, y, colour in zip(s.x, s.shown, colours(len(s.x)), strict=True):
         top = int(np.argmax(x))
-        scaled = x * 1e3 if stiffness else x / 1e3
+        scaled = x * 1e3 if stiffness else x / words.pascal
         axis.plot(scaled[: top + 1], y[: top + 1], color=colour, lw=1.2)
         axis.plot(scaled[top:], y[top:], color=colour, lw=1.0, ls=(0, (3, 2)))
     axis.axhline(0.0, color="0.6", lw=0.6, zorder=0)
     title = s.effect.id if s.how == "settled" else f"{s.effect.id} ({s.how})"
     axis.set_title(title, loc="left")
-    axis.set_xlabel("deflection, mm" if stiffness else "pressure, kPa", labelpad=1)
+    axis.set_xlabel("deflection, mm" if stiffness else words.axis, labelpad=1)
     axis.set_ylabel("force, N" if stiffness else f"tip {'xyz'[s.axis]}, mm", labelpad=1)
-
-
-def _legend(s: Signature) -> list[Line2D]:
-    lengths = zip(s.spine_length, colours(len(s.spine_length)), strict=True)
-    handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
-    handles.append(Line2D([], [], color="0.3", label="load"))
-    return [*handles, Line2D([], [], color="0.3", ls=(0, (3, 2)), label="unload")]
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
@@ -217,18 +208,19 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
     note(left_out)
     effect_signatures = signatures(shown.plain, effects)
     with whole(out, OWN, replace) as place:
-        figure = out / draw(effect_signatures, place / "signatures.png").name
+        figure = out / draw(effect_signatures, place / "signatures.png", shown.actuators.words).name
 
     def show() -> None:
-        screen.print(_table(effect_signatures, shown.name))
+        screen.print(_table(effect_signatures, shown))
         screen.print(f"signatures drawn in {figure}")
 
     return Result({"schema": "effects/1", "figure": str(figure), "effects": [_as_dict(s) for s in effect_signatures]}, show)
 
 
-def _table(effect_signatures: list[Signature], robot: str) -> Table:
+def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
     """Effects by stage, with plausible size, how far each moves the tip, and what calibration would hide of it."""
-    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot}", title_justify="left")
+    words = robot.actuators.words
+    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot.name}", title_justify="left")
     table.add_column("effect", no_wrap=True)
     table.add_column("plausible size")
     table.add_column("moves", justify="right", no_wrap=True)
@@ -240,29 +232,26 @@ def _table(effect_signatures: list[Signature], robot: str) -> Table:
                 table.add_section()
                 table.add_row(styled(stage, "bold"))
             visible = s.how != "none"
-            moves = f"{s.rms * (1 if s.unit == 'N' else 1e3):.2g} {s.unit}" if visible else "nothing"
-            hidden = f"{100 * s.hidden:.0f} %" if s.unit == "mm" and visible else ""
-            sizes = ", ".join(_size(p) for p in s.effect.parameters if p.role == "size")
+            factor, unit = (1, "N") if s.how == "stiffness" else (1e3, "mm")
+            moves = f"{s.rms * factor:.2g} {unit}" if visible else "nothing"
+            hidden = f"{100 * s.hidden:.0f} %" if unit == "mm" and visible else ""
+            sizes = ", ".join(_size(p, words) for p in s.effect.parameters if p.role == "size")
             table.add_row(f" {s.effect.id}", sizes, moves, hidden, s.effect.seen_best_in)
     table.caption = "* share of the squared tip change that one common factor on the chamber area would absorb"
     return table
 
 
-def _size(p: Parameter) -> str:
+def _size(p: Parameter, words: Words) -> str:
     """Name and plausible size as a person reads it."""
-    factor, unit = {"Pa": (1e-3, "kPa"), "m": (1e3, "mm"), "rad": (180 / np.pi, "deg"), "1": (1.0, "")}.get(p.unit, (1.0, p.unit))
-    return f"{p.name} {factor * p.scale:.3g} {unit}".strip()
+    size, unit = for_people(p.scale, p.unit, words)
+    return f"{p.name} {size:.3g} {unit}".strip()
 
 
 def _as_dict(s: Signature) -> dict[str, object]:
     """An effect and its signature as JSON has them; `rms` in m or N."""
     return {
-        "id": s.effect.id,
-        "stage": s.effect.stage,
+        **{key: getattr(s.effect, key) for key in ("id", "stage", "equation", "citation", "seen_best_in")},
         "family": s.effect.family_id,
-        "equation": s.effect.equation,
-        "citation": s.effect.citation,
-        "seen_best_in": s.effect.seen_best_in,
         "parameters": [
             {"name": p.name, "unit": p.unit, "scale": p.scale, "low": p.low, "high": p.high, "role": p.role}
             for p in s.effect.parameters

@@ -133,7 +133,7 @@ def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
 
 def effects_sheet(f: Fitted) -> Sheet:
     """The fitted parameters as a table, in the units in which people read them."""
-    named = " + ".join(f.effects) or "no effect"
+    named, words = " + ".join(f.effects) or "no effect", f.robot.actuators.words
     t = Sheet("parameter", "value", title=f"Robot with {named} (± standard deviation)", title_justify="left")
     last_group = ""
     for name, p in f.parameters.items():
@@ -142,17 +142,22 @@ def effects_sheet(f: Fitted) -> Sheet:
         if last_group and group != last_group:
             t.add_section()
         last_group = group
-        t.add_row(name, sized(p, f.robot.actuators.words))
+        t.add_row(name, sized(p, words))
+    for each in f.by_actuator:
+        t.add_section()
+        for name, factor in each.by_name(words).items():
+            t.add_row(name, f"{sized(factor)} times the mean")
     return t
 
 
 def residual_lines(f: Fitted) -> list[str]:
     """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
-    lines = [
+    lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
+    lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
         f"{f.calibrated_mm:.2f} mm rms with one area factor and no effect, {f.left_mm:.2f} mm with the effects"
-    ]
+    )
     if posterior is not None:
         lines.append(
             f"noise floor {1e3 * posterior.noise.floor:.2f} mm, model-form error {100 * posterior.law_error:.1f} % of what an "

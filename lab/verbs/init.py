@@ -17,6 +17,7 @@ from ..files.config import ConfigError, check, demand_writable, parse_yaml
 from ..files.rig_file import RigFile, drivers
 from ..files.units import UnitError, to_si, written
 from ..options import OneOf, Result, Verb, option
+from ..rig.limits import NO_TENDONS
 
 HARDWARE = Path(__file__).parents[1] / "files" / "hardware_rig.yaml"
 """examples/rig/rig.yaml, which explains every key of every driver of the project; an installed package holds it as a copy."""
@@ -24,7 +25,7 @@ GUESSED = "CHECK: guessed"
 SHARES = {"inner_radius": 0.0, "path_radius": 0.6, "chamber_radius": 0.2}
 """Of the outer radius, itself a tenth of the length, where a dimension is not given."""
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
-"""What a first rig needs, and the drivers to start from; a robot with tendons has no regulators."""
+"""What a first rig needs, and the drivers to start from."""
 
 
 def robot_text(a: argparse.Namespace) -> str:
@@ -94,6 +95,8 @@ def init(a: argparse.Namespace) -> Result:
     for path in (a.out, a.rig):
         if path is not None and path.exists():
             raise ConfigError(f"{path}: is there already; give another name, or delete it")
+    if a.rig is not None and a.tendons:
+        raise ConfigError(f"--rig {a.rig}: {NO_TENDONS}")
     demand_writable(a.out, a.rig)
     for name, count in (("--chambers", a.chambers), ("--tendons", a.tendons)):
         if count is not None and not 1 <= count <= 26:
@@ -102,9 +105,9 @@ def init(a: argparse.Namespace) -> Result:
     check(parse_yaml(text, str(a.out)), Robot)
     rig = ""
     if a.rig is not None:
-        pairs = (one.strip().partition("=") for one in (a.instruments or ("mocap" if a.tendons else "pressure,mocap")).split(","))
+        pairs = (one.strip().partition("=") for one in (a.instruments or "pressure,mocap").split(","))
         named = {role: driver or USUAL.get(role, "") for role, _, driver in pairs}
-        rig = rig_text(named, a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve()), a.chambers or a.tendons)
+        rig = rig_text(named, a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve()), a.chambers)
         check(parse_yaml(rig, str(a.rig)), RigFile)
     for path, content in ((a.out, text), (a.rig, rig)):
         if path is not None:
@@ -138,7 +141,7 @@ VERBS = (
         ),
         examples=(
             "lab init --chambers 3 --length '180 mm' --outer-radius '15 mm' --max-pressure '80 kPa'",
-            "lab init --tendons 4 --length '300 mm' --max-tension '5 N' --rig rig.yaml",
+            "lab init --tendons 4 --length '300 mm' --max-tension '5 N'",
         ),
         page="docs/tutorials/your-rig.md",
     ),

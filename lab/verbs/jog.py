@@ -35,6 +35,8 @@ JOGGED, SEEN = ("pressure", "spine", "valve", "gauge"), ("mocap", "force")
 """Instruments whose readings are demanded, and those that are only shown."""
 RECENT, SHOWN_EVERY = 5.0, 0.2
 """Rig seconds for which a reading counts as present; host seconds between two looks at the readings."""
+LAG = 1.0
+"""Rig seconds after which readings show what was done."""
 
 
 class Commands(Line):
@@ -130,7 +132,7 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
 def known(file: RigFile) -> str:
     """The commands that this rig can carry out."""
     spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
-    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | q; Ctrl-C vents and ends"
+    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | help | q; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:
@@ -170,7 +172,9 @@ def _follow(bench: Bench, file: RigFile, screen: Screen, lines: queue.SimpleQueu
         if line == "q":
             return
         try:
-            screen.say(f"{act(bench, file, line, rate)}; {readings(bench)}" if line else known(file))
+            done = "" if line in ("", "help", "?") else act(bench, file, line, rate)
+            bench.pause(LAG if done else 0.0)
+            screen.say(f"{done}; {readings(bench)}" if done else known(file))
         except (ConfigError, ProtocolError) as e:
             screen.say(str(e))
 

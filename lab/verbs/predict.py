@@ -67,7 +67,9 @@ def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Pa
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     outputs.demand_writable()
     catalogue = stated_by(robot, effects)
-    _demand_columns(robot, states)
+    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
+    if not any(re.fullmatch(r"p\d+", name) for name in states):
+        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] ..")
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
@@ -255,12 +257,6 @@ def _rows(columns: Columns) -> list[dict[str, Any]]:
     cells = zip(*(column.tolist() for column in columns.values()), strict=True)
     rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
     return rows
-
-
-def _demand_columns(robot: Robot, states: Columns) -> None:
-    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
-    if not any(re.fullmatch(r"p\d+", name) for name in states):
-        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] ..")
 
 
 def _pressures(robot: Robot, states: Columns) -> Array:

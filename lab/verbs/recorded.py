@@ -26,6 +26,7 @@ from recordings.file.recover import recover as recovered
 from recordings.file.verify import verify as inspect
 from recordings.file.writer import LIBRARY
 from recordings.messages import is_stream
+from recordings.trials import counted
 
 from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
@@ -251,28 +252,15 @@ def runs(folder: Path, where: Sequence[str] = ()) -> Result:
 
 
 def _show_runs(listed: Sequence[RecordedRun]) -> None:
-    """Print runs as a table, or as lines where the terminal is too narrow, with those that continue others or are not whole."""
-    columns = ("recording", "start (UTC)", "duration", "protocol", "spine, cm", "states", "outcome", "lost", "notes", "labels")
-    rows = [
-        (run.path, run.start[:19].replace("T", " "), clock(run.duration), run.protocol,
-         ", ".join(f"{100 * length:g}" for length in run.spines), _states(run), run.outcome, str(run.lost), str(run.notes or ""),
-         ", ".join(f"{k}={v}" for k, v in run.labels.items()))
-        for run in listed
-    ]  # fmt: skip
-    sheet = Sheet(*columns)
-    for row in rows:
-        sheet.add_row(*row)
-    if out.measure(sheet, options=out.options.update(max_width=10_000)).maximum <= out.width:
-        out.print(sheet)
-    else:
-        for path, start, duration, protocol, spines, states, outcome, lost, notes, labels in rows:
-            spine = f", spine {spines} cm" if spines else ""
-            noted = f", {notes} note{'s' if notes != '1' else ''}" if notes else ""
-            out.print(path, soft_wrap=True, style="bold")
-            read = f"{protocol or 'no protocol'}{spine}, {states} states"
-            out.print(f"  {start} UTC, {duration}, {read}, {outcome}, {lost} lost{noted}", soft_wrap=True)
-            if labels:
-                out.print(f"  {labels}", soft_wrap=True)
+    """Print runs, with those that continue others or are not whole."""
+    for run in listed:
+        spine = f", spine {', '.join(f'{100 * length:g}' for length in run.spines)} cm" if any(run.spines) else ""
+        noted = f", {counted(run.notes, 'note')}" if run.notes else ""
+        read = f"{run.protocol or 'no protocol'}{spine}, {_states(run)} states, {run.outcome}, {run.lost} lost{noted}"
+        out.print(run.path, soft_wrap=True, style="bold")
+        out.print(f"  {run.start[:19].replace('T', ' ')} UTC, {clock(run.duration)}, {read}", soft_wrap=True)
+        if run.labels:
+            out.print(f"  {', '.join(f'{k}={v}' for k, v in run.labels.items())}", soft_wrap=True)
     for before, after in continued(listed):
         out.print(f"{before.path}: continued in {after.path}", soft_wrap=True)
     for run in listed:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -43,7 +44,7 @@ from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
 from ..console import Screen, clock, err, note, out, warn
 from ..files.all_protocols import file_of, found_protocols, protocol_from_file, protocol_keys
-from ..files.checked import announce, last
+from ..files.checked import announce, last, place
 from ..files.config import ConfigError, Lines, Source, check, parse_yaml, read_yaml
 from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
@@ -55,8 +56,9 @@ from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, set
 from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
+from ..rig.keeping import settings as settings_within
 from ..rig.keys import HELP, Keys, Line
-from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, margins, problems, wiring
+from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, excesses, margins, problems, wiring
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -104,7 +106,9 @@ def job(
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
-    if beyond := problems(plan, rig, rig_path, robot):
+    on_rig = (rig, rig_path, robot)
+    keeping = partial(settings_within, parameters, lambda tried: excesses(_planned(experiment, tried), *on_rig))
+    if beyond := problems(plan, *on_rig, keeping):
         raise ConfigError(*beyond)
     return Job(experiment, parameters, plan, rig, rig_path)
 
@@ -383,8 +387,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
         connect(rig, j.experiment.needs)
-        if isinstance(why_unchecked := last(rig_path, j.rig), str):
-            out.print(unverified(rig_path, why_unchecked), soft_wrap=True)
+        note_unverified(rig_path, j.rig)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
@@ -435,10 +438,12 @@ def slower(speed: float) -> float:
     return max(1.0, speed // 4)
 
 
-def unverified(rig_path: Path, why: str) -> str:
-    """State that the movement check of a rig is missing, with the command that does it."""
-    check = typed("lab", "check", "--move", "--rig", rig_path)
-    return f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+def note_unverified(rig_path: Path, rig: RigFile) -> None:
+    """Print that the movement check of a rig is missing; fakes, which alone run at another speed, need none."""
+    if isinstance(why := last(rig_path, rig), str) and (rig.clock.speed == 1 or place(rig_path).exists()):
+        check = typed("lab", "check", "--move", "--rig", rig_path)
+        text = f"The units, ranges and hoses of this rig are unverified: {why}. To verify them (fakes do not need it): {check}"
+        out.print(text, soft_wrap=True)
 
 
 def resume_command(file: Path, rig_path: Path) -> str:
@@ -556,8 +561,11 @@ def execute(
             error, outcome = Stopped("stopped immediately by the operator"), "stopped"
         safe = _make_safe(rig, screen, outcome == "completed")
         rig.record_to(None)
-        for topic, n in rig.lost().items():
-            _note_lost(recorder, topic, lost_before.get(topic, 0), n)
+        for topic, now in rig.lost().items():
+            recorder.note_lost(topic, newly_lost(before := lost_before.get(topic, 0), now))
+            if now < before:
+                with contextlib.suppress(RecordingError):  # `close` tells the same
+                    recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
         lost = _finish(recorder, outcome, str(error or ""), safe)
     rig.notices.extend(recorder.displaced)
     if recorder.path != file:
@@ -591,13 +599,6 @@ def _checked(j: Job) -> dict[str, dict[str, str]]:
     if isinstance(check, str):
         return {"check": {"moved": "no", "why": check}}
     return {"check": {"moved": check.when} | {m.what: m.text for m in check.seen}}
-
-
-def _note_lost(recorder: Recorder, topic: str, before: int, now: int) -> None:
-    recorder.note_lost(topic, newly_lost(before, now))
-    if now < before:
-        with contextlib.suppress(RecordingError):  # `close` tells the same
-            recorder.log("warning", f"{topic}: the stream was reopened; losses are counted from that time on")
 
 
 def _finish(recorder: Recorder, outcome: str, detail: str, safe: bool) -> dict[str, int]:

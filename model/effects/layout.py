@@ -66,10 +66,6 @@ class Layout:
         return inner, outer
 
 
-UNIFORM = Layout((0, 0), (INNER, OUTER), {})
-"""A body of one piece, nothing tied."""
-
-
 def layout_of(body: Body, spine: bool) -> Layout:
     """Elements of a body of k pieces, 2 k with spine and k + 1 without, and which of their columns are `tied`.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable
 from dataclasses import fields
@@ -18,7 +17,7 @@ from model.effects.history import History
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.spec import EffectSpec
-from model.errors import BadEffect
+from model.errors import BadEffect, nearest
 from model.robot import Robot
 
 PRESSURES = (0.0, 100e3, 200e3, 100e3, 0.0)
@@ -74,8 +73,7 @@ def _nearest(error: Exception) -> str:
     known = {kind.__name__: [f.name for f in fields(kind)] for kind in (Quantities, Readings, History)}
     if found is None or found[1] not in known:
         return ""
-    near = difflib.get_close_matches(found[2], known[found[1]], n=1, cutoff=0.5)
-    return f"; did you mean '{near[0]}'?" if near else f"; it has {', '.join(known[found[1]])}"
+    return f"; {nearest(found[2], known[found[1]])}"
 
 
 def _tried(robot: Robot, design: States, spec: EffectSpec) -> tuple[Array, Array]:

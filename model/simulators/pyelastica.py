@@ -46,11 +46,11 @@ class PyElastica:
 
 
 class _PointLoads(ea.NoForces):  # type: ignore[misc]
-    """Weight at the nodes, and a force and moment that turn with the tip."""
+    """Weight at the nodes, a force and moment that turn with the tip, and a moment that does not."""
 
-    def __init__(self, weight: Array, force: Array, moment: Array) -> None:
+    def __init__(self, weight: Array, force: Array, moment: Array, dead_moment: Array) -> None:
         super().__init__()
-        self._weight, self._force, self._moment = weight, force, moment
+        self._weight, self._force, self._moment, self._dead_moment = weight, force, moment, dead_moment
 
     def apply_forces(self, system: Any, time: float = 0.0) -> None:
         """Forces in the base frame."""
@@ -59,7 +59,7 @@ class _PointLoads(ea.NoForces):  # type: ignore[misc]
 
     def apply_torques(self, system: Any, time: float = 0.0) -> None:
         """Torques in the element's own frame."""
-        system.external_torques[:, -1] += self._moment
+        system.external_torques[:, -1] += self._moment + system.director_collection[:, :, -1] @ self._dead_moment
 
 
 class _System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):  # type: ignore[misc]
@@ -92,7 +92,8 @@ def relaxed(
     system = _System()
     system.append(rod)
     system.constrain(rod).using(ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,))
-    system.add_forcing_to(rod).using(_PointLoads, weight, rods.field("tip_force")[i], rods.field("tip_moment")[i])
+    loads = [rods.field(name)[i] for name in ("tip_force", "tip_moment", "dead_moment")]
+    system.add_forcing_to(rod).using(_PointLoads, weight, *loads)
     # 1/s; near critical for the first bending mode of a robot of half a metre of silicone
     system.dampen(rod).using(ea.AnalyticalLinearDamper, uniform_damping_constant=25.0, time_step=time_step)
     system.finalize()

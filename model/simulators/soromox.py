@@ -73,7 +73,7 @@ def _tip(rods: Rods, i: int, segments: int, models: dict[bytes, Any]) -> Array:
     if key not in models:
         models[key] = _model(total, stiffness, load, rest)
     follower = np.concatenate([rods.field("tip_moment")[i][list(ORDER)], rods.field("tip_force")[i][list(ORDER)]])
-    dead = jnp.asarray(rods.field("dead_force")[i])
+    dead = jnp.asarray([rods.field("dead_moment")[i], rods.field("dead_force")[i]])
     tip, left = equilibrium(models[key], jnp.asarray(follower), dead, jnp.asarray(total))
     return np.asarray(tip) if float(left) < AT_REST else np.full(3, np.nan)
 
@@ -99,12 +99,12 @@ def _model(length: float, stiffness: Array, load: Array, rest: Array) -> Any:
 def equilibrium(model: Any, follower: Any, dead: Any, length: Any) -> tuple[Any, Any]:
     """The tip (3,) m of SoRoMoX' rod of a `length` (m) in equilibrium, and the largest component of its residual (N m, N).
 
-    At the tip act `follower` (6,) N m, N in SoRoMoX' axes, which turns with it, and `dead` (3,) N in the robot's axes.
+    At the tip act `follower` (6,) N m, N in SoRoMoX' axes, which turns with it, and `dead` (2, 3) N m, N in the robot's axes.
     """
 
     def residual(q: Any, share: Any) -> Any:
         turn = model.forward_kinematics(q, length)[:3, :3]
-        wrench = share * follower + jnp.concatenate([jnp.zeros(3), turn.T @ dead])
+        wrench = share * follower + (dead @ turn).ravel()
         return model.potential_force(q) - model.jacobian_bodyframe(q, length).T @ wrench
 
     def balanced(q: Any, share: Any) -> tuple[Any, None]:

@@ -49,7 +49,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert set(d["attribute"]) == {f.name for f in fields(Attribute)}
     ranked = d["attribute"]["ranking"][0]
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(ranked)
-    assert all(set(v) == {"value", "sd", "unit", "determined"} for v in ranked["parameters"].values())
+    assert all(set(v) == {"value", "sd", "unit", "determined", "bound"} for v in ranked["parameters"].values())
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
     assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9

@@ -46,17 +46,17 @@ def misspell(rig: dict[str, Any]) -> None:
 def test_all_mistakes_of_a_rig_file_come_at_once(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, misspell)
     text = cli("check", "--rig", rig, code=2).err
-    assert "instruments.pressure.max_presure: unknown key; did you mean 'max_pressure'?" in text
+    assert "instruments.pressure.max_presure: unknown key; did you mean max_pressure?" in text
     assert "instruments.spine.max_length = 35 m: must be at most 2 m" in text
     assert "stand.standoff" in text and "'kPa'" in text and "mm" in text
-    assert "instruments.force.driver" in text and "did you mean 'ft300s'?" in text
+    assert "instruments.force.driver" in text and "did you mean ft300s?" in text
     assert len(text.splitlines()) == 4 and all(line.startswith(f"{rig}:") for line in text.splitlines())
 
 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (["--set", "presures=[50e3]"], ["presures", "did you mean 'pressures'"]),
+        (["--set", "presures=[50e3]"], ["presures", "did you mean pressures"]),
         (["--set", "pressures=[250]"], ["pressures[0] = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"]),
         (["--set", "pressures=[350 kPa]"], ["350 kPa", "at most 300 kPa"]),
         (["--set", "pressures=[5 cm]"], ["'cm'", "kPa"]),
@@ -99,7 +99,7 @@ def test_what_is_wrong_with_a_robot_is_named_by_file_key_and_value(virtual_lab: 
     for words in (
         ["outer_radius = -0.05 m", "above 0 m"],
         ["youngs_modulus", "finite"],
-        ["lenght", "did you mean 'length'"],
+        ["lenght", "did you mean length"],
         unit,
     ):
         assert "robot.yaml" in text and all(word in text for word in words), text
@@ -270,7 +270,7 @@ def test_a_table_in_other_units_ends_with_exit_2_for_every_verb(
 
 def test_a_doubt_that_may_be_right_is_said_and_nothing_is_refused(small_case: Path, tmp_path: Path, cli: Cli) -> None:
     path = with_table(small_case, tmp_path / "case", scaled("vacuum", 1e-3))
-    assert "no vacuum is above 80 Pa" in cli("compare", path).err
+    assert "no vacuum is above 80 Pa" in cli("compare", path).flat_err
     assert read_csv(path / "trials.csv").warnings
 
 

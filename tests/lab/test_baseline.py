@@ -1,6 +1,7 @@
 """Predictions of another simulator: read from a table or asked of the simulator, and every doubt told."""
 
 import csv
+import dataclasses
 import json
 import sys
 from collections.abc import Mapping
@@ -44,45 +45,11 @@ def by_step(case: Case, scale: float = 1.0) -> list[dict[str, object]]:
     ]
 
 
-def by_state(case: Case | None = None) -> list[dict[str, object]]:
-    """What is predicted of each state: of a case, its first reading there."""
-    return [
-        {
-            "spine_length": s,
-            **{f"p{c}": p if c in (9, 1, 2) else 0.0 for c in range(1, 10)},
-            **dict(zip("xyz", (0.0, 0.0, 0.39) if case is None else there(case, s, p), strict=True)),
-        }
-        for s in LENGTHS
-        for p in PRESSURES
-    ]
-
-
-def there(case: Case, spine_length: float, pressure: float) -> np.ndarray:
-    """The first tip read at a state."""
-    near = (abs(case.table["spine_length"] - spine_length) < 0.05) & (abs(case.table["p1"] - pressure) < 50e3)
-    return case.table.tip[near][0]
-
-
 def test_rows_are_matched_by_trial_and_step(case: Case, tmp_path: Path) -> None:
     made = from_table(written(tmp_path / "p.csv", by_step(case)[::-1]), case)
     assert made.predicted.tip == pytest.approx(np.array([r.tip for r in case.table]))
     assert np.isnan(made.predicted.orientation).all() and made.name == "p.csv"
     assert made.predicted.pressures == pytest.approx(np.array([r.pressures for r in case.table]))
-
-
-def test_or_by_the_nearest_state_which_is_kept(case: Case, tmp_path: Path) -> None:
-    made = from_table(written(tmp_path / "p.csv", by_state(case)), case)
-    measured = np.array([r.pressures[0] for r in case.table])
-    assert made.predicted.pressures[:, 0] == pytest.approx(measured, abs=5e3) and set(made.predicted.pressures[:, 0]) == set(
-        PRESSURES
-    )
-    assert made.predicted.tip == pytest.approx(np.array([there(case, r.spine_length, r.pressures[0]) for r in case.table]))
-
-
-def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_path: Path) -> None:
-    made = from_table(written(tmp_path / "p.csv", [r for r in by_state(case) if r["p1"] != PRESSURES[-1]]), case)
-    lost = np.isnan(made.predicted.tip).any(axis=1)
-    assert lost.any() and np.array([r.pressures[0] for r in case.table])[lost].min() > 150e3
 
 
 @pytest.mark.parametrize(
@@ -91,9 +58,7 @@ def test_a_state_that_is_far_from_all_predicted_ones_has_none(case: Case, tmp_pa
         ([{"trial": 1, "step": 1, "x": 0.0, "y": 0.0}], "has no column z"),
         ([{"trial": 1, "step": 1, "x": 0, "y": 0, "z": 0.4}] * 2, "trial 1 step 1 is predicted twice"),
         ([{"trial": 77, "step": 1, "x": 0.0, "y": 0.0, "z": 0.4}], "predicts none of the"),
-        ([{"x": 0.0, "y": 0.0, "z": 0.4}], "neither trial and step nor p1"),
-        ([{**by_state()[2], "p1": 200.0, "p2": 200.0, "p9": 200.0}], "highest pressure is 200 Pa, .* are in Pa"),
-        ([{**by_state()[2], "spine_length": 200.0}], "predicts none of the .* lengths in m"),
+        ([{"x": 0.0, "y": 0.0, "z": 0.4}], "has no column trial; trial and step name the row of trials.csv"),
         ([{"trial": 1, "step": 1, "x": "left", "y": 0, "z": 0.4}], "p.csv line 2, x: 'left' is not a number"),
     ],
 )
@@ -132,6 +97,22 @@ def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_paramete
     assert steps[-1][0] == steps[-1][1] == len(own.asked)
     step, there = made.varied["youngs_modulus.excess"]
     assert step == pytest.approx(0.002) and np.abs(there.predicted.tip - made.predicted.tip).max() > 1e-5
+
+
+def test_a_moment_on_the_tip_reaches_a_simulator(case: Case) -> None:
+    moment = np.where(case.table["step"] == 2, 0.2, np.nan)
+    robot = case.robot.replace(tip_moment=(0.1, 0.0, 0.05))
+    bent = Case(robot, dataclasses.replace(case.table, values=case.table.values | {"tip_moment_y": moment}))
+
+    class Watched(Rod):
+        moments: list[np.ndarray] = []
+
+        def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
+            self.moments.append(states.moment)
+            return super().predict(states, parameters)
+
+    from_simulator("rod", Watched(), bent, CATALOGUE, lambda done, total: None, varied=False)
+    assert {*map(tuple, np.vstack(Watched.moments).tolist())} == {(0.1, 0.0, 0.05), (0.1, 0.2, 0.05)}
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:

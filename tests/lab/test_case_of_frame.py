@@ -99,7 +99,9 @@ def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
     for inputs, keys, match in (((FRAME,), {}, "needs one robot, 0 are given"), ((3,), {}, "int is neither the path"),
                                 ((), {}, "nothing is given"),
                                 ((FRAME, ROBOT), {"columns": COLUMNS, "source": {"missing": 3}}, "source.missing"),
-                                ((small_case,), {"columns": COLUMNS}, "go with a DataFrame"),
+                                ((small_case,), {"columns": COLUMNS, "foo": 1}, "columns, foo: only with a DataFrame"),
+                                ((FRAME, ROBOT), {"foo": 1}, "foo: unknown key; known keys: robot, "),
+                                ((FRAME, ROBOT), {"Robt": 1}, "Robt: unknown key; did you mean robot?"),
                                 ((FRAME, ROBOT), {"files": {"*": {}}}, "files: does not apply")):  # fmt: skip
         with pytest.raises(ConfigError, match=match):
             lab.case(*inputs, **keys)

@@ -21,6 +21,7 @@ from lab.files.rig_file import load_rig
 from lab.files.robot_file import paper_robot
 from lab.verbs.calibrate import BaseSeen, lines
 from lab.verbs.fakes import write_rig
+from lab.verbs.run import note_unverified
 from model.robot import Robot
 from recordings.file.reader import Recording
 from sim_fakes.alicat import AlicatFake
@@ -218,10 +219,13 @@ def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeyp
     assert not any(line.requests for line in fakes.lines.values())
 
 
-def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path) -> None:
+def test_a_check_that_failed_takes_an_older_one_away(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     example = load_rig(Path(__file__).parents[2] / "examples" / "rig" / "rig.yaml")
     rig = tmp_path / "rig.yaml"
     assert last(rig, example) == f"{rig} has not passed `lab check --move`"
+    for speed in (1.0, 20.0):  # only fakes run at another speed, and need no check
+        note_unverified(rig, example.model_copy(update={"clock": example.clock.model_copy(update={"speed": speed})}))
+    assert capsys.readouterr().out.count("unverified") == 1
     keep(rig, example, [Moved("valve", True, "on and off")])
     assert not isinstance(last(rig, example), str)
     pressure = example.instruments.pressure

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import Cli, run_there
+from pydantic import BaseModel
 from virtual_lab import VirtualLab
 
 import lab
@@ -92,7 +93,10 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     for result, heading in shown:
         assert heading in result.to_frame().columns and "<table" in result._repr_html_()
         assert len(repr(result).splitlines()) == 1 and len(repr(result)) < 1500
-    assert "14 states in 2 trials" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
+    assert "14 states in 2 bending trials, spine 0 to 20 cm; t, hold [s]; rate [Pa/s]; spine_length, x, y, z" in repr(case)
+    assert "p8, p9 [Pa]" in repr(case) and "mm rms (in-sample)" in repr(lab.compare(case))
+    offered = {name for name in dir(robot) if not name.startswith("_")}
+    assert {"predict", "inverse", "replace", "length", "to_frame"} <= offered and not offered & set(dir(BaseModel))
     assert repr(robot).startswith(f"<Robot: {robot.name}, 400 mm, 9 chambers")
     frame = case.table.to_pandas()
     assert list(frame.columns) == list(case.table.columns) and len(frame) == 14
@@ -168,6 +172,11 @@ def test_an_unknown_verb_is_answered_with_the_nearest(words: list[str], said: st
 def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: str, cli: Cli) -> None:
     told = cli(*words, code=2).err
     assert told.startswith(said) and len(told.splitlines()) == 1
+
+
+def test_a_value_without_its_quotes_is_told(cli: Cli) -> None:
+    told = cli("plan", "bending", "--set", "rate=20", "kPa/s", code=2).err
+    assert "unrecognized arguments: kPa/s; quote a value with spaces: --set 'rate=20 kPa/s'" in told
 
 
 @pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])

@@ -354,13 +354,14 @@ def test_lines_move_the_rig_within_its_limits_and_the_end_vents(
         return readings(bench)
 
     monkeypatch.setattr("lab.verbs.jog.readings", watched)
-    lines = ("p2 20 kPa", "p2 2 bar 5", "p2 900 kPa", "p11 1 kPa", "spine 3 cm", "valve on", "dance", "")
+    lines = ("p2 20 kPa", "p2 2 bar 5", "p2 900 kPa", "p11 1 kPa", "spine 3 cm", "valve on", "dance", "", "help", "?")
     monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(lines)))
     told = cli("jog", "--rig", virtual_lab.rig, code=0).flat
     assert "set-point of chamber 9, 1, 2: 20 kPa; pressures" in told and "tip " in told
     assert max(reached) == pytest.approx(20e3, abs=1e3)
     assert "p2 900 kPa: must be 0 to 250 kPa, the limit of rig and robot" in told and "chamber 11 is on no channel" in told
     assert "'dance': is no command of this rig; there are p2 20 kPa | spine 5 cm | valve on" in told and "p2: '2 bar 5'" in told
+    assert told.count("| vent | help | q; Ctrl-C vents and ends") == 5  # at the start, too
     assert "spine at 3 cm" in told and "valve on" in told
     assert float(max(plant.chamber_pressure)) < 5e3 and not plant.valve_on
 

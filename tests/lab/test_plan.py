@@ -1,5 +1,6 @@
 """`lab plan`, before anything is connected: what it says, numbers that are none, and every limit with its worst step."""
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -239,14 +240,29 @@ def test_every_limit_that_is_not_kept_has_its_line(rig: Rig) -> None:
     assert len(lines) == len(asked) and all("elongation, step" in line and "; " in line for line in lines)
 
 
-def test_a_sum_that_each_chamber_by_itself_would_keep_is_refused(rig: Rig) -> None:
-    (line,) = refused(rig(), "bending", "chambers=[1,2,3,4,5,6,7,8,9]", "pressures=[100 kPa, 200 kPa]")
-    assert "1800 kPa, above limits.max_total_pressure = 1500 kPa" in line
-
-
-def test_a_pattern_that_the_wiring_cannot_make_is_refused(rig: Rig) -> None:
-    (line,) = refused(rig(), "bending", "chambers=[1,2,3]")
-    assert "instruments.pressure.chambers" in line and "rewire" in line
+@pytest.mark.parametrize(
+    ("protocol", "settings", "tables", "keys"),
+    [
+        ("bending", ["pressures=[200e3, 280e3]", "spine.speed=8 cm/s", "spine_lengths=[0, 10 cm, 35 cm]"],
+         {"spine": {"max_length": 0.3}}, ["pressures", "spine.speed", "spine_lengths"]),
+        ("bending", ["chambers=[1, 2, 3]"], {"limits": {"max_vacuum": 60e3}}, ["chambers", "vacuums"]),
+        ("bending", ["chambers=[1,2,3,4,5,6,7,8,9]", "pressures=[100 kPa, 200 kPa]"], {}, ["pressures"]),
+        ("elongation", [], {"pressure": {"max_pressure": 20e3, "max_rate": 10e3}}, ["pressures", "rate"]),
+        ("cycles", ["chambers=[[1, 2]]", "pressures=[280 kPa]"], {}, ["pressures", "chambers"]),
+        ("stiffness", [], {"limits": {"max_force": 4, "max_moment": 0.4}}, ["deflection_ratio"]),
+        ("arm_accuracy", ["speed=40 cm/s", "acceleration=1"], {}, ["speed", "acceleration"]),
+        ("STAIRCASE", [], {"pressure": {"max_pressure": 40e3}}, ["step", "chambers"]),
+    ],
+)  # fmt: skip
+def test_a_plan_beyond_a_limit_names_a_setting_that_keeps_it(
+    protocol: str, settings: list[str], tables: dict[str, Any], keys: list[str], rig: Rig
+) -> None:
+    path, name = rig(**tables), protocol.replace("STAIRCASE", str(RIG.parents[1] / "protocol/staircase.py"))
+    lines = refused(path, name, *settings)
+    assert all(line.count(" add --set ") == 1 for line in lines), lines
+    added = {shlex.split(line.partition(" add --set ")[2])[0].rstrip(",;") for line in lines}
+    assert {setting.partition("=")[0] for setting in added} == set(keys)
+    job(name, path, [*settings, *added])
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
-from lab.files.robot_file import paper_robot
+from lab.files.robot_file import paper_robot, write_robot
 from model.body import annulus_second_moment
 from model.effects.catalogue import CATALOGUE
 from model.effects.nominal import stated_effects
@@ -190,6 +190,33 @@ def test_fit_gives_one_area_factor_for_all_lengths(small_case: Path, cli: Cli) -
     rows = (small_case / "trials.csv").read_text().count("\n") - 1
     counts = [int(line.split("│")[4]) for line in told.splitlines() if "area factor, " in line]
     assert counts[-1] == rows == sum(counts[:-1])
+
+
+@pytest.mark.parametrize(("kind", "said"), [("chambers", "chamber 2 pushes 30 ± 1 % less"), ("tendons", "tendon 2 pulls 30 ±")])
+def test_a_fit_states_what_each_actuator_does_and_which_parameter_is_at_its_bound(
+    kind: str, said: str, tmp_path: Path, cli: Cli
+) -> None:
+    four = {"path_radius": 0.0125, "azimuths_deg": [0, 90, 180, 270]} | ({"radius": 0.004} if kind == "chambers" else {})
+    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four}), np.random.default_rng(1)
+    shares = [np.eye(4)[k % 4] + 0.25 * (k > 7) * np.eye(4)[(k + 1) % 4] for k in range(12)]
+    pressures = np.concatenate([np.outer([0, 20e3, 40e3, 60e3, 80e3], share) for share in shares])
+    tip = robot.predict(pressures * [1, 0.7, 1, 1]).tip + rng.normal(0, 1e-4, (60, 3))
+    frame = pandas.DataFrame(pressures, columns=["p1", "p2", "p3", "p4"]).assign(x=tip[:, 0], y=tip[:, 1], z=tip[:, 2])
+    case = lab.case(frame.assign(protocol="bending", t=20.0 * np.arange(60), trial=np.repeat(np.arange(1, 13), 5)), robot)
+    fitted, word = lab.fit(case, "chamber_gain"), said.split()[0]
+    table = fitted.to_frame().set_index("parameter")
+    single, weak = table.loc["chamber_gain.single"], table.loc[f"chamber_gain of {word} 2"]
+    assert weak["value"] == pytest.approx(0.7 / 0.925, abs=3 * weak["sd"]) and 1e-4 < weak["sd"] < 0.01
+    assert single["note"] == "not determined, at its bound" and single["low 95 %"] == -1.5 < single["high 95 %"] < -1
+    assert said in repr(fitted) and single["note"] in repr(fitted) and single["note"] in fitted._repr_html_()
+    write_csv(case.table, tmp_path / "trials.csv")
+    write_robot(robot, tmp_path / "robot.yaml")
+    told = cli("fit", tmp_path, "--with", "chamber_gain").out
+    assert said.capitalize() in told and re.search(rf"{word} 2 +│ 0.7\d+ ± .* times the mean", told)
+    assert re.search("single +│ not determined, at its bound", told)
+    found = cli("fit", tmp_path, "--with", "chamber_gain", "--json").json
+    assert {"determined": False, "bound": "low"}.items() <= found["parameters"]["chamber_gain.single"].items()
+    assert found["by_actuator"][0]["factor"][1] == pytest.approx(weak["value"], rel=1e-3)
 
 
 def test_compare_tabulates_a_recorded_elongation(tmp_path: Path, cli: Cli) -> None:

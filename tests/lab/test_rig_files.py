@@ -36,8 +36,10 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     assert made.max_pressure == 80e3
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
-    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | q; Ctrl-C vents and ends"
+    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | help | q; Ctrl-C vents and ends"
     tendons = tmp_path / "tendons.yaml"
+    refused = cli("init", "--tendons", 4, "--length", "30 cm", "--out", tendons, "--rig", tmp_path / "new.yaml", code=2).flat_err
+    assert "a rig can only drive chambers: measure elsewhere and `lab import` the table" in refused and not tendons.exists()
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
@@ -111,7 +113,7 @@ def test_a_tension_in_place_of_a_pressure_is_refused_with_its_size_as_a_pressure
 def test_all_problems_of_a_file_come_at_once_with_their_lines(tmp_path: Path) -> None:
     found = problems(tmp_path, "name: a\nlenght: 0.4\nlevels: [50e3, 250]\ndevice:\n  driver: alpha\n  max_pressure: 2e6\n")
     assert len(found) == 4
-    assert "file.yaml:2: lenght: unknown key; did you mean 'length'?" in found[0]
+    assert "file.yaml:2: lenght: unknown key; did you mean length?" in found[0]
     assert "file.yaml:3: levels[1] = 250 Pa: must be at least 1 kPa; did you mean 250 kPa?" in found[1]
     assert "file.yaml:6: device.max_pressure = 2 MPa: must be at most 1 MPa" in found[2]
     assert "length: is missing; give it in m" in found[3]
@@ -198,7 +200,7 @@ def test_every_number_whose_unit_is_known_has_it() -> None:
     text = rig_yaml(FakeRig(), "robot.yaml", AWKWARD)
     told = yaml.safe_load(text)
     assert told["instruments"]["pressure"]["full_scale"] == "400 kPa"
-    assert told["stand"]["origin"] == ["0.5 m", "0 m", "0.7 m"] and told["stand"]["standoff"] == "7.3 mm"
+    assert told["stand"]["origin"] == ["50 cm", "0 cm", "70 cm"] and told["stand"]["standoff"] == "7.3 mm"
     assert told["stand"]["tool_rotation"] == ["0.1 rad", "1.5707963267948966 rad", "0.3333333333333333 rad"]
     assert told["limits"]["max_age_in_motion"] == "0.03 s" and told["limits"]["max_force"] == "59.999 N"
     assert re.findall(r"(\w+): -?\d+(?:\.\d+)?(?=[,}\n])", text) == ["speed"]

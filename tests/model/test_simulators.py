@@ -30,8 +30,10 @@ def test_the_example_is_up_to_three_millimetres_from_the_rod(paper_robot: Robot)
     pressure[:, [8, 0, 1]] = np.array([0.0, 250e3, 250e3, 250e3, 120e3, 60e3, 250e3, 0.0])[:, None]
     force = np.zeros((8, 3))
     force[4] = (0.0, 0.3, 0.0)
-    states = conditions(paper_robot, spine, pressure, 0.053, np.radians([0, 0, 0, 0, 0, 0, 30, 0]), force)
+    roll = np.radians([0, 0, 0, 0, 0, 0, 30, 0])
+    states = conditions(paper_robot, spine, pressure, 0.053, roll, force, [[0.0, 0.0, 0.0]] * 7 + [[0.3, 0.1, 0.0]])
     far, rod = apart(paper_robot, states)
+    assert np.abs(rod[7] - rod[2])[:2].min() > 5e-3
     assert 0.2e-3 < far.max() < 3e-3
     assert np.linalg.norm(rod - [0.0, 0.0, 0.4], axis=1).max() > 0.2
 
@@ -84,3 +86,11 @@ def test_soromox_agrees_better_with_more_segments(reference_robot: Robot, bendin
     rod = solve(rods_of(reference_robot, at), FINE).tip
     coarse, fine = (float(np.linalg.norm(read("SoRoMoX", reference_robot, at, n).tip - rod)) for n in (5, 20))
     assert fine < 0.3 * coarse and fine < 0.3e-3
+
+
+@EACH
+def test_a_moment_on_the_tip_bends_it_as_it_does_the_rod(reference_robot: Robot, name: str) -> None:
+    at, free = (conditions(reference_robot, 0.1, np.zeros(9), moment=moment) for moment in ((0.3, 0.5, 0.1), np.zeros(3)))
+    tip, rod = read(name, reference_robot, at).tip, solve(rods_of(reference_robot, at), FINE).tip
+    assert tip == pytest.approx(rod, abs=0.8e-3)
+    assert np.linalg.norm(rod - solve(rods_of(reference_robot, free), FINE).tip) > 10e-3

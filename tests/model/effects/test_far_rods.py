@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from model.effects import layout as at
+from model.effects.layout import INNER, OUTER, Layout
 from model.effects.solver import integration_steps, solve
 from model.robot import Robot
 from model.rods import Fast, Rods, Status, rods
@@ -13,29 +13,29 @@ from tests.model.effects.campaigns import Moved
 LENGTH, BEND = 0.4, 0.5
 CRITICAL = np.pi**2 * BEND / (4 * LENGTH**2)
 """N, Euler's load of a clamped column."""
-NOWHERE = np.zeros(0)
+NOWHERE, UNIFORM = np.zeros(0), Layout((0, 0), (INNER, OUTER), {})
 
 
 def rows(*pushes: float) -> np.ndarray:
     """Columns under shares of Euler's load and a little force sideways."""
     made = rods(
-        at.UNIFORM.form, len(pushes), length=[0.0, LENGTH], bend_stiffness=BEND, stretch_stiffness=2e3,
+        UNIFORM.form, len(pushes), length=[0.0, LENGTH], bend_stiffness=BEND, stretch_stiffness=2e3,
         dead_force=[[0.02, 0.0, -share * CRITICAL] for share in pushes],
     )  # fmt: skip
     values = made.values.copy()
-    for element in at.UNIFORM.elements:
+    for element in UNIFORM.elements:
         values[:, element + col.REST_STRAIN + 2] -= 1.0
     return values
 
 
 def test_a_column_near_buckling_is_reached_by_way_of_others(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0), rows(0.8, 0.9)
-    steps = integration_steps(at.UNIFORM, free)
-    known = solve(at.UNIFORM, free, NOWHERE, steps)
-    followed = solve(at.UNIFORM, pressed, NOWHERE, steps)
+    steps = integration_steps(UNIFORM, free)
+    known = solve(UNIFORM, free, NOWHERE, steps)
+    followed = solve(UNIFORM, pressed, NOWHERE, steps)
     assert (followed.solution.margin < 0.5).all()
     monkeypatch.setattr(Fast, "_follow", None)
-    found = solve(at.UNIFORM, pressed, NOWHERE, steps, known)
+    found = solve(UNIFORM, pressed, NOWHERE, steps, known)
     np.testing.assert_allclose(found.result[:, :3], followed.result[:, :3], atol=1e-6)
     assert found.converged.all()
 
@@ -43,43 +43,43 @@ def test_a_column_near_buckling_is_reached_by_way_of_others(monkeypatch: pytest.
 def test_a_rod_bent_by_a_full_turn_gets_steps_short_enough_to_be_found_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     bent = np.repeat(rows(0.0), 3, axis=0)
     for row, angle in zip(bent, (1.0, 4.0, 7.0), strict=True):
-        row[at.UNIFORM.elements[-1] + col.REST_CURVATURE] = angle / LENGTH
-    steps = integration_steps(at.UNIFORM, bent)
+        row[UNIFORM.elements[-1] + col.REST_CURVATURE] = angle / LENGTH
+    steps = integration_steps(UNIFORM, bent)
     assert (np.diff(steps[:, -1]) > 0).all()
     monkeypatch.setattr(Fast, "_follow", None)
-    found = solve(at.UNIFORM, bent, NOWHERE, steps)
-    exact = solve(at.UNIFORM, bent, NOWHERE, 4 * steps)
+    found = solve(UNIFORM, bent, NOWHERE, steps)
+    exact = solve(UNIFORM, bent, NOWHERE, 4 * steps)
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=2e-5)
-    by_itself = solve(at.UNIFORM, bent, NOWHERE, None)
+    by_itself = solve(UNIFORM, bent, NOWHERE, None)
     assert (by_itself.steps == steps).all()
     np.testing.assert_allclose(by_itself.result[:, :3], found.result[:, :3], atol=1e-7)
 
 
 def test_a_trial_gives_up_what_would_have_to_be_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0), rows(0.5, 1.05)
-    steps = integration_steps(at.UNIFORM, free)
-    known = solve(at.UNIFORM, free, NOWHERE, steps)
+    steps = integration_steps(UNIFORM, free)
+    known = solve(UNIFORM, free, NOWHERE, steps)
     monkeypatch.setattr(Fast, "_follow", None)
-    found = solve(at.UNIFORM, pressed, NOWHERE, steps, known, trial=True)
+    found = solve(UNIFORM, pressed, NOWHERE, steps, known, trial=True)
     assert found.converged.tolist() == [True, False]
     assert np.isnan(found.result[1, :3]).all()
 
 
 def test_a_rod_that_was_followed_is_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
     pressed, more = rows(0.7, 0.8), rows(0.71, 0.81)
-    steps = integration_steps(at.UNIFORM, pressed)
-    followed = solve(at.UNIFORM, pressed, NOWHERE, steps)
-    exact = solve(at.UNIFORM, more, NOWHERE, steps)
+    steps = integration_steps(UNIFORM, pressed)
+    followed = solve(UNIFORM, pressed, NOWHERE, steps)
+    exact = solve(UNIFORM, more, NOWHERE, steps)
     assert (exact.solution.status == Status.SOLVED_IN_STEPS).all()
     monkeypatch.setattr(Fast, "_follow", None)
-    found = solve(at.UNIFORM, more, NOWHERE, steps, followed)
+    found = solve(UNIFORM, more, NOWHERE, steps, followed)
     np.testing.assert_allclose(found.result[:, :3], exact.result[:, :3], atol=1e-6)
 
 
 def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
     free, pressed = rows(0.0, 0.0, 0.0), rows(1.05, 1.06, 1.07)
-    steps = integration_steps(at.UNIFORM, free)
-    known, tried = solve(at.UNIFORM, free, NOWHERE, steps), []
+    steps = integration_steps(UNIFORM, free)
+    known, tried = solve(UNIFORM, free, NOWHERE, steps), []
 
     def lost(self: Fast, rods: Rods, left: np.ndarray, memory: np.ndarray, values: np.ndarray, status: np.ndarray) -> None:
         tried.append(len(left))
@@ -87,7 +87,7 @@ def test_who_asks_for_the_whole_waits_for_no_other_state_once_one_has_no_equilib
 
     monkeypatch.setattr(Fast, "_follow", lost)
     monkeypatch.setattr("model.effects.solver.PARTS", ())
-    assert not solve(at.UNIFORM, pressed, NOWHERE, steps, known, whole=True).converged.any()
+    assert not solve(UNIFORM, pressed, NOWHERE, steps, known, whole=True).converged.any()
     assert tried == [1]
 
 

@@ -116,7 +116,7 @@ def test_a_sound_effect_of_one_s_own_passes(paper_robot: Robot) -> None:
     [
         (effect(misspelt), "law fails: KeyError: 'kelwin'"),
         (effect(of_one_shape), "law fails"),
-        (effect(no_quantity), "no attribute 'body_modulos'; did you mean 'body_modulus'?"),
+        (effect(no_quantity), "no attribute 'body_modulos'; did you mean body_modulus?"),
         (effect(nothing), "moves no reading of a small campaign at its plausible size"),
         (effect(never_off), "must have exactly no effect"),
         (effect(crushing), "no state of a small campaign has an equilibrium"),
