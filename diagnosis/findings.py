@@ -143,10 +143,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the base is tilted by {about} (p = {p:.2f}), but robot.yaml says gravity {given}: level the base, or state the tilt "
             "in robot.yaml (effects, base_tilt){rather}"
         ),
-        "frame_turned": ("the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): correct {line}{rather}"),
-        "frame_mirrored": (
-            "the cameras' frame is a mirror image of the base's (p = {p:.2f}): correct the sign of a column, or two columns "
-            "that are swapped, and {line}{rather}"
+        "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
+        "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
+        "origin_elsewhere": (
+            "the base lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm, not at the origin of the positions (p = {p:.2f}): {remedy}{rather}"
         ),
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
@@ -160,20 +160,22 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
         "column_in_unit": (
-            "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
-            "map.yaml, or its scale{rather}"
+            "column p{number} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; {remedy}{rather}"
         ),
         "stiffness_unit": (
             "{place}, column {column}: {value:.4g} {si} is {ratio:.2g} times the stiffness expected from robot.yaml's modulus; "
             "it looks like {looks} (p = {p:.2f}). Write {si}: {remedy}"
         ),
         "pressures_in_unit": (
-            "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
-            "map.yaml, or their scale{rather}"
+            "the {pressures} must be {factor:.5g} times as large (p = {p:.2f}): they look like {looks}; {remedy}{rather}"
+        ),
+        "pressures_without_unit": (
+            "nothing says the unit of the {pressures}, so they were read as Pa, up to {highest:.4g}: if they are in {unit}, "
+            "{remedy}"
         ),
         "places_in_unit": (
-            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit in map.yaml, "
-            "or their scale{rather}"
+            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit or "
+            "scale{rather}"
         ),
         "attitudes_elsewhere": (
             "the tip's orientations (qw, qx, qy, qz) are in another frame or order than its positions (p = {p:.2f}): "

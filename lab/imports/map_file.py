@@ -114,10 +114,15 @@ class Frame(FileTable):
         return self
 
     @property
+    def axes(self) -> tuple[str, str, str]:
+        """Of the file, along x, y and z of the base."""
+        return self.x, self.y, self.z
+
+    @property
     def matrix(self) -> Array:
         """(3, 3) from recorded to robot's coordinates."""
         rows = np.zeros((3, 3))
-        for i, name in enumerate((self.x, self.y, self.z)):
+        for i, name in enumerate(self.axes):
             axis, sign = AXES[name]
             rows[i, axis] = sign
         return rows
