@@ -33,8 +33,10 @@ from .search import judged, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
-FRAMES = ("frame_turned", "frame_mirrored", "origin_elsewhere", "displacements")
+FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
+PLACES = (*FRAMES, "origin_elsewhere")
+"""Those which explain tips that no rod reaches."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
 LOW = 1e3
@@ -64,7 +66,7 @@ def read(robot: Robot, table: Table) -> Reading:
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
     if (low := _no_unit(robot, table)) is not None and not any(f.code == "pressures_in_unit" for f, _ in found):
         found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]
-    if any(text.endswith(CHECK_FRAME) for text in impossible) and (causes := [f for f, _ in found if f.code in FRAMES]):
+    if any(text.endswith(CHECK_FRAME) for text in impossible) and (causes := [f for f, _ in found if f.code in PLACES]):
         impossible = tuple(text.replace(CHECK_FRAME, ", and ".join(map(str, causes))) for text in impossible)
         found = [one for one in found if one[0] not in causes]
     refused = (*(str(f) for f, refuse in found if refuse), *impossible)

@@ -24,8 +24,8 @@ from .proposal import Guess
 AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
 MOST = 60
 """Rows that are compared with the model."""
-CLEAR = 2.0
-"""Times less that a frame lacks of full agreement than all others, to be clear."""
+CLEAR, OF_MODEL = 2.0, 0.005
+"""Times less that a clear frame lacks of full agreement than another, and what models of robots lack anyway."""
 AGREES = 0.9
 """Agreement from which a frame is not doubted."""
 AT_BASE = 0.25
@@ -59,15 +59,15 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
     robot.yaml in these rows."""
     at_rest = tip[rest].mean(axis=0)
     likeness = _likeness(tip, rest, robot, driven)
-    own = {z: max((_agreement(likeness, x, y, z), x, y) for x, y in _turned(z)) for z in ("z", "-z", "x", "-x", "y", "-y")}
-    lack = {z: 1 - agreement for z, (agreement, _, _) in own.items()}
+    turns = {z: max(_turned(z), key=lambda xy: round(_agreement(likeness, *xy, z), 3)) for z in ("z", "-z", "x", "-x", "y", "-y")}
+    lack = {z: 1 - _agreement(likeness, *xy, z) for z, xy in turns.items()}
     # of frames with another hand: two columns of the tip or of the actuators are swapped
-    swapped = {z: 1 - max(_agreement(likeness, y, x, z) for x, y in _turned(z)) for z in own}
-    least = {z: min(lack[z], swapped[z]) for z in own}
-    best = _least(swapped) if CLEAR * min(swapped.values()) < min(lack.values()) else _least(lack)
+    swapped = {z: 1 - max(_agreement(likeness, y, x, z) for x, y in _turned(z)) for z in turns}
+    least = {z: min(lack[z], swapped[z]) for z in turns}
+    best = _least(swapped if _clear(min(swapped.values()), min(lack.values())) else lack)
     lies = _lies_along(at_rest, markers, robot)
-    z = lies if lies is not None and CLEAR * least[best] >= least[lies] else best if likeness.any() else _axis(at_rest)
-    agreement, x, y = own[z]
+    z = lies if lies is not None and not _clear(least[best], least[lies]) else best if likeness.any() else _axis(at_rest)
+    (x, y), agreement = turns[z], 1 - lack[z]
     rival = _least({other: value for other, value in lack.items() if other != z})
     compared = f"movement and model agree to {agreement:.2f} of 1, along {rival} to {1 - lack[rival]:.2f}"
     if lies not in (None, z):
@@ -76,13 +76,13 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
             f"the resting tip lies along the file's {lies} from the origin, but the tip moves as if the base's z were its {z} "
             f"({compared}): the origin is taken to be elsewhere than the base",
         )
-    elif lies is None and CLEAR * lack[z] > lack[rival]:
+    elif lies is None and not _clear(lack[z], lack[rival]):
         text = "neither the resting tip nor its movement determines which axis points from base to tip"
         g.doubt("frame.z", f"{text}. The file's {z} fits best ({compared})")
     sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
     bends = f"the tip bends {sense} (agreement with the model {agreement:.2f} of 1)"
     if agreement < AGREES and driven.pressures.shape[1]:
-        columns = " Two columns of the tip or of the actuators may be swapped." if swapped[z] < lack[z] / CLEAR else ""
+        columns = " Two columns of the tip or of the actuators may be swapped." if _clear(swapped[z], lack[z]) else ""
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {x} and its y along the file's {y} {bends}. This is the best "
             f"turn about the base's z, but the data do not force it.{columns} If base and cameras have not moved since an "
@@ -108,7 +108,7 @@ def _straight(g: Guess, at_rest: Array, stands: Array, robot: Robot, rests: bool
     if near if rests else np.linalg.norm(at_rest - stands) <= AT_BASE * robot.length:
         return
     found, expected = (", ".join(f"{1e3 * v:.0f}" for v in place) for place in (at_rest, stands))
-    which = "at rest" if rests else "with the lowest pressures"
+    which = "at rest" if rests else "the robot is at rest in no row with a tip. In those with the lowest pressures"
     text = f"{which} the recorded tip is at ({found}) mm along the base's axes; the model expects ({expected}) mm"
     g.say("straight", "at rest", f"{text}: the origin is probably not at the base")
     g.doubt(
@@ -147,6 +147,11 @@ def _some(rows: Mask) -> Ints:
     """Numbers of some rows of a mask, evenly spread."""
     found = np.flatnonzero(rows)
     return found[spread_over(len(found), MOST)] if len(found) else found
+
+
+def _clear(lack: float, other: float) -> bool:
+    """Whether a frame agrees clearly better than another."""
+    return CLEAR * (lack + OF_MODEL) < other + OF_MODEL
 
 
 def _least(values: Mapping[str, float]) -> str:

@@ -76,12 +76,6 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         )
     rests = bool((rest & has_place).any())
     rest = rest & has_place if rests else _lowest(g, series, has_place, robot)
-    if not rests:
-        g.doubt(
-            "frame",
-            "the robot is at rest in no row with a tip. Axes and unit were taken from the rows with the lowest "
-            f"{robot.actuators.words.pressures}; the position of the straight robot is unknown (straight)",
-        )
     unit, why = _length_unit(g, tip_unit, tips[0], from_base[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:

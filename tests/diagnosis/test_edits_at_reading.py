@@ -92,8 +92,8 @@ SILENT = Reading((), ())
         (pressures(1.0, 84_000.0), ["absolute", "subtract 83"]),
         (pressures(1e-3, 101_325.0), ["look like kPa", "absolute"]),
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
-        (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "frame in map.yaml", "z: -z"]),
-        pytest.param(moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["the cameras' frame", "frame in map.yaml", "z: x"],
+        (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "hold what is now x, ", "-z"]),
+        pytest.param(moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["the cameras' frame", "hold what is now y, z, x"],
                      marks=pytest.mark.long),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (w_last, ["qw, qx, qy, qz", "hold x, y, z, w: exchange the columns"]),
@@ -224,7 +224,7 @@ def test_attitudes_of_a_robot_that_sags_at_rest_are_left_alone() -> None:
 
 def test_a_body_too_limp_to_stand_may_hang_anywhere() -> None:
     hanging = [replace(r, tip=(0.05, 0.0, -0.37)) for r in sweep(levels=(0.0, 0.0))]
-    assert "check which marker is the tip, the frame" in " ".join(reading(ROBOT, hanging).asked)
+    assert "the base lies at (50, 0.00" in " ".join(reading(ROBOT, hanging).asked)
     assert not reading(LIMP, hanging).refused
 
 
@@ -329,4 +329,4 @@ def test_a_resting_tip_far_from_where_the_model_stands_is_asked_about() -> None:
     rows = sweep(ROBOT, spines=(0.0,), levels=(0.0, 10e3, 20e3))
     nearer = [replace(r, tip=tuple(0.7 * x for x in r.tip or ())) for r in rows]
     assert reading(ROBOT, rows) == SILENT
-    assert "origin of the tip's z -120 mm instead of 0 mm" in " ".join(reading(ROBOT, nearer).asked)
+    assert "-120.6) mm, not at the origin" in " ".join(reading(ROBOT, nearer).asked)
