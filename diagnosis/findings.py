@@ -146,7 +146,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
         "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
         "origin_elsewhere": (
-            "the base lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm, not at the origin of the positions (p = {p:.2f}): {remedy}{rather}"
+            "the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"
         ),
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
@@ -154,7 +154,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "actuators_exchanged": (
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
-            "map.yaml, or their azimuths_deg in robot.yaml{rather}"
+            "its map, or their azimuths_deg in robot.yaml{rather}"
         ),
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
@@ -186,7 +186,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "(0, 0, {length:g}) m: add {length:g} to z{rather}"
         ),
         "points_exchanged": (
-            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in map.yaml"
+            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in its map"
             "{rather}"
         ),
         "axes_of_point": (

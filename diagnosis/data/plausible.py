@@ -30,6 +30,8 @@ MOST_DEFLECTION = 0.3
 """Largest deflection of beam theory, as a share of the cantilever's length."""
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
+LOWEST_USUAL = 1e3
+"""Pa, below which the highest pressure of a soft robot is in another unit."""
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
 CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
@@ -101,6 +103,9 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
+        apart = float(np.linalg.norm(np.ptp(tips.tip, axis=0)))
+        if apart > 4 * FARTHEST * robot.length:  # wherever the base is
+            return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: check their unit", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
     return f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}", in_m

@@ -169,8 +169,10 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: fl
     if not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
         return []
     x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
-    remedy, short = remedies.of_origin(mapped), "origin of the positions"
-    return [finding("origin_elsewhere", x=x, y=y, z=z, remedy=remedy, short=short, p=p, rather=rather)]
+    # farther away its place depends on axes that may be wrong, too
+    place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if np.linalg.norm(theta[ORIGIN]) < 0.5 else ""
+    values = {"x": x, "y": y, "z": z, "place": place, "remedy": remedies.of_origin(mapped), "short": "origin of the positions"}
+    return [finding("origin_elsewhere", **values, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ the cameras' frame

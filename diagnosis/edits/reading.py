@@ -24,11 +24,20 @@ from recordings.trials import Table
 
 from .. import judgement
 from ..data.case import campaign_of
-from ..data.plausible import CHECK_FRAME, FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
+from ..data.plausible import (
+    CHECK_FRAME,
+    FORCE_UNITS,
+    LENGTH_UNITS,
+    LOWEST_USUAL,
+    SHORTEST,
+    cantilevers,
+    complete,
+    implausible_values,
+)
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
 from .misfit import as_described
-from .remedies import of_unit
+from .remedies import of_origin, of_unit
 from .search import judged, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
@@ -39,8 +48,6 @@ PLACES = (*FRAMES, "origin_elsewhere")
 """Those which explain tips that no rod reaches."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
-LOW = 1e3
-"""Pa, below which all pressures of a soft robot are in another unit."""
 PUSH_UNITS = [*(("force", "N", unit) for unit in FORCE_UNITS), *(("deflection", "m", unit) for unit in LENGTH_UNITS)]
 PRIOR, MODULUS_SD = 0.01, {"body": np.log(3.0), "spine": np.log(6.0)}
 """Of each of them; s: a body's modulus is known within a few, a jammed spine's may be a guess."""
@@ -66,9 +73,11 @@ def read(robot: Robot, table: Table) -> Reading:
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
     if (low := _no_unit(robot, table)) is not None and not any(f.code == "pressures_in_unit" for f, _ in found):
         found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]
-    if any(text.endswith(CHECK_FRAME) for text in impossible) and (causes := [f for f, _ in found if f.code in PLACES]):
-        impossible = tuple(text.replace(CHECK_FRAME, ", and ".join(map(str, causes))) for text in impossible)
-        found = [one for one in found if one[0] not in causes]
+    if any(text.endswith(CHECK_FRAME) for text in impossible):
+        causes = [str(f) for f, _ in found if f.code in PLACES]
+        else_ = f"{CHECK_FRAME}; if its origin is not at the base, {of_origin(table.mapped)}"
+        impossible = tuple(text.replace(CHECK_FRAME, ", and ".join(causes) or else_) for text in impossible)
+        found = [one for one in found if str(one[0]) not in causes]
     refused = (*(str(f) for f, refuse in found if refuse), *impossible)
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
 
@@ -76,7 +85,7 @@ def read(robot: Robot, table: Table) -> Reading:
 def _no_unit(robot: Robot, table: Table) -> Finding | None:
     """The finding that nothing says the unit of pressures which are low in Pa."""
     mapped, words, highest = table.mapped, robot.actuators.words, float(np.nan_to_num(table.pressures).max(initial=0.0))
-    if mapped is None or not mapped.no_unit or not 0 < highest < LOW:
+    if mapped is None or not mapped.no_unit or not 0 < highest < LOWEST_USUAL:
         return None
     remedy = of_unit(mapped, range(1, 1 + len(robot.actuators.azimuths_deg)), words.unit)
     return finding("pressures_without_unit", words, highest=highest, remedy=remedy)

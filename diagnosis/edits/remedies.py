@@ -45,9 +45,9 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
 def of_origin(mapped: Mapped | None) -> str:
     """Say what brings the origin of the positions to the base."""
     if mapped is None:
-        return "subtract that from the positions"
+        return "subtract the base's place from the positions"
     at_rest = _write("straight", '"at rest"' if mapped.call else "at rest", mapped)
-    return f"{at_rest}, or give it as `zero` of columns x, y, z"
+    return f"{at_rest}, or give the base's place as `zero` of columns x, y, z"
 
 
 def of_unit(mapped: Mapped | None, numbers: Sequence[int], unit: str) -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
@@ -293,6 +294,8 @@ def _demand_mounted(states: Table) -> None:
 def _why(wanted: Map, q: FileRows) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
+    if q.no_unit and np.nanmax(q.table.pressures) < LOWEST_USUAL:
+        return "nothing says the unit of the pressures, which were read as Pa: name it, as in 'p1 [kPa]' or columns.p1.unit"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
