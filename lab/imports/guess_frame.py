@@ -24,7 +24,7 @@ from .proposal import Guess
 AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
 MOST = 60
 """Rows that are compared with the model."""
-CLEAR, OF_MODEL = 2.0, 0.005
+CLEAR, OF_MODEL = 2.0, 0.02
 """Times less that a clear frame lacks of full agreement than another, and what models of robots lack anyway."""
 AGREES = 0.9
 """Agreement from which a frame is not doubted."""
