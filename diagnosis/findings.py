@@ -145,9 +145,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
         "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
-        "origin_elsewhere": (
-            "the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"
-        ),
+        "origin_elsewhere": ("the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"),
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"
@@ -186,8 +184,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "(0, 0, {length:g}) m: add {length:g} to z{rather}"
         ),
         "points_exchanged": (
-            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in its map"
-            "{rather}"
+            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in its map{rather}"
         ),
         "axes_of_point": (
             "{point} uses other axes (p = {p:.2f}): along the base's axes its columns are {axes}; check columns x, y, z{rather}"

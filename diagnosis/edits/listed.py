@@ -24,7 +24,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS
+from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from ..findings import Finding, finding
 from . import remedies
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
@@ -324,7 +324,9 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
-            yield Edit("pressures", 0.3 if no_unit else 0.03, partial(_all_say, mapped), _all, starts, (bounds,))
+            yield Edit(
+                "pressures", 0.3 if no_unit else 0.03, partial(_all_say, mapped, float(highest.max())), _all, starts, (bounds,)
+            )
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
         yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
@@ -360,10 +362,13 @@ def _all(v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
 
 
-def _all_say(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _all_say(
+    mapped: Mapped | None, highest: float, robot: Robot, theta: Array, own: Array, p: float, rather: str
+) -> list[Finding]:
     factor, words = float(np.exp(own[0] + theta[AREA])), robot.actuators.words
     units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
-    unit = min(units, key=lambda ratio: abs(np.log(ratio / factor)))
+    usual = robot.max_pressure or USUAL_PRESSURE  # units a few times apart are told by both
+    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * highest / usual) ** 2)
     remedy = remedies.of_unit(mapped, range(1, 1 + len(robot.actuators.azimuths_deg)), units[unit])
     values = {"factor": unit, "looks": units[unit], "short": words.fill("unit of the {pressures}"), "remedy": remedy}
     return [finding("pressures_in_unit", words, **values, p=p, rather=rather)]

@@ -1,5 +1,6 @@
 """When a table is read, wrong units, wrong frames and mistakes in robot.yaml are named; unusual robots are left alone."""
 
+import itertools
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -11,7 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import lab
 from diagnosis.edits.edit import Variants
+from diagnosis.edits.listed import FRAMES
 from diagnosis.edits.reading import Reading, read
+from diagnosis.edits.remedies import AXES, named, of_frame
 from lab.files.robot_numbers import doubts
 from model.actuators import Chambers
 from model.condition import conditions
@@ -19,7 +22,7 @@ from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.stated import Stated
-from recordings.trials import Table, TrialRow
+from recordings.trials import Mapped, Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)
@@ -106,6 +109,23 @@ SILENT = Reading((), ())
 def test_another_unit_or_frame_is_refused_with_what_to_write(change: Change, words: list[str]) -> None:
     text = "; ".join(reading(ROBOT, map(change, sweep())).refused)
     assert all(word in text for word in words), text
+
+
+@pytest.mark.parametrize("call", [False, True])
+def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_frame(call: bool) -> None:
+    for present, axes in itertools.product(FRAMES, FRAMES):
+        if np.linalg.det(present) < 0:
+            continue
+        text = of_frame(axes, Mapped(tuple(named(present)), call))
+        given = re.search("frame[=:] ?{(.*)}", text)
+        words = named(present) if given is None else re.findall(r': "?(-?[xyz])', given[1])
+        columns = np.eye(3)
+        for axis in re.findall("sign of column ([xyz])", text):
+            columns["xyz".index(axis)] *= -1
+        for pair in re.findall("swap columns ([xyz]) and ([xyz])", text):
+            columns[["xyz".index(a) for a in pair]] = columns[["xyz".index(a) for a in pair[::-1]]]
+        written = np.array([AXES[name] for name in words])
+        assert np.linalg.det(written) > 0 and np.array_equal(written @ columns, axes @ present), text
 
 
 def test_each_thing_that_is_wrong_gets_one_line() -> None:
