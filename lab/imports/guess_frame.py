@@ -89,25 +89,22 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
             "earlier table, copy the frame from its map"
         )
     if (x, y, z) != ("x", "y", "z"):
-        shown_by = "the resting body lies along" if lies == z else "the tip moves as along"
-        g.say(
-            "frame",
-            {"x": x, "y": y, "z": z},
-            f"{AXES_OF_BASE}: {shown_by} the file's {z}, the base's z; with these x and y {bends}",
-        )
+        shown_by = "the resting body lies there from the origin" if lies == z else "the tip moves so"
+        why = f"{AXES_OF_BASE}. Its z is the file's {z}, as {shown_by}; with these x and y {bends}"
+        g.say("frame", {"x": x, "y": y, "z": z}, why)
     _straight(g, Frame(x=x, y=y, z=z).matrix @ at_rest, driven.tips(robot, _some(rest)), robot, rests)
 
 
 def _straight(g: Guess, at_rest: Array, stands: Array, robot: Robot, rests: bool) -> None:
     """Propose to move the resting tip, (3,) m in the base's axes, to where the model `stands`, (m, 3) m, if it is elsewhere."""
-    stands = np.nanmean(stands, axis=0) if np.isfinite(stands).any() else np.array([0.0, 0.0, robot.length])
+    stands = stands.mean(axis=0) if np.isfinite(stands).all() else np.array([0.0, 0.0, robot.length])
     sag, chord = float(np.hypot(*stands[:2])), float(np.linalg.norm(stands))
     aside, away = float(np.hypot(*at_rest[:2])), float(np.copysign(np.linalg.norm(at_rest), at_rest[2]))
     # the sag that robot.yaml's weight and stiffness give may be half as large again
     near = abs(away - chord) <= 0.02 * robot.length and aside <= 0.05 * robot.length + 1.5 * sag
     if near if rests else np.linalg.norm(at_rest - stands) <= AT_BASE * robot.length:
         return
-    found, expected = (", ".join(f"{1e3 * v:.0f}" for v in place) for place in (at_rest, stands))
+    found, expected = (", ".join(str(round(1e3 * v)) for v in place) for place in (at_rest, stands))
     which = "at rest" if rests else "the robot is at rest in no row with a tip. In those with the lowest pressures"
     text = f"{which} the recorded tip is at ({found}) mm along the base's axes; the model expects ({expected}) mm"
     g.say("straight", "at rest", f"{text}: the origin is probably not at the base")
@@ -129,7 +126,7 @@ def _likeness(tip: Array, rest: Mask, robot: Robot, driven: Driven) -> Array:
         return np.zeros((3, 3))
     moved = tip[rows] - tip[still].mean(axis=0)
     for _ in range(3):
-        predicted = np.nan_to_num(driven.tips(robot, rows, size) - np.nanmean(driven.tips(robot, still), axis=0))
+        predicted = np.nan_to_num(driven.tips(robot, rows, size) - driven.tips(robot, still).mean(axis=0))
         solved = predicted.any(axis=1)
         far, predicted_far = (float(np.linalg.norm(movement[solved])) for movement in (moved, predicted))
         if not far * predicted_far > 0:

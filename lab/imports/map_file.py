@@ -248,8 +248,8 @@ class Map(FileTable):
     forces: Literal["base", "tip"] = "base"
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
     straight: Literal["as recorded", "at rest", "first state", "first row"] = "as recorded"
-    """Readings from which all points, the tip and markers, are moved to the model: those at rest, under its weight; or the first
-    state, or the first row of each file, of a straight robot."""
+    """Readings from which all points, the tip and markers, are moved to the model: those at rest, else with the lowest pressures,
+    under its weight; or the first state, or the first row of each file, of a straight robot."""
     states: States = States()
     """Which rows make a state."""
     trials: Trials = Trials()
