@@ -158,7 +158,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
         "column_in_unit": (
-            "column p{number} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; {remedy}{rather}"
+            "column p{number} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit or "
+            "scale{rather}"
         ),
         "stiffness_unit": (
             "{place}, column {column}: {value:.4g} {si} is {ratio:.2g} times the stiffness expected from robot.yaml's modulus; "

@@ -300,7 +300,6 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
     pressures, mapped = sample.table.pressures, sample.table.mapped
-    no_unit = mapped is not None and mapped.no_unit
     highest = np.abs(pressures).max(axis=0)
     pairs = [(i, j) for i, j in combinations(range(len(highest)), 2)
              if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
@@ -319,14 +318,13 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         for factor in factors:
             bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
             apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
-            yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k, mapped), apply, start, bound)
+            yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
     widest = float(np.log(2e5))
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
-            yield Edit(
-                "pressures", 0.3 if no_unit else 0.03, partial(_all_say, mapped, float(highest.max())), _all, starts, (bounds,)
-            )
+            prior, most = 0.3 if mapped is not None and mapped.no_unit else 0.03, float(highest.max())
+            yield Edit("pressures", prior, partial(_all_say, mapped, most), _all, starts, (bounds,))
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
         yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
@@ -346,32 +344,26 @@ def _gain(k: int, factor: float, v: Variants, own: Array) -> Variants:
     return replace(v, pressure=pressure)
 
 
-def _gain_says(
-    k: int, mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str
-) -> list[Finding]:  # fmt: skip
+def _gain_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     factor = float(np.exp(own[0]))
     if 1 / judgement.EDIT_USUAL_GAIN < factor < judgement.EDIT_USUAL_GAIN:
         return []
     unit = min(UNITS, key=lambda ratio: abs(np.log(ratio / factor)))
     looks = UNITS[unit] if abs(np.log(unit / factor)) < np.log(1.25) else "another unit"
-    remedy, short = remedies.of_unit(mapped, [k + 1], looks), f"column p{k + 1}"
-    return [finding("column_in_unit", number=k + 1, factor=factor, looks=looks, remedy=remedy, short=short, p=p, rather=rather)]
+    short = f"column p{k + 1}"
+    return [finding("column_in_unit", number=k + 1, factor=factor, looks=looks, short=short, p=p, rather=rather)]
 
 
 def _all(v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
 
 
-def _all_say(
-    mapped: Mapped | None, highest: float, robot: Robot, theta: Array, own: Array, p: float, rather: str
-) -> list[Finding]:
-    factor, words = float(np.exp(own[0] + theta[AREA])), robot.actuators.words
+def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
     units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
-    usual = robot.max_pressure or USUAL_PRESSURE  # units a few times apart are told by both
-    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * highest / usual) ** 2)
-    remedy = remedies.of_unit(mapped, range(1, 1 + len(robot.actuators.azimuths_deg)), units[unit])
-    values = {"factor": unit, "looks": units[unit], "short": words.fill("unit of the {pressures}"), "remedy": remedy}
-    return [finding("pressures_in_unit", words, **values, p=p, rather=rather)]
+    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * most / usual) ** 2)
+    values = {"factor": unit, "looks": units[unit], "remedy": remedies.of_unit(mapped, robot, units[unit])}
+    return [finding("pressures_in_unit", words, **values, short=words.fill("unit of the {pressures}"), p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
 from model.rotation import CONJUGATE, multiply
-from recordings.trials import Mapped, Table
+from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
@@ -43,7 +43,12 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
     for of in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
-            yield Edit("zero", 0.01, partial(_absolute_says, of, ambient, table.mapped), partial(_absolute, of, ambient))
+            yield Edit(
+                "zero",
+                0.01,
+                partial(_absolute_says, of, ambient, of_unit(table.mapped, robot, of.name)),
+                partial(_absolute, of, ambient),
+            )
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
@@ -142,14 +147,12 @@ def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
 
 
 def _absolute_says(
-    unit: Unit, ambient: float, mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str
+    unit: Unit, ambient: float, remedy: str, robot: Robot, theta: Array, own: Array, p: float, rather: str
 ) -> list[Finding]:  # fmt: skip
     short = "gauge or absolute pressures"
-    remedy = of_unit(mapped, range(1, 1 + len(robot.actuators.azimuths_deg)), unit.name)
-    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name, remedy=remedy)(
-        robot, theta, own, p, ""
-    )
-    return [*in_unit, *stating("pressures_absolute", short, ambient=ambient)(robot, theta, own, p, rather)]
+    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name, remedy=remedy)
+    absolute = stating("pressures_absolute", short, ambient=ambient)
+    return [*in_unit(robot, theta, own, p, ""), *absolute(robot, theta, own, p, rather)]
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:

@@ -23,17 +23,9 @@ from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import Table
 
 from .. import judgement
+from ..data import plausible
 from ..data.case import campaign_of
-from ..data.plausible import (
-    CHECK_FRAME,
-    FORCE_UNITS,
-    LENGTH_UNITS,
-    LOWEST_USUAL,
-    SHORTEST,
-    cantilevers,
-    complete,
-    implausible_values,
-)
+from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
 from .misfit import as_described
@@ -71,24 +63,23 @@ def read(robot: Robot, table: Table) -> Reading:
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
-    if (low := _no_unit(robot, table)) is not None and not any(f.code == "pressures_in_unit" for f, _ in found):
+    highest, mapped = float(np.nan_to_num(table.pressures).max(initial=0.0)), table.mapped
+    if (
+        mapped is not None
+        and mapped.no_unit
+        and 0 < highest < plausible.LOWEST_USUAL
+        and not (found and found[0][0].code in UNITS)
+    ):
+        words = robot.actuators.words
+        low = finding("pressures_without_unit", words, highest=highest, remedy=of_unit(mapped, robot, words.unit))
         found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]
-    if any(text.endswith(CHECK_FRAME) for text in impossible):
+    if any(text.endswith(plausible.CHECK_FRAME) for text in impossible):
         causes = [str(f) for f, _ in found if f.code in PLACES]
-        else_ = f"{CHECK_FRAME}; if its origin is not at the base, {of_origin(table.mapped)}"
-        impossible = tuple(text.replace(CHECK_FRAME, ", and ".join(causes) or else_) for text in impossible)
+        unknown = f"{plausible.CHECK_FRAME}; if its origin is not at the base, {of_origin(mapped)}"
+        impossible = tuple(text.replace(plausible.CHECK_FRAME, ", and ".join(causes) or unknown) for text in impossible)
         found = [one for one in found if str(one[0]) not in causes]
     refused = (*(str(f) for f, refuse in found if refuse), *impossible)
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
-
-
-def _no_unit(robot: Robot, table: Table) -> Finding | None:
-    """The finding that nothing says the unit of pressures which are low in Pa."""
-    mapped, words, highest = table.mapped, robot.actuators.words, float(np.nan_to_num(table.pressures).max(initial=0.0))
-    if mapped is None or not mapped.no_unit or not 0 < highest < LOWEST_USUAL:
-        return None
-    remedy = of_unit(mapped, range(1, 1 + len(robot.actuators.azimuths_deg)), words.unit)
-    return finding("pressures_without_unit", words, highest=highest, remedy=remedy)
 
 
 def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
 
-from recordings.trials import Mapped
+from model.robot import Robot
+from recordings.trials import Mapped, pressure_columns
 
 from ..arrays import Array
 
@@ -50,13 +50,13 @@ def of_origin(mapped: Mapped | None) -> str:
     return f"{at_rest}, or give the base's place as `zero` of columns x, y, z"
 
 
-def of_unit(mapped: Mapped | None, numbers: Sequence[int], unit: str) -> str:
-    """Say where the unit of the columns p1 .. of these numbers is stated."""
+def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
+    """Say where the unit of all pressures is stated."""
     if mapped is None or not mapped.call:
-        return "correct the unit in the table, or `unit` or `scale` in map.yaml"
-    names = dict(enumerate(mapped.headings, 1))
-    pairs = ", ".join(f'"p{k}": "{names.get(k, f"p{k}")} [{unit}]"' for k in numbers)
-    return f"write columns={{{pairs}}} in lab.case"
+        return "correct their unit in the table, or `unit` or `scale` in map.yaml"
+    names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
+    columns = ", ".join(f'"p{k}": "{name} [{unit}]"' for k, name in enumerate(names, 1))
+    return f"write columns={{{columns}}} in lab.case"
 
 
 def _write(key: str, value: str, mapped: Mapped) -> str:
