@@ -98,11 +98,8 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
 def _straight(g: Guess, at_rest: Array, stands: Array, robot: Robot, rests: bool) -> None:
     """Propose to move the resting tip, (3,) m in the base's axes, to where the model `stands`, (m, 3) m, if it is elsewhere."""
     stands = stands.mean(axis=0) if np.isfinite(stands).all() else np.array([0.0, 0.0, robot.length])
-    sag, chord = float(np.hypot(*stands[:2])), float(np.linalg.norm(stands))
-    aside, away = float(np.hypot(*at_rest[:2])), float(np.copysign(np.linalg.norm(at_rest), at_rest[2]))
-    # the sag that robot.yaml's weight and stiffness give may be half as large again
-    near = abs(away - chord) <= 0.02 * robot.length and aside <= 0.05 * robot.length + 1.5 * sag
-    if near if rests else np.linalg.norm(at_rest - stands) <= AT_BASE * robot.length:
+    # how far it sags or bends by robot.yaml's weight and stiffness may be half as much again
+    if np.linalg.norm(at_rest - stands) <= 0.05 * robot.length + 1.5 * np.hypot(*stands[:2]):
         return
     found, expected = (", ".join(str(round(1e3 * v)) for v in place) for place in (at_rest, stands))
     which = "at rest" if rests else "the robot is at rest in no row with a tip. In those with the lowest pressures"

@@ -340,7 +340,9 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     [
         ({}, FRAME, ""),
         ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are swapped"),
-        pytest.param({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml", marks=pytest.mark.long),
+        pytest.param(
+            {}, {"x": "x", "y": "-y", "z": "-z"}, "write `frame: {x: x, y: z, z: -y}` in map.yaml", marks=pytest.mark.long
+        ),
     ],
 )
 def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
