@@ -24,7 +24,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
+from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from ..findings import Finding, finding
 from . import remedies
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
@@ -166,11 +166,13 @@ def _length(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> li
 
 
 def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    if not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
+    away, other_size = float(np.linalg.norm(theta[ORIGIN])), abs(theta[AREA] - theta[MODULUS]) > np.log(2)
+    another_point = other_size and 0.3 < away < FARTHEST  # of the body: it moves less than the tip
+    if another_point or not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
         return []
     x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
     # farther away its place depends on axes that may be wrong, too
-    place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if np.linalg.norm(theta[ORIGIN]) < 0.5 else ""
+    place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
     values = {"x": x, "y": y, "z": z, "place": place, "remedy": remedies.of_origin(mapped), "short": "origin of the positions"}
     return [finding("origin_elsewhere", **values, p=p, rather=rather)]
 
