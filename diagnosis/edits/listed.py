@@ -173,8 +173,8 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: fl
     x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
     # farther away its place depends on axes that may be wrong, too
     place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
-    values = {"x": x, "y": y, "z": z, "place": place, "remedy": remedies.of_origin(mapped), "short": "origin of the positions"}
-    return [finding("origin_elsewhere", **values, p=p, rather=rather)]
+    remedy, short = remedies.of_origin(mapped), "origin of the positions"
+    return [finding("origin_elsewhere", x=x, y=y, z=z, place=place, remedy=remedy, short=short, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ the cameras' frame
@@ -364,8 +364,9 @@ def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
     units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * most / usual) ** 2)
-    values = {"factor": unit, "looks": units[unit], "remedy": remedies.of_unit(mapped, robot, units[unit])}
-    return [finding("pressures_in_unit", words, **values, short=words.fill("unit of the {pressures}"), p=p, rather=rather)]
+    looks, short = units[unit], words.fill("unit of the {pressures}")
+    remedy = remedies.of_unit(mapped, robot, looks)
+    return [finding("pressures_in_unit", words, factor=unit, looks=looks, remedy=remedy, short=short, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
-from .config import ConfigError, Source, check, load, parse_yaml, read_yaml
+from .config import ConfigError, Source, check, parse_yaml, read_yaml
 from .robot_numbers import doubts
 
 CASE = ("robot.yaml", "trials.csv")
@@ -92,12 +92,13 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 
 
 def _mapped(path: Path) -> Mapped | None:
-    """How the map.yaml of a case made its table; None where there is none."""
-    from ..imports.map_file import Map
-
-    with suppress(ConfigError):  # of another program
-        return Mapped(load(path, Map).frame.axes)
-    return None
+    """How the map.yaml of a case made its table; None where there is none, or one that is not of this program."""
+    try:
+        frame = {"x": "x", "y": "y", "z": "z"} | (read_yaml(path).table.get("frame") or {})
+    except (ConfigError, TypeError):
+        return None
+    axes = tuple(str(frame[axis]) for axis in "xyz")
+    return Mapped(axes) if all(re.fullmatch("[+-]?[xyz]", axis) for axis in axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

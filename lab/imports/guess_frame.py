@@ -13,10 +13,9 @@ import numpy as np
 
 from diagnosis.data.campaign import spread_over
 from model.arrays import Array, Ints, Mask
-from model.condition import HIGHEST_PRESSURE, conditions
+from model.condition import HIGHEST_PRESSURE
+from model.prediction import Predictor
 from model.robot import Robot
-from model.rods import FINE, solve
-from model.section import rods_of
 
 from .map_file import AXES, Frame
 from .proposal import Guess
@@ -45,9 +44,9 @@ class Driven:
 
     def tips(self, robot: Robot, rows: Ints, size: float = 1.0) -> Array:
         """(m, 3) m where the model has the tip, with pressures of another size; NaN where it has no equilibrium."""
-        pressures = np.clip(size * self.pressures[rows], 0.0, HIGHEST_PRESSURE)
-        found = solve(rods_of(robot, conditions(robot, 0.0, pressures, self.mass, np.radians(self.roll[rows]))), FINE)
-        return np.where(found.converged[:, None], found.tip, np.nan)
+        known = self.pressures if self.pressures.shape[1] else np.zeros((len(self.pressures), len(robot.actuators.azimuths_deg)))
+        pressures = np.clip(size * known[rows], 0.0, HIGHEST_PRESSURE)
+        return Predictor(robot)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
 
 
 def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robot: Robot, rests: bool, driven: Driven) -> None:
