@@ -316,11 +316,6 @@ class Table:
         """The same states with these columns (n,) in place of their own."""
         return replace(self, values={**self.values, **columns})
 
-    def moved(self, shift: Sequence[float]) -> Table:
-        """The same states with tip and markers moved by (3,) m."""
-        places = [name for name in sum(marker_columns(highest(self.columns)[1]), TIP) if name in self.columns]
-        return self.replaced({name: self.values[name] + shift["xyz".index(name[-1])] for name in places})
-
     def take(self, states: NDArray[Any]) -> Table:
         """The states picked by a mask (n,) or by indices (m,)."""
         return replace(self, values={name: column[states] for name, column in self.values.items()})
@@ -334,10 +329,6 @@ class Table:
         columns = {name: self.values[name].tolist() for name in self.columns}
         cells = (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
         return tuple(TrialRow.from_cells({n: v for n, v in row.items() if v == v and v != ""}) for row in cells)
-
-    def of_protocols(self, *protocols: str) -> Table:
-        """The states of these protocols."""
-        return self.take(np.isin(self.get("protocol"), protocols))
 
     # -- columns
     def __len__(self) -> int:

@@ -52,7 +52,7 @@ class Case(Shown):
 
     def of(self, *protocols: str) -> Table:
         """The rows of these protocols."""
-        return self.table.of_protocols(*protocols)
+        return self.table.take(np.isin(self.table.get("protocol"), protocols))
 
     @property
     def tips(self) -> tuple[States, Array, Ints]:

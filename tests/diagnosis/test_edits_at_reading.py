@@ -96,8 +96,6 @@ SILENT = Reading((), ())
         (pressures(1e-3, 101_325.0), ["look like kPa", "absolute"]),
         (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "hold what is now x, ", "-z"]),
-        pytest.param(moved((0, 0, 1), (1, 0, 0), (0, 1, 0)), ["the cameras' frame", "hold what is now y, z, x"],
-                     marks=pytest.mark.long),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (w_last, ["qw, qx, qy, qz", "hold x, y, z, w: exchange the columns"]),
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),

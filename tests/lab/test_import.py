@@ -132,7 +132,6 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
         ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "no pressure stands within 1 Pa for 0.5 s"),
-        ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "write `frame: {x: x, y: y, z: z}` in map.yaml"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:
