@@ -143,37 +143,38 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the base is tilted by {about} (p = {p:.2f}), but robot.yaml says gravity {given}: level the base, or state the tilt "
             "in robot.yaml (effects, base_tilt){rather}"
         ),
-        "frame_turned": ("the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): correct {line}{rather}"),
-        "frame_mirrored": (
-            "the cameras' frame is a mirror image of the base's (p = {p:.2f}): correct the sign of a column, or two columns "
-            "that are swapped, and {line}{rather}"
-        ),
+        "frame_turned": "the cameras' frame is turned by {angle:.0f} deg about {about} (p = {p:.2f}): {remedy}{rather}",
+        "frame_mirrored": "the cameras' frame is a mirror image of the base's (p = {p:.2f}): {remedy}{rather}",
+        "origin_elsewhere": ("the origin of the positions is not at the base{place} (p = {p:.2f}): {remedy}{rather}"),
         "frame_moved": (
             "the cameras' frame moved by {mm:.1f} mm at trial {trial} (p = {p:.2f}): subtract {by} from the tips from that trial "
             "on, or make two cases{rather}"
         ),
         "actuators_exchanged": (
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
-            "map.yaml, or their azimuths_deg in robot.yaml{rather}"
+            "its map, or their azimuths_deg in robot.yaml{rather}"
         ),
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
         "column_in_unit": (
-            "column p{number} must be {factor:.4g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit in "
-            "map.yaml, or its scale{rather}"
+            "column p{number} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit or "
+            "scale{rather}"
         ),
         "stiffness_unit": (
             "{place}, column {column}: {value:.4g} {si} is {ratio:.2g} times the stiffness expected from robot.yaml's modulus; "
             "it looks like {looks} (p = {p:.2f}). Write {si}: {remedy}"
         ),
         "pressures_in_unit": (
-            "the {pressures} must be {factor:.4g} times as large (p = {p:.2f}): they look like {looks}; correct their unit in "
-            "map.yaml, or their scale{rather}"
+            "the {pressures} must be {factor:.5g} times as large (p = {p:.2f}): they look like {looks}; {remedy}{rather}"
+        ),
+        "pressures_without_unit": (
+            "nothing says the unit of the {pressures}, so they were read as Pa, up to {highest:.4g}: if they are in {unit}, "
+            "{remedy}"
         ),
         "places_in_unit": (
-            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit in map.yaml, "
-            "or their scale{rather}"
+            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit or "
+            "scale{rather}"
         ),
         "attitudes_elsewhere": (
             "the tip's orientations (qw, qx, qy, qz) are in another frame or order than its positions (p = {p:.2f}): "
@@ -184,8 +185,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "(0, 0, {length:g}) m: add {length:g} to z{rather}"
         ),
         "points_exchanged": (
-            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in map.yaml"
-            "{rather}"
+            "the tip and marker {number} are swapped (p = {p:.2f}): swap their columns in the table, or points in its map{rather}"
         ),
         "axes_of_point": (
             "{point} uses other axes (p = {p:.2f}): along the base's axes its columns are {axes}; check columns x, y, z{rather}"

@@ -247,6 +247,20 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
     return tuple(cells[name] for name in names) if names[0] in cells else None
 
 
+@dataclass(frozen=True)
+class Mapped:
+    """How columns of another program became those of a table: what a message that names a remedy has to know."""
+
+    frame: tuple[str, ...] = ("x", "y", "z")
+    """Axis of the file for each axis of the base."""
+    call: bool = False
+    """Whether keys of lab.case state it, else map.yaml."""
+    headings: tuple[str, ...] = ()
+    """Of columns p1 .. of a call."""
+    no_unit: bool = False
+    """Whether nothing says the unit of these, which were read as Pa."""
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Table:
     """States as columns, in the order in which they were read. `trials["x"]` is a numpy column: NaN (or an empty text) where a
@@ -265,6 +279,8 @@ class Table:
     """What looked odd when the file was read, but may be right."""
     sensor_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
+    mapped: Mapped | None = None
+    """None where nothing states it: of recordings, and of a trials.csv without map.yaml."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", {name: self.values[name] for name in _ordered(self.values)})
@@ -292,16 +308,13 @@ class Table:
         """The states of several tables one after the other, with their own numbers."""
         tables = [table for table in tables if len(table)]
         names = {name for table in tables for name in table.values}
-        return cls({name: np.concatenate([table.get(name) for table in tables]) for name in names})
+        columns = {name: np.concatenate([table.get(name) for table in tables]) for name in names}
+        mapped = {table.mapped for table in tables}
+        return cls(columns, mapped=mapped.pop() if len(mapped) == 1 else None)
 
     def replaced(self, columns: Mapping[str, NDArray[Any]]) -> Table:
         """The same states with these columns (n,) in place of their own."""
         return replace(self, values={**self.values, **columns})
-
-    def moved(self, shift: Sequence[float]) -> Table:
-        """The same states with tip and markers moved by (3,) m."""
-        places = [name for name in sum(marker_columns(highest(self.columns)[1]), TIP) if name in self.columns]
-        return self.replaced({name: self.values[name] + shift["xyz".index(name[-1])] for name in places})
 
     def take(self, states: NDArray[Any]) -> Table:
         """The states picked by a mask (n,) or by indices (m,)."""

@@ -30,8 +30,11 @@ MOST_DEFLECTION = 0.3
 """Largest deflection of beam theory, as a share of the cantilever's length."""
 SHORTEST = 0.01
 """m; a shorter spine offers nothing to push on."""
+LOWEST_USUAL = 1e3
+"""Pa, below which the highest pressure of a soft robot is in another unit."""
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
+CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
 
@@ -63,8 +66,8 @@ def require_plausible(robot: Robot, table: Table) -> None:
 
 
 def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Table]:
-    """One message for each impossible value: column, value, what it looks like, what to write; and the states that can be
-    compared with a rod, tips in m."""
+    """One message for each impossible value: column, value, what it looks like, what to write (tips in another frame end with
+    `CHECK_FRAME`); and the states that can be compared with a rod, tips in m where their unit is known."""
     tips = table.take(table.with_tip & np.isfinite(table.spine_length))
     of_table = (_spines(robot, table), _masses(robot, table)) if len(table) else ()
     if not len(tips):
@@ -87,7 +90,7 @@ def _counts(robot: Robot, tips: Table) -> str:
 
 
 def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
-    """A message about tips too far from the base, empty where none is; and the states in m, none where their unit is unknown."""
+    """A message about tips too far from the base, empty where none is; and the states, in m where their unit is known."""
     distance = np.linalg.norm(tips.tip, axis=1)
     marker_off = float(np.linalg.norm([p.value for p in robot.effects.get("marker_offset", {}).values()]))
     far = distance > FARTHEST * robot.length + marker_off
@@ -100,7 +103,10 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
-        return f"{head}: check the unit (m) and the frame (base of the robot)", tips.take(np.arange(0))
+        apart = float(np.linalg.norm(np.ptp(tips.tip, axis=0)))
+        if apart > 4 * FARTHEST * robot.length:  # wherever the base is
+            return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: check their unit", tips.take(np.arange(0))
+        return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
     return f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}", in_m
 

@@ -20,12 +20,13 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply
 from model.section import body_mass
-from recordings.trials import TIP, Table
+from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement
 from ..arrays import Array
-from ..data.plausible import LENGTH_UNITS, PRESSURE_UNITS
+from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from ..findings import Finding, finding
+from . import remedies
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
 from .misfit import Fit, Sample
 
@@ -72,7 +73,6 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     half = ((-0.9, 0.9), (-0.9, 0.9))
     yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], half)
     yield Edit("length", 0.03, _length, _stretched, ((-0.05,), (0.05,)), ((-0.25, 0.35),))
-    yield Edit("origin", 0.03, _origin, starts=((0.0, 0.0, 0.0),), widens={5: 0.3, 6: 0.3, 7: 0.3})
 
 
 def _refitted(
@@ -165,18 +165,24 @@ def _length(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> li
     return [finding("length_differs", words, given=given, found=found, unit="mm", short="length", p=p, rather=rather)]
 
 
-def _origin(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    shift, remedy = theta[ORIGIN], f"; a map can take it off (`zero` of a column, or `straight: at rest`){rather}"
-    return [
-        _refitted(f"origin of the tip's {axis}", 0.0, 1e3 * float(d) * robot.length, "mm", p, remedy, _at_bound(d, 0.3))
-        for d, axis, usual in zip(shift, "xyz", judgement.EDIT_USUAL[ORIGIN], strict=True)
-        if abs(d) > usual
-    ]
+def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    away, other_size = float(np.linalg.norm(theta[ORIGIN])), abs(theta[AREA] - theta[MODULUS]) > np.log(2)
+    another_point = other_size and 0.3 < away < FARTHEST  # of the body: it moves less than the tip
+    if another_point or not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
+        return []
+    x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
+    # farther away its place depends on axes that may be wrong, too
+    place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
+    remedy, short = remedies.of_origin(mapped), "origin of the positions"
+    return [finding("origin_elsewhere", x=x, y=y, z=z, place=place, remedy=remedy, short=short, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ the cameras' frame
 def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
-    seen, robot = sample.table.tip, sample.robot
+    seen, robot, mapped = sample.table.tip, sample.robot, sample.table.mapped
+    off = near.theta[ORIGIN] - np.median(near.missed[: len(seen)], axis=0) / robot.length
+    widest = dict.fromkeys(range(5, 8), max(0.3, 2 * float(np.abs(off).max())))
+    yield Edit("origin", 0.03, partial(_origin, mapped), starts=(tuple(off.tolist()),), widens=widest)
     predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
     turn = Rotation.align_vectors(predicted, seen)[0]
     for handed in (1, -1):
@@ -184,9 +190,9 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             sign = np.array([1.0, 1.0, handed])
             quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
-            yield Edit("frame", 0.006, axes_say(axes), partial(_axes, quaternion, sign))
+            yield Edit("frame", 0.006, axes_say(axes, mapped), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
-    yield Edit("frame", 0.02, _turn_says, _turn, (start,), ((-4.0, 4.0),) * 3)
+    yield Edit("frame", 0.02, partial(_turn_says, mapped), _turn, (start,), ((-4.0, 4.0),) * 3)
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
             says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
@@ -212,28 +218,25 @@ def _turn(v: Variants, own: Array) -> Variants:
     return v.turned(from_vector(-own))
 
 
-def _turn_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
+def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
     turn = Rotation.from_rotvec(own)
     if turn.magnitude() < np.radians(judgement.EDIT_LEAST_TILT):
         return []
-    return axes_say(turn.inv().as_matrix(), turn.inv())(robot, theta, own, p, rather)
+    return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own, p, rather)
 
 
-def axes_say(axes: Array, turn: Rotation | None = None) -> Says:
-    """State the frame's angle and axis, and the line to correct; `axes` (3, 3), and `turn` without a mirror, lead to the base."""
+def axes_say(axes: Array, mapped: Mapped | None, turn: Rotation | None = None) -> Says:
+    """State the frame's angle and axis, and what to write; `axes` (3, 3), and `turn` without a mirror, lead to the base."""
     handed = np.round(np.linalg.det(axes))
     back = (turn or Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
-    named = [f"{'-' if row.sum() < 0 else ''}{'xyz'[int(np.abs(row).argmax())]}" for row in nearest]
     aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
-    line, short = "the cameras' axes", "the cameras' frame"
-    if aligned:
-        line = f"frame in map.yaml (in its present axes, x: {named[0]}, y: {named[1]}, z: {named[2]})"
+    remedy, short = remedies.of_frame(nearest, mapped) if aligned else "correct the cameras' axes", "the cameras' frame"
     if handed < 0:
-        return stating("frame_mirrored", short, line=line)
+        return stating("frame_mirrored", short, remedy=remedy)
     about = listed(back / max(angle, 1e-12))
-    return stating("frame_turned", short, angle=float(np.degrees(angle)), about=about, line=line)
+    return stating("frame_turned", short, angle=float(np.degrees(angle)), about=about, remedy=remedy)
 
 
 def _steps(sample: Sample, missed: Array) -> list[int]:
@@ -298,7 +301,7 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
 
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
-    pressures = sample.table.pressures
+    pressures, mapped = sample.table.pressures, sample.table.mapped
     highest = np.abs(pressures).max(axis=0)
     pairs = [(i, j) for i, j in combinations(range(len(highest)), 2)
              if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
@@ -322,7 +325,8 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
-            yield Edit("pressures", 0.03, _all_say, _all, starts, (bounds,))
+            prior, most = 0.3 if mapped is not None and mapped.no_unit else 0.03, float(highest.max())
+            yield Edit("pressures", prior, partial(_all_say, mapped, most), _all, starts, (bounds,))
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
         yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
@@ -356,11 +360,13 @@ def _all(v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
 
 
-def _all_say(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    factor, words = float(np.exp(own[0] + theta[AREA])), robot.actuators.words
-    unit = min(PRESSURES, key=lambda ratio: abs(np.log(ratio / factor)))
-    short = words.fill("unit of the {pressures}")
-    return [finding("pressures_in_unit", words, factor=unit, looks=PRESSURES[unit], short=short, p=p, rather=rather)]
+def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+    factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
+    units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
+    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * most / usual) ** 2)
+    looks, short = units[unit], words.fill("unit of the {pressures}")
+    remedy = remedies.of_unit(mapped, robot, looks)
+    return [finding("pressures_in_unit", words, factor=unit, looks=looks, remedy=remedy, short=short, p=p, rather=rather)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

@@ -98,7 +98,8 @@ class Sample:
     @cached_property
     def _content(self) -> tuple[str, ...]:
         columns = [("", self.condition), *sorted(self.table.values.items())]
-        return (self.robot.model_dump_json(), *(f"{name} {column.tobytes()!r}" for name, column in columns))
+        described = self.robot.model_dump_json(), repr(self.table.mapped)
+        return (*described, *(f"{name} {column.tobytes()!r}" for name, column in columns))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Sample) and self._content == other._content

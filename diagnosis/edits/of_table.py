@@ -22,6 +22,7 @@ from ..findings import Finding
 from .edit import Edit, Says, Variants, stating
 from .listed import FRAMES, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
+from .remedies import named, of_unit
 
 AT_REST = 0.03
 """Share of the range of pressures above the lowest within which a robot is at rest."""
@@ -42,7 +43,12 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
     for of in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
-            yield Edit("zero", 0.01, partial(_absolute_says, of, ambient), partial(_absolute, of, ambient))
+            yield Edit(
+                "zero",
+                0.01,
+                partial(_absolute_says, of, ambient, of_unit(table.mapped, robot, of.name)),
+                partial(_absolute, of, ambient),
+            )
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
@@ -57,7 +63,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
-            kind, says = ("frame", axes_say(axes)) if whole else ("points", _axes_of_one_say(bodies[0], axes))
+            kind, says = ("frame", axes_say(axes, table.mapped)) if whole else ("points", _axes_of_one_say(bodies[0], axes))
             turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
             yield Edit(kind, 0.02 / len(every), says, partial(_about_rest, axes, bodies, turn))
 
@@ -128,8 +134,8 @@ def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Varia
 
 def _axes_of_one_say(body: int, axes: Array) -> Says:
     point = "the tip" if body < 0 else f"marker {body + 1}"
-    named = [f"{a}: {'-' * bool(row.sum() < 0)}{'xyz'[int(np.abs(row).argmax())]}" for a, row in zip("xyz", axes, strict=True)]
-    return stating("axes_of_point", f"columns of {point}", point=point, axes=", ".join(named))
+    axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
+    return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
 
 
 def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
@@ -141,11 +147,12 @@ def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
 
 
 def _absolute_says(
-    unit: Unit, ambient: float, robot: Robot, theta: Array, own: Array, p: float, rather: str
+    unit: Unit, ambient: float, remedy: str, robot: Robot, theta: Array, own: Array, p: float, rather: str
 ) -> list[Finding]:  # fmt: skip
     short = "gauge or absolute pressures"
-    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name)(robot, theta, own, p, "")
-    return [*in_unit, *stating("pressures_absolute", short, ambient=ambient)(robot, theta, own, p, rather)]
+    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name, remedy=remedy)
+    absolute = stating("pressures_absolute", short, ambient=ambient)
+    return [*in_unit(robot, theta, own, p, ""), *absolute(robot, theta, own, p, rather)]
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:

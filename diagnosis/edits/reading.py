@@ -23,16 +23,22 @@ from model.section import annulus_second_moment, body_second_moment
 from recordings.trials import Table
 
 from .. import judgement
+from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
 from .edit import AREA, MODULUS
 from .misfit import as_described, sample_of
+from .remedies import of_origin, of_unit
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
 FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
+PLACES = (*FRAMES, "origin_elsewhere")
+"""Those which explain tips that no rod reaches."""
+OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
+"""What follows from pressures that were read in another unit."""
 PUSH_UNITS = [*(("force", "N", unit) for unit in FORCE_UNITS), *(("deflection", "m", unit) for unit in LENGTH_UNITS)]
 PRIOR, MODULUS_SD = 0.01, {"body": np.log(3.0), "spine": np.log(6.0)}
 """Of each of them; s: a body's modulus is known within a few, a jammed spine's may be a guess."""
@@ -55,7 +61,18 @@ def read(robot: Robot, table: Table) -> Reading:
     found = [(f, True) for f in _wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
-    refused = (*impossible, *(str(f) for f, refuse in found if refuse))
+    found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
+    highest, mapped, words = float(np.nan_to_num(table.pressures).max(initial=0.0)), table.mapped, robot.actuators.words
+    no_unit = mapped is not None and mapped.no_unit and 0 < highest < plausible.LOWEST_USUAL
+    if no_unit and not any(f.code == "pressures_in_unit" for f, _ in found):
+        low = finding("pressures_without_unit", words, highest=highest, remedy=of_unit(mapped, robot, words.unit))
+        found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]
+    if any(text.endswith(plausible.CHECK_FRAME) for text in impossible):
+        causes = [str(f) for f, _ in found if f.code in PLACES]
+        unknown = f"{plausible.CHECK_FRAME}; if its origin is not at the base, {of_origin(mapped)}"
+        impossible = tuple(text.replace(plausible.CHECK_FRAME, ", and ".join(causes) or unknown) for text in impossible)
+        found = [one for one in found if str(one[0]) not in causes]
+    refused = (*(str(f) for f, refuse in found if refuse), *impossible)
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
 
 

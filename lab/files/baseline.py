@@ -69,7 +69,7 @@ def _demand_plausible(name: str, made: Baseline, case: Case) -> None:
 
     measured = {n: c for n, c in case.table.values.items() if n[0] not in "mq"}
     predicted = {n: c for n, c in made.predicted.values.items() if n[0] in "xyzp"}
-    states = replace(case.table, values=measured | predicted).take(made.predicted.with_tip)
+    states = replace(case.table, values=measured | predicted, mapped=None).take(made.predicted.with_tip)
     if refused := read(case.robot, states).refused:
         raise ConfigError("\n".join(f"{name}: {text}" for text in refused))
 

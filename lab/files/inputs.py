@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import Table
+from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
@@ -71,7 +72,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         if path.is_dir():
             if robot_path is None:
                 sources.append(read_yaml(path / "robot.yaml"))
-            parts.append((str(path / "trials.csv"), read_csv(path / "trials.csv")))
+            parts.append((str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml"))))
     parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
         sources += map(_attached_robot, recordings)
@@ -86,6 +87,16 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
     return case_of(robot, parts, source.name, source.text.decode())
 
 
+def _mapped(path: Path) -> Mapped | None:
+    """How the map.yaml of a case made its table; None where there is none, or one that is not of this program."""
+    try:
+        frame = {"x": "x", "y": "y", "z": "z"} | (read_yaml(path).table.get("frame") or {})
+    except (ConfigError, TypeError):
+        return None
+    axes = tuple(str(frame[axis]) for axis in "xyz")
+    return Mapped(axes) if all(re.fullmatch("[+-]?[xyz]", axis) for axis in axes) else None
+
+
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:
     """Tables, each with its name, as one case; `robot_name`: where the robot was read. Raises ConfigError as `read_case`."""
     from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
@@ -95,7 +106,7 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
         reading = read(robot, table)
         if reading.refused:
             raise ConfigError("\n".join(f"{file}: {text}" for text in reading.refused))
-        asked += (f"{file}: {text}" for text in (*table.warnings, *reading.asked))
+        asked += (f"{file}: {text}" for text in (*reading.asked, *table.warnings))
     table = Table.joined(table for _, table in parts)
     units = {column: unit for _, part in parts for column, unit in part.sensor_units.items()}
     warnings = (*asked, *doubts(robot, table, robot_name))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.table_file import checked, lacks
-from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Table, column_order, unit_of
+from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, pressure_columns, unit_of
 
 from ..files.config import ConfigError, FileTable, Source, check
 from .formats import of_data_frame
@@ -55,7 +55,14 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)
-    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
+    table = replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
+    return _of_call(table, wanted.columns, Mapped(wanted.frame.axes, no_unit=quantities.no_unit))
+
+
+def _of_call(table: Table, columns: Mapping[str, Column], mapped: Mapped) -> Table:
+    """The table, with the headings of its pressures, for messages that name an argument."""
+    headings = tuple(str(columns[name].column) for name in pressure_columns(len(columns)) if name in columns)
+    return replace(table, mapped=replace(mapped, call=True, headings=headings))
 
 
 class _Columns(FileTable):
@@ -85,7 +92,7 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    return replace(table, warnings=(*left_out_notes, *table.warnings))
+    return _of_call(replace(table, warnings=(*left_out_notes, *table.warnings)), columns, Mapped(no_unit=file.no_unit))
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -111,7 +118,8 @@ def _own_names(series: Series) -> dict[str, Any]:
     for name in (*series.numbers, *series.words):
         stated = heading(name, series.units.get(name, ""))
         if (own := own_column(stated)) is not None:
-            out.setdefault(own, {"column": name} | ({} if stated.unit or own in TEXTS else {"unit": unit_of(own)}))
+            told = stated.unit or own in TEXTS or re.fullmatch(r"p\d+", own)  # pressures in Pa are noted
+            out.setdefault(own, {"column": name} | ({} if told else {"unit": unit_of(own)}))
     return out
 
 

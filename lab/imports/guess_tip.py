@@ -8,24 +8,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.arrays import Array, Mask
-from model.condition import conditions
 from model.robot import Robot
-from model.rods import FINE, solve
-from model.section import rods_of
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
+from .guess_frame import Driven, guess_frame
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
 from .joining import JOIN
 from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
 from .series import Series, at_rest, unit_in, unseen
-
-Complex = NDArray[np.complex128]
 
 ORDERS_IN_WORDS = (
     "small letters turn about fixed axes (extrinsic, as in SciPy), capitals about axes that turn with the body (intrinsic); "
@@ -35,8 +30,6 @@ NO_ORDER_FITS = 10.0
 """Deg (rms) that the tip may turn about other axes than that of its bending under the best order of three angles."""
 FITS = 1.5
 """Largest factor between the resting tip's distance and the robot's length that identifies a unit of length."""
-
-AXES_OF_BASE = "axis of the robot's base (z from base to tip): axis of the file"
 
 
 @dataclass(frozen=True)
@@ -83,12 +76,6 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         )
     rests = bool((rest & has_place).any())
     rest = rest & has_place if rests else _lowest(g, series, has_place, robot)
-    if not rests:
-        g.doubt(
-            "frame",
-            "the robot is at rest in no row with a tip. Axes and unit were taken from the rows with the lowest "
-            f"{robot.actuators.words.pressures}; the position of the straight robot is unknown (straight)",
-        )
     unit, why = _length_unit(g, tip_unit, tips[0], from_base[rest], robot.length)
     names = [c for t in tips for c in t.columns]
     if bases or len(tips) > 1:
@@ -108,9 +95,9 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     markers = dict(sorted(markers.items(), key=lambda place: _spread(place[1])))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen at rest
-        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in (from_base, *markers.values())]
-    pushed = _Pushed(_push(g, series, headings, robot), _mass_at_rest(series, rest))
-    _frame(g, from_base * KINDS["m"][unit], resting, robot, rests, pushed)
+        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in markers.values()]
+    in_m = from_base * KINDS["m"][unit]
+    guess_frame(g, in_m, rest, resting, robot, rests, _driven(g, series, headings, robot, rest))
     for k, t in enumerate(markers, 1):
         g.say(f"points.m{k}.of", [list(t.columns)], "in the order of their motion; the one nearest to the base moves least")
         if bases:
@@ -123,7 +110,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         g.doubts.append(
             f"not used: {', '.join('/'.join(t.columns) for t in other_places)}; markers along the body go under points.m1 .."
         )
-    return Tip(tuple(names), from_base * KINDS["m"][unit], rest, tuple(c for t in candidates for c in t.columns))
+    return Tip(tuple(names), in_m, rest, tuple(c for t in candidates for c in t.columns))
 
 
 def _still(g: Guess, series: Series, others: Sequence[Triple], tip: Triple) -> list[Triple]:
@@ -190,81 +177,6 @@ def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> 
     return best, why
 
 
-@dataclass(frozen=True)
-class _Pushed:
-    """Loads on the tip."""
-
-    aside: Complex
-    """(n,) where chambers push or tendons pull it, x + iy of the base; NaN where unknown."""
-    mass_at_rest: float | None
-    """kg that hang there at rest, where the file says so."""
-
-
-def _frame(g: Guess, tip: Array, resting: Sequence[Array], robot: Robot, rests: bool, pushed: _Pushed) -> None:
-    """Propose the frame: z along the axis of the file on which the resting tip, or a marker nearer to the base, is far from the
-    base; x and y, right-handed, so that the tip moves where the actuators push it.
-    Where the resting body shows no z, actuators decide all three axes. A tip that rests elsewhere than the model does makes
-    `straight: at rest` a proposal. `tip`: (n, 3) m, `resting`: (3,) m of the tip and of markers, from the base on, in the rows at
-    rest; `rests`: whether the robot rests in them."""
-    at_rest = resting[0]
-    away = float(np.linalg.norm(at_rest))
-    aside = _aside(at_rest)
-    sag, chord = _under_its_weight(robot, pushed.mass_at_rest)
-    # the sag that robot.yaml's weight and stiffness give may be half as large again
-    elsewhere = rests and (abs(away - chord) > 0.02 * robot.length or aside > 0.05 * robot.length + 1.5 * sag)
-    # the body sags least at its base; one that rests farther off the longest axis does not tell which way it points
-    first, arc = (resting[1], robot.markers[0]) if len(resting) > 1 else (at_rest, robot.length)
-    if not abs(np.linalg.norm(first) / arc - 1) < 0.25:  # the base is elsewhere
-        first, arc = at_rest, robot.length
-    shows_z = _aside(first) <= 0.5 * arc
-    z_axes = [_axis(first)] if shows_z else ["z", "-z", "x", "-x", "y", "-y"]
-    frames = [Frame(x=x, y=y, z=z) for z in z_axes for x, y in _turned(z)]
-    agreement = [_agreement(pushed.aside, tip - at_rest, frame) for frame in frames]
-    best = int(np.argmax(agreement))
-    axes = frames[best]
-    sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
-    bends = f"the tip bends {sense} (agreement of directions {agreement[best]:.2f} of 1)"
-    if agreement[best] < 0.9 and np.isfinite(pushed.aside).any():
-        g.doubts.append(
-            f"frame.x, frame.y: with the base's x along the file's {axes.x} and its y along the file's {axes.y} {bends}. This is "
-            "the best turn about the base's z, but the data do not force it. If base and cameras have not moved since an earlier "
-            "table, copy the frame from its map"
-        )
-    if not shows_z:
-        other_axes = [x for x, frame in zip(agreement, frames, strict=True) if frame.z != axes.z]
-        g.doubt(
-            "frame.z",
-            "the resting tip does not determine which axis points from base to tip. The file's "
-            f"{axes.z} fits best: bending directions agree to {agreement[best]:.2f} (next best axis {max(other_axes):.2f})",
-        )
-    if (axes.x, axes.y, axes.z) != ("x", "y", "z"):
-        shown_by = "the resting body begins along" if shows_z else "the tip bends across"
-        why = f"{AXES_OF_BASE}: {shown_by} the file's {axes.z}, the base's z; with these x and y {bends}"
-        g.say("frame", {"x": axes.x, "y": axes.y, "z": axes.z}, why)
-    if elsewhere:
-        text = (
-            f"at rest the recorded tip is {away * 1e3:.0f} mm from the origin and {aside * 1e3:.0f} mm off the axis; the model "
-            f"expects {chord * 1e3:.0f} mm and {sag * 1e3:.0f} mm. The origin is probably not at the base"
-        )
-        g.say("straight", "at rest", f"{text}: markers were placed elsewhere")
-        g.doubt(
-            "straight",
-            f"{text}. `at rest` moves all points to the model's rest position, which hides any error at rest. To see that "
-            "error, measure the base position in camera coordinates and enter it as `zero` of columns x, y, z",
-        )
-
-
-def _axis(place: Array) -> str:
-    """The axis of the file on which a place is farthest from the base, with its sign."""
-    along = int(np.argmax(np.abs(place)))
-    return "-" * bool(place[along] < 0) + "xyz"[along]
-
-
-def _aside(place: Array) -> float:
-    """m off that axis."""
-    return float(np.linalg.norm(np.delete(place, int(np.argmax(np.abs(place))))))
-
-
 def _mass_at_rest(series: Series, rest: Mask) -> float | None:
     """kg that hang at the tip in the rows at rest, where a column of the file says so; else None."""
     for name, values in series.numbers.items():
@@ -275,30 +187,11 @@ def _mass_at_rest(series: Series, rest: Mask) -> float | None:
     return None
 
 
-def _under_its_weight(robot: Robot, mass: float | None) -> tuple[float, float]:
-    """m that the tip at rest lies off the axis, and m from the base; of a straight one where it cannot stand. `mass`: kg."""
-    still = np.zeros((1, len(robot.actuators.azimuths_deg)))
-    found = solve(rods_of(robot, conditions(robot, 0.0, still, mass)), FINE)
-    tip = found.tip[0] if found.converged[0] else np.array([0.0, 0.0, robot.length])
-    return float(np.hypot(tip[0], tip[1])), float(np.linalg.norm(tip))
-
-
-def _turned(z: str) -> list[tuple[str, str]]:
-    """x and y of the four right-handed frames with this z."""
-    along = "xyz".index(z[-1])
-    first, second = "xyz"[(along + 1) % 3], "xyz"[(along + 2) % 3]
-    one, two = (second, first) if z.startswith("-") else (first, second)
-    return [(one, two), (two, f"-{one}"), (f"-{one}", f"-{two}"), (f"-{two}", one)]
-
-
-def _push(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Complex:
-    """(n,) where chambers push or tendons pull the tip, x + iy of the base, turned as the body is mounted; NaN where unknown."""
-    towards = robot.bending_directions
-    pressure = proposed_pressures(g, series, robot)
-    if pressure.shape[1] != len(towards):
-        return np.full(len(series), np.nan + 0j)
-    push: Complex = (pressure - np.nanmin(pressure, axis=0)) @ towards  # columns hold a number each
-    return push * np.exp(1j * np.radians(_roll(series, headings)))
+def _driven(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot, rest: Mask) -> Driven:
+    """What drives the robot in all rows; pressures only where each actuator has a column of its own."""
+    pressures = proposed_pressures(g, series, robot)
+    own = pressures if pressures.shape[1] == len(robot.actuators.azimuths_deg) else pressures[:, :0]
+    return Driven(own - np.nanmin(own, axis=0, initial=np.inf), _roll(series, headings), _mass_at_rest(series, rest))
 
 
 def _roll(series: Series, headings: Sequence[Heading]) -> Array:
@@ -315,14 +208,6 @@ def changes_throughout(angle: Array) -> bool:
     """Whether an angle changes between most rows rather than now and then."""
     steps = np.abs(np.diff(angle[np.isfinite(angle)]))
     return bool(len(steps) and (steps > 0).mean() > 0.5)
-
-
-def _agreement(push: Complex, moved: Array, frame: Frame) -> float:
-    """Cosine between where the tip moves across and where it is pushed, over all rows."""
-    across = (moved @ frame.matrix.T)[:, :2] @ np.array([1.0, 1.0j])
-    seen = np.isfinite(push) & np.isfinite(across)
-    size = float(np.linalg.norm(push[seen]) * np.linalg.norm(across[seen]))
-    return float((push[seen] * across[seen].conj()).real.sum() / size) if size > 0 else 0.0
 
 
 def guess_quaternion(g: Guess, series: Series, found: Sequence[tuple[str, str, str, str]], tip: Sequence[str]) -> None:

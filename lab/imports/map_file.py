@@ -114,10 +114,15 @@ class Frame(FileTable):
         return self
 
     @property
+    def axes(self) -> tuple[str, str, str]:
+        """Of the file, along x, y and z of the base."""
+        return self.x, self.y, self.z
+
+    @property
     def matrix(self) -> Array:
         """(3, 3) from recorded to robot's coordinates."""
         rows = np.zeros((3, 3))
-        for i, name in enumerate((self.x, self.y, self.z)):
+        for i, name in enumerate(self.axes):
             axis, sign = AXES[name]
             rows[i, axis] = sign
         return rows
@@ -243,8 +248,8 @@ class Map(FileTable):
     forces: Literal["base", "tip"] = "base"
     """Axes of force_x, force_y, force_z: of the base, or of a sensor that turns with the tip."""
     straight: Literal["as recorded", "at rest", "first state", "first row"] = "as recorded"
-    """Readings from which all points, the tip and markers, are moved to the model: those at rest, under its weight; or the first
-    state, or the first row of each file, of a straight robot."""
+    """Readings from which all points, the tip and markers, are moved to the model: those at rest, else with the lowest pressures,
+    under its weight; or the first state, or the first row of each file, of a straight robot."""
     states: States = States()
     """Which rows make a state."""
     trials: Trials = Trials()

@@ -108,11 +108,16 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
 
 
 # ------------------------------------------------------------------ at rest
+REST = 2e3
+"""Pa within which a robot at rest is read: zeros of sensors are not exact."""
+
+
 def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, scipy.spatial.transform.Rotation, Array]:
     """Tip (n, 3) m, its turn and markers (n, k, 3) m of states in the base frame, as the model of robot.yaml has them: with their
-    spine, mass, roll and force, without pressure. Raises ConfigError where it finds no equilibrium."""
+    spine, mass, roll and force, without pressures up to `REST`. Raises ConfigError where it finds no equilibrium."""
+    vented = bool(np.nan_to_num(np.abs(states.pressures)).max(initial=0.0) < REST)
     try:
-        model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented=True), np.array(robot.markers))
+        model = ForwardModel.of_single_states(robot).at(settings(robot, states, vented), np.array(robot.markers))
         read = model.read(np.zeros(len(model.parameters)))
     except ModelError as e:
         raise ConfigError(f"straight: at rest: {e}") from e

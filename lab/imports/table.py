@@ -16,13 +16,14 @@ import scipy
 from numpy.typing import NDArray
 
 from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns, pressure_columns
+from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from .clock import BETWEEN_RUNS, EPOCH
@@ -30,7 +31,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import AXES, Map, Name, named
-from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
+from .places import REST, Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -40,8 +41,6 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
-REST_STEP = 2e3
-"""Pa by which pressures at rest may differ."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
@@ -240,6 +239,7 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
+        table = replace(table, mapped=Mapped(wanted.frame.axes, no_unit=any(q.no_unit for _, q, _ in every)))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
@@ -294,6 +294,8 @@ def _demand_mounted(states: Table) -> None:
 def _why(wanted: Map, q: FileRows) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
+    if q.no_unit and np.nanmax(q.table.pressures) < LOWEST_USUAL:
+        return "nothing says the unit of the pressures, which were read as Pa: name it, as in 'p1 [kPa]' or columns.p1.unit"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
@@ -387,8 +389,9 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
-    """States moved so that those at rest (`first state`, or the mean of all: `at rest`) are where the robot stands then."""
-    level = np.round(np.abs(table.pressures).max(axis=1) / REST_STEP)
+    """States moved so that those with the lowest pressures (`first state`, or the mean of all: `at rest`) are where the robot
+    stands then."""
+    level = np.round(np.abs(table.pressures).max(axis=1) / REST)
     resting = np.flatnonzero(level == level.min())
     turns, turned = _turns(table)
     if straight == "first state":

@@ -138,6 +138,9 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         try:
             result = imported(inputs, load(place / MAP, Map), robot)
             reading = judged(robot, result.table)
+            if reading.refused:  # an import by this map would be, too
+                unsettled = replace(proposed, doubts=[*proposed.doubts, *reading.refused])
+                replaced(place / MAP, guess_text(unsettled, Path("robot.yaml"), [series.path], series.form))
             checks += (*reading.refused, *doubts(robot, result.table, str(robot_path)), *reading.asked)
             checks += (*result.questions, *result.unread)
             from ..pages.import_figure import draw

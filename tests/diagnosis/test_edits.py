@@ -168,7 +168,10 @@ def test_an_order_that_was_found_is_written_into_the_robot(case: Measured) -> No
 def test_an_origin_elsewhere_is_taken_off_all_positions(case: Measured) -> None:
     first = edit_first(ROBOT, states(moved(case, (0.03, 0.0, -0.02)))[0])
     assert first.states.tip == pytest.approx(states(case)[0].tip, abs=5e-3)
-    assert {c.values["name"] for c in first.changes} == {"origin of the tip's x", "origin of the tip's z"}
+    (change,) = first.changes
+    assert [change.values[a] for a in "xyz"] == pytest.approx(
+        [30, 0, -20], abs=5
+    ) and "the base, which lies at (" in first.headline
     assert first.moved(states(moved(case, (0.03, 0.0, -0.02)))[0]).tip == pytest.approx(first.states.tip)
 
 

@@ -1,5 +1,7 @@
 """`lab.case(frame, robot)`: a pandas DataFrame as a case, as `lab import` reads the same table from a file."""
 
+import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -84,6 +86,20 @@ def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None
 def test_a_wrong_column_is_named_with_place_and_remedy(change: Callable[[Any], Any], columns: Any, match: str) -> None:
     with pytest.raises(ConfigError, match=match):
         lab.case(change(FRAME), ROBOT, columns=COLUMNS | columns if isinstance(columns, dict) else columns)
+
+
+@pytest.mark.parametrize("wrong", [{}, {"states": {"plateaus": {"steady": 1000.0}}}, {"frame": {"x": "x", "y": "z", "z": "-y"}}])
+def test_a_unit_that_is_missing_is_named_first_with_what_to_write(wrong: dict[str, Any]) -> None:
+    bare = FRAME.rename(columns={f"P{k} [kPa]": f"left {k}" for k in (1, 2, 3)})
+    columns = COLUMNS | {f"p{k}": f"left {k}" for k in (1, 2, 3)}
+    with pytest.raises(ConfigError) as refused:
+        lab.case(bare, ROBOT, columns=columns, **wrong)
+    first = str(refused.value).splitlines()[0]
+    assert "the pressures must be 1000 times as large" in first or "nothing says the unit of the pressures" in first
+    line = re.search("write columns=({.*?}) in lab.case", first)
+    if line is not None:
+        assert lab.case(bare, ROBOT, columns=columns | json.loads(line[1])) == lab.case(FRAME, ROBOT, columns=COLUMNS)
+    assert ("no pressure stands" not in str(refused.value)) and (line is not None or "states" in wrong)
 
 
 def test_values_that_cannot_be_right_are_refused_as_those_of_a_file(small_case: Path) -> None:

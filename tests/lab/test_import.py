@@ -2,13 +2,16 @@
 
 import json
 import pickle
+import re
 import shlex
 import sys
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pyarrow.parquet
 import pytest
 import yaml
@@ -19,10 +22,11 @@ from mcap_ros2.writer import Writer as Ros2Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
 
+import lab
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
-from lab.imports.map_file import Plateaus, Source
+from lab.imports.map_file import Frame, Plateaus, Source
 from lab.imports.trials import plateaus
 from model.robot import Robot
 from recordings.table_file import read_csv
@@ -128,7 +132,6 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
         ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "no pressure stands within 1 Pa for 0.5 s"),
-        ({"columns": COLUMNS, "frame": {"x": "-x", "y": "y", "z": "-z"}}, "in its present axes, x: -x, y: y, z: -z"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:
@@ -401,21 +404,69 @@ def test_headings(name: str, said: tuple[tuple[str, ...], str]) -> None:
     assert quantity(heading("Payload [g]")) == "tip_mass" and quantity(heading("colour")) is None
 
 
-def test_which_way_cameras_look_follows_from_how_chambers_bend(tmp_path: Path, cli: Cli) -> None:
-    file, out = tmp_path / "far.csv", tmp_path / "map"
-    lines = ["P1 [kPa],P2 [kPa],P3 [kPa],Tip X [mm],Tip Y [mm],Tip Z [mm]"]
-    for chamber, azimuth in enumerate(AZIMUTHS):
-        for level in (0.0, 20.0, 40.0, 20.0, 0.0):
-            bent = 0.01 * level
-            x, y, z = -bent * np.cos(azimuth) * 80, -bent * np.sin(azimuth) * 80, 150 - 30 * bent**2
-            # the cameras' Y points down along the robot, their Z along its -y; they stand elsewhere
-            read_here = (400 + x, -35 + z, 1500 - y)
-            lines.append(",".join(f"{v:.3f}" for v in (*(level * (k == chamber) for k in range(3)), *read_here)))
-    file.write_text("\n".join(lines))
-    said = cli("import", file, "--guess", "--robot", ROBOT, "--out", out).flat_err
-    proposed = yaml.safe_load((out / "map.yaml").read_text())
-    assert proposed["frame"] == {"x": "x", "y": "-z", "z": "y"} and "to check, listed under `unconfirmed` in" in said
-    assert "The file's y fits best" in " ".join(proposed["unconfirmed"]) and "fits best" not in said
+FRAME = {"x": "x", "y": "-z", "z": "y"}
+"""y of the cameras points down along the robot."""
+
+
+def seen(path: Path, away: Sequence[float] = (0, 0, 0), levels: Sequence[float] = (0, 40, 80, 40, 0), chambers: int = 3) -> Path:
+    """Where the model's tip is when chambers are inflated in turn to levels (kPa), with the base `away` (robot lengths, base's
+    axes) from the cameras' origin."""
+    robot, scatter = lab.load_robot(ROBOT), np.random.default_rng(1)
+    inflated = np.array([level * np.eye(3)[k] for k in range(chambers) for level in levels])
+    base = lab.predict(robot, 1e3 * inflated).tip + robot.length * np.array(away) + scatter.normal(0, 1e-4, (len(inflated), 3))
+    rows = np.column_stack([inflated, 1e3 * base @ Frame(**FRAME).matrix])
+    lines = ["P1 [kPa],P2 [kPa],P3 [kPa],Tip X [mm],Tip Y [mm],Tip Z [mm]", *(",".join(f"{v:.3f}" for v in row) for row in rows)]
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("levels", [(0, 40, 80, 40, 0), (30, 50, 80, 50, 30)], ids=["with rests", "never at rest"])
+@pytest.mark.parametrize("away", [(0, 0, 0), (3, -1, 2), (0, 0, -2), (0.1, 0.6, -1)])
+def test_the_frame_is_guessed_by_how_the_tip_moves_wherever_the_origin_is_and_its_map_is_taken(
+    away: tuple[float, ...], levels: tuple[float, ...], tmp_path: Path, cli: Cli
+) -> None:
+    file = seen(tmp_path / "table.csv", away, levels)
+    proposed = yaml.safe_load((map_file := guessed(cli, file)).read_text())
+    assert proposed["frame"] == FRAME and ("straight" in proposed) == any(away)
+    # two lengths behind the base, the resting body lies along the other direction
+    assert ("frame.z" in str(proposed.get("unconfirmed"))) == (away == (0, 0, -2))
+    model = lab.predict(lab.load_robot(ROBOT), np.array([[1e3 * levels[0], 0, 0]])).tip[0]
+    assert tips(case(cli, file, map_file))[0] == pytest.approx(1e3 * model, abs=1)
+
+
+def test_a_frame_that_little_movement_does_not_show_is_unconfirmed(tmp_path: Path, cli: Cli) -> None:
+    file = seen(tmp_path / "table.csv", (3, -1, 2), (0, 5, 10, 5, 0), chambers=1)
+    assert "frame.z: neither the resting tip nor its movement" in guessed(cli, file).read_text()
+
+
+def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -> None:
+    for away in ((0, 0, 0), (3, -1, 2)):
+        file = seen(tmp_path / "table.csv", away)
+        file.write_text(file.read_text().replace("P2 [kPa],P3", "P3 [kPa],P2", 1))
+        proposed = yaml.safe_load(guessed(cli, file).read_text())
+        assert proposed["frame"]["z"] == "y" and "Two columns of the tip or of the actuators" in str(proposed["unconfirmed"])
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"x": "x", "y": "z", "z": "-y"}, {"x": "y", "y": "z", "z": "x"}, {"x": "-x", "y": "z", "z": "y"}]
+)
+def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(wrong: dict[str, str], tmp_path: Path, cli: Cli) -> None:
+    file = seen(tmp_path / "table.csv")
+    values = yaml.safe_load((map_file := guessed(cli, file)).read_text()) | {"frame": wrong, "straight": "at rest"}
+    values.pop("unconfirmed", None)
+    map_file.write_text(yaml.safe_dump(values))
+    said = cli("import", file, "--map", map_file, "--out", tmp_path / "case", code=(0, 2)).flat_err
+    line = re.search("write `(frame: .*?)` in map.yaml", said)
+    assert line is not None and yaml.safe_load(line[1]) == {"frame": FRAME}, said
+    columns = {f"p{k}": f"P{k} [kPa]" for k in (1, 2, 3)} | {a.lower(): f"Tip {a} [mm]" for a in "XYZ"}
+    keys: dict[str, Any] = {"columns": columns, "frame": wrong, "straight": "at rest"}
+    try:
+        said = " ".join(lab.case(pandas.read_csv(file), ROBOT, **keys).table.warnings)
+    except ConfigError as e:
+        said = str(e)
+    argument = re.search("write frame=(.*?) in lab.case", said)
+    assert argument is not None and json.loads(argument[1]) == FRAME
+    assert not lab.case(pandas.read_csv(file), ROBOT, **keys | {"frame": FRAME}).table.warnings
 
 
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:

@@ -331,7 +331,7 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
         row[4:7] = map(cell, (x - 700 + aside, y - (20 if aside > 10 else 0), z - 40))
     known.write(head, rows)
     said = known.imported().flat_err
-    assert ("origin of the tip's x 30" in said) == asked
+    assert ("the base, which lies at (30" in said) == asked
     assert ("straight: at rest" in said) == asked
 
 
@@ -340,7 +340,9 @@ def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
     [
         ({}, FRAME, ""),
         ({"p1": "Seil_2 [N]", "p2": "Seil_1 [N]"}, FRAME, "tendons 1 and 2 are swapped"),
-        pytest.param({}, {"x": "x", "y": "-y", "z": "-z"}, "correct frame in map.yaml", marks=pytest.mark.long),
+        pytest.param(
+            {}, {"x": "x", "y": "-y", "z": "-z"}, "write `frame: {x: x, y: z, z: -y}` in map.yaml", marks=pytest.mark.long
+        ),
     ],
 )
 def test_exchanged_tendons_and_axes_are_asked_about_at_import_and_by_compare(
@@ -401,10 +403,15 @@ def test_a_table_without_a_row_at_rest_has_a_map_proposed_and_marked(trunk: Trun
     head, rows = trunk.read()
     trunk.write(head, [row for row in rows if any(number(c) > 0 for c in row[1:4])])
     text, _ = trunk.guessed()
-    assert "\n- 'frame: the robot is at rest in no row" in text
+    assert "\n- 'straight: the robot is at rest in no row" in text
     proposed = yaml.safe_load(text)
     assert proposed["columns"]["p3"]["column"] == "Seil_3 [N]" and proposed["columns"]["x"]["column"] == "Spitze_x [mm]"
-    assert "straight" not in proposed
+    assert proposed["frame"] == FRAME and proposed["straight"] == "at rest"
+    trunk.map.write_text(text)
+    trunk.imported()
+    own = trunk.case().take(np.array([0]))
+    model = Predictor(lab.load_robot(trunk.robot))(own.pressures).tip
+    assert own.tip == pytest.approx(model, abs=0.003)
 
 
 def test_groups_of_tendons_are_no_clock_times() -> None:

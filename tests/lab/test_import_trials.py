@@ -318,7 +318,7 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         pytest.param(exchange("x", "y"), "along the base's axes its columns are x: y, y: x, z: z", marks=pytest.mark.long),
         (column("y", scale=-1), "the turn of the tip does not fit its place (agreement of directions"),
         pytest.param(also(frame={"x": "y", "y": "-x", "z": "z"}), "azimuth of the first chamber -90", marks=pytest.mark.long),
-        (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "correct frame in map.yaml"),
+        (also(frame={"x": "y", "y": "z", "z": "x"}, straight="first state"), "write `frame: {x: x, y: y, z: z}` in map.yaml"),
         (column("p2", scale=10), "column p2 must be 0.095"),
         pytest.param(column("p2", unit="psi"), "column p2: 2.41579e+06 Pa gauge, must be at most 2e+06 Pa gauge: check its unit",
                      marks=pytest.mark.long),

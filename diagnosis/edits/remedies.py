@@ -1,0 +1,64 @@
+"""What to write where a table is in another frame or unit: the finished line of map.yaml, or the argument of lab.case."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from model.robot import Robot
+from recordings.trials import Mapped, pressure_columns
+
+from ..arrays import Array
+
+AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
+"""Name of an axis, as a frame has it -> its direction."""
+MIRRORS = {
+    **{f"change the sign of column {a} (`scale: -1`)": np.array(AXES[a]) for a in "xyz"},
+    **{f"swap columns {a} and {b}": np.subtract(AXES[a], AXES[b]) for a, b in combinations("xyz", 2)},
+}
+"""Ways to mirror the columns of a file -> the normal of the mirror."""
+
+
+def named(axes: Array) -> list[str]:
+    """Name the axes along which the rows of a signed permutation (3, 3) point."""
+    return [name for row in axes for name, direction in AXES.items() if np.dot(row, direction) > 0]
+
+
+def of_frame(axes: Array, mapped: Mapped | None) -> str:
+    """Say what makes the tips those along the base's axes, which are the rows of `axes` (3, 3) in the table."""
+    if mapped is None:
+        return f"let columns x, y, z hold what is now {', '.join(named(axes))}"
+    present = np.array([AXES[name.lstrip("+")] for name in mapped.frame])
+    found, ways = axes @ present, []
+    if np.linalg.det(axes) < 0:  # which no frame can be
+        mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}
+        ways = [min(mirrored, key=lambda way: not np.array_equal(mirrored[way], present))]
+        found = mirrored[ways[0]]
+    if not np.array_equal(found, present):
+        quote = '"' if mapped.call else ""
+        pairs = (f"{quote}{axis}{quote}: {quote}{name}{quote}" for axis, name in zip("xyz", named(found), strict=True))
+        ways.append(_write("frame", "{" + ", ".join(pairs) + "}", mapped))
+    return ", and ".join(ways)
+
+
+def of_origin(mapped: Mapped | None) -> str:
+    """Say what brings the origin of the positions to the base."""
+    if mapped is None:
+        return "subtract the base's place from the positions"
+    at_rest = _write("straight", '"at rest"' if mapped.call else "at rest", mapped)
+    return f"{at_rest}, or give the base's place as `zero` of columns x, y, z"
+
+
+def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
+    """Say where the unit of all pressures is stated."""
+    if mapped is None or not mapped.call:
+        return "correct their unit in the table, or `unit` or `scale` in map.yaml"
+    names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
+    columns = ", ".join(f'"p{k}": "{name} [{unit}]"' for k, name in enumerate(names, 1))
+    return f"write columns={{{columns}}} in lab.case"
+
+
+def _write(key: str, value: str, mapped: Mapped) -> str:
+    """A key of the map, as it is written in a call or a file."""
+    return f"write {key}={value} in lab.case" if mapped.call else f"write `{key}: {value}` in map.yaml"
