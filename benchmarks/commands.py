@@ -56,8 +56,7 @@ def waited(what: str, words: Sequence[str] | str, cache: Path, rows: int | None 
     with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as child:
         _, status, used = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
-    taken = time.monotonic() - began
-    return Wait(what, taken, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, child.returncode, rows)
+    return Wait(what, time.monotonic() - began, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0, child.returncode, rows)
 
 
 def case_of(robot: WorldRobot, repeats: int, folder: Path) -> Path:
@@ -109,8 +108,7 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory(prefix="commands-") as place:
         here, alone = Path(place), robot("clean")
-        first = str(case_of(alone, BASE.repeats, here / "alone"))
-        second = str(case_of(robot("cluttered"), BASE.repeats, here / "cluttered"))
+        first, second = (str(case_of(robot(kind), BASE.repeats, here / kind)) for kind in ("clean", "cluttered"))
         warm, cold = here / "warm", here / "cold"
         do("import lab", "import lab", warm)
         do("guard, until it can take a rig over", "import lab.guard.process", warm)
@@ -120,11 +118,7 @@ def main() -> int:
         do("lab compare", ["compare", first, "--out", str(here / "c2")], cold)
         do("lab fit, first after installation", ["fit", first, "--out", str(here / "f1")], here / "cold fit")
         do("lab diagnose, 231 rows, first after installation", ["diagnose", first], warm)
-        do(
-            "lab diagnose, 231 rows, cluttered",
-            ["diagnose", second],
-            warm,
-        )
+        do("lab diagnose, 231 rows, cluttered", ["diagnose", second], warm)
         for repeats in (BASE.repeats, *a.repeats):
             case = case_of(alone, repeats, here / f"repeats {repeats}")
             do(f"lab fit, {77 * repeats} rows", ["fit", str(case), "--out", str(here / f"fit {repeats}")], warm, 77 * repeats)

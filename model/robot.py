@@ -38,19 +38,16 @@ def smooth_at(table: tuple[tuple[float, float], ...], length: Array) -> Array:
     >>> smooth_at(((0.1, 1e6), (0.2, 2e6)), np.array([0.1, 0.15, 0.2])).tolist()
     [1000000.0, 1500000.0, 2000000.0]
     """
-    first, last = table[0], table[-1]
     if len(table) < 2:
-        return np.full(length.shape, first[1])
+        return np.full(length.shape, table[0][1])
     x, y, slope = _curve(table)
-    k = np.clip(np.searchsorted(x, length, side="right") - 1, 0, len(x) - 2)
-    step = x[k + 1] - x[k]
-    s, a, b, rise = (np.clip(length, x[0], x[-1]) - x[k]) / step, step * slope[k], step * slope[k + 1], y[k + 1] - y[k]
-    out: Array = y[k] + s * (a + s * (3 * rise - 2 * a - b + s * (a + b - 2 * rise)))
-    for (end, value), steep, beyond in ((first, slope[0], length < first[0]), (last, slope[-1], length > last[0])):
-        if beyond.any():
-            rise = float(steep) / (MOST_BEYOND * value) * (length - end)
-            out = np.where(beyond, value * np.exp(MOST_BEYOND * np.tanh(rise)), out)
-    return out
+    inside = np.clip(length, x[0], x[-1])
+    k = np.clip(np.searchsorted(x, inside, side="right") - 1, 0, len(x) - 2)
+    h, rise = x[k + 1] - x[k], y[k + 1] - y[k]
+    s, a, b = (inside - x[k]) / h, h * slope[k], h * slope[k + 1]
+    curve = y[k] + s * (a + s * (3 * rise - 2 * a - b + s * (a + b - 2 * rise)))
+    steep = np.where(length < x[0], slope[0] / y[0], slope[-1] / y[-1]) / MOST_BEYOND
+    return np.asarray(curve * np.exp(MOST_BEYOND * np.tanh(steep * (length - inside))))
 
 
 @lru_cache(maxsize=64)
@@ -59,15 +56,13 @@ def _curve(table: tuple[tuple[float, float], ...]) -> tuple[Array, Array, Array]
     x, y = np.array(table).T
     h, m = np.diff(x), np.diff(y) / np.diff(x)
     slope = np.full(len(x), m[0])
-    if len(x) > 2:
-        rising = m[1:] * m[:-1] > 0
-        before, after = np.where(rising, m[:-1], np.inf), np.where(rising, m[1:], np.inf)
-        means = 3 * (h[1:] + h[:-1]) / np.where(rising, (2 * h[1:] + h[:-1]) / before + (h[1:] + 2 * h[:-1]) / after, 1.0)
-        slope[1:-1] = np.where(rising, means, 0.0)
-    for end, here, next_ in ((0, 0, 1), (-1, -1, -2)) if len(x) > 2 else ():
-        steep = ((2 * h[here] + h[next_]) * m[here] - h[here] * m[next_]) / (h[here] + h[next_])
-        turns = m[here] * m[next_] < 0 and abs(steep) > 3 * abs(m[here])
-        slope[end] = 0.0 if steep * m[here] <= 0 else 3 * m[here] if turns else steep
+    with np.errstate(divide="ignore", invalid="ignore"):
+        means = 3 * (h[1:] + h[:-1]) / ((2 * h[1:] + h[:-1]) / m[:-1] + (h[1:] + 2 * h[:-1]) / m[1:])
+    slope[1:-1] = np.where(m[1:] * m[:-1] > 0, means, 0.0)
+    for e, f in ((0, 1), (-1, -2)) if len(x) > 2 else ():
+        steep = ((2 * h[e] + h[f]) * m[e] - h[e] * m[f]) / (h[e] + h[f])
+        turns = m[e] * m[f] < 0 and abs(steep) > 3 * abs(m[e])
+        slope[e] = 0.0 if steep * m[e] <= 0 else 3 * m[e] if turns else steep
     return x, y, slope
 
 

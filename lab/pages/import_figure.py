@@ -60,7 +60,7 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     """Indices of the states by the chambers inflated, from 1, in the order in which they come; without those at rest."""
     highest = states.pressures.max(axis=1, initial=-np.inf)
     rows = np.flatnonzero(highest > pressure_gap(states))
-    inflated = states.pressures[rows] > 0.5 * highest[rows, None]
+    inflated = (states.pressures > 0.5 * highest[:, None])[rows]
     groups, first, group = np.unique(inflated, axis=0, return_index=True, return_inverse=True)
     return {tuple((np.flatnonzero(groups[k]) + 1).tolist()): rows[group == k].tolist() for k in np.argsort(first)}
 
@@ -93,7 +93,7 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
     tip.set(ylabel="tip minus its median, mm", xlabel="time, s")
 
 
-def _dots(ax: Axes, x: Array, y: Array, colour: Array, **limits: float) -> PathCollection:
+def _dots(ax: Axes, x: Array, y: Array, colour: Array, **limits: Any) -> PathCollection:
     """Draw points (n,), each in a colour (n,); those that look the same are drawn once."""
     steps = [np.round(1000 * (v - v.min()) / max(float(np.ptp(v)), 1e-300)) for v in (x, y, colour)]
     shown = np.unique(np.column_stack(steps), axis=0, return_index=True)[1]
