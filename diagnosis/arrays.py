@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from model.arrays import Array as Array
+from model.arrays import Ints as Ints
+from model.arrays import Mask as Mask
 
 
 def rows_by(number: Ints) -> list[Ints]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
@@ -23,7 +24,6 @@ from model.rods import columns as col
 from model.rods.fast.compiler import kernel
 from model.rotation import CONJUGATE, multiply, rotation_vector
 
-Array = NDArray[np.float64]
 Order = NDArray[np.int64]
 
 CELLS = 12

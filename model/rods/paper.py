@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.solution import Solution, Status, assembled
-
-Array = NDArray[np.float64]
 
 STRETCH, BEND, LOAD, REST = 0, 3, 6, 9
 """Columns of the sections: diagonal of K_se (N) and K_bt (N m^2), f (N/m), u* (1/m)."""

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from model.arrays import Array
 from model.rods.fast.algebra import Vector, add, dot, scaled, turned
 from model.rods.fast.compiler import inline, kernel, routine
 from model.rods.fast.group import ROD, Counts, Rod, RodGroup, Six, cut, each_rod, fixed_cut, gather, new_group
@@ -24,8 +22,6 @@ from model.rods.fast.newton import (
 )  # fmt: skip
 from model.rods.fast.passes import WHOLE, evaluate, orientation
 from model.rods.solution import AT_FORCE, AT_LARGEST, AT_LOAD, AT_MARGIN, AT_MOMENT, AT_ORIENTATION, AT_RESIDUAL, AT_TIP
-
-Array = NDArray[np.float64]
 
 MEMORY, MEMORY_SPRINGS = 23, 62
 """What a warm start needs: orientation (4), Jacobian (9), d seen / d change (9), largest moment (N m). With springs both matrices

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Concatenate, NamedTuple, ParamSpec, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods import columns
 from model.rods.description import MOST_SPRINGS
 from model.rods.fast.algebra import Quaternion, Vector, dot
@@ -16,7 +17,6 @@ from model.rods.fast.compiler import allocating, inline, routine
 from model.rods.fast.equations import RodSection, Terms
 from model.rods.fast.lanes import LANES, LaneRecord, new_numbers, record
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 More = ParamSpec("More")
 

@@ -17,11 +17,10 @@ from numba.core import cgutils, errors, types
 from numba.core.imputils import lower_builtin, lower_getattr_generic, lower_setattr_generic
 from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, infer_global, signature
 from numba.extending import intrinsic, models, register_model, type_callable
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods.fast.compiler import allocating, inline
 
-Array = NDArray[np.float64]
 Made = TypeVar("Made", bound=type["LaneRecord"])
 
 LANES = 16

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array, Mask
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast import direct
@@ -23,10 +24,8 @@ from model.rods.fast.walk import AT_PLACE, states_at
 from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status, no_shape
 from model.rotation import from_vector, to_base
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.int8]
 Rows = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 FIRST_STEP, LEAST_STEP = 0.1, 1e-4
 """Share of the load."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods.description import Rods
 from model.rods.fast.algebra import add, scaled, turned, turned_back
 from model.rods.fast.compiler import kernel, routine
@@ -14,8 +14,6 @@ from model.rods.fast.group import ROD, Counts, Rod, RodGroup, cut, fixed_cut, ga
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
-
-Array = NDArray[np.float64]
 
 AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_STRAIN = 0, 3, 7, 10, 13
 """Columns of a station: m, quaternion, N, N m (mount frame), axial strain v3 - 1."""

@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods.columns import LENGTH, LOAD
 from model.rods.fast.algebra import Vector, add, along, cross, minus, scaled, turned, turned_back, unit
 from model.rods.fast.compiler import inline, routine
@@ -33,8 +34,6 @@ from model.rods.fast.group import BLOCK, SECTION, BasePoint, Rod, RodGroup, each
 from model.rods.fast.lanes import LANES, LaneRecord, copy, copy_lanes, record
 from model.rods.fast.passes import WHOLE, advance, orientation, read_base, start_at_tip
 from model.rods.fast.walk import passes
-
-Array = NDArray[np.float64]
 
 
 @record

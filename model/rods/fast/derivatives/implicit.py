@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Array
 from model.rods.columns import BASE_TURN, LENGTH
 from model.rods.fast.algebra import add, along, cross, minus, scaled, turned, unit
 from model.rods.fast.compiler import allocating, inline, kernel, routine
@@ -52,7 +52,6 @@ from model.rods.fast.lanes import LANES, LaneRecord, copy_lanes, new_numbers, re
 from model.rods.fast.newton import newton_step, set_column
 from model.rods.fast.walk import stand_at_tip
 
-Array = NDArray[np.float64]
 Asked = tuple[Array, Array, int, bool]
 """Directions (n or 1, k, width) of rows; arc lengths (n, s) of stations, m from the base; how many of these, the first, go
 with their share of an element when lengths change, the others staying where they are; whether mean strains are wanted."""

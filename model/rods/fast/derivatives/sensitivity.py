@@ -15,16 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from model.arrays import Array
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast.batches import share_out, steps_of
 from model.rods.fast.derivatives import implicit
 from model.rods.fast.method import FAST, Fast
 from model.rods.solution import Solution
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

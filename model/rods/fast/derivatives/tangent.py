@@ -21,9 +21,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from model.arrays import Array
 from model.rods.fast.algebra import Vector, along, cross, plus_cross, scaled, times
 from model.rods.fast.compiler import inline
 from model.rods.fast.equations import RodSection
@@ -31,7 +29,6 @@ from model.rods.fast.group import Rod
 from model.rods.fast.lanes import LANES, LaneRecord, copy_lanes, record
 from model.rods.fast.runge_kutta import STAGES, Softening, Stage, step
 
-Array = NDArray[np.float64]
 NOTHING = (0.0, 0.0, 0.0)
 
 
