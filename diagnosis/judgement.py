@@ -219,8 +219,6 @@ MATERIAL_SD, AREA_SD, GEOMETRY_SD, GAIN_SD = 0.1, 0.1, 1e-4, 0.01
 """What an area factor may stand for: share by which the modulus of rubber differs from batch to batch, where robot.yaml states no
 uncertainty; share of the area on which chambers of one design act, from body to body; m of radii of a cast body; share of the
 gain of regulators and load cells."""
-ABSORBED = 0.7
-"""An area factor for each spine length that leaves less than this share of what one area factor leaves hides a cause."""
 PRESENT_FLOORS = 0.5
 """Noise floors that an effect must carry to be listed as present."""
 CONFIRMED_SHARE = 0.5

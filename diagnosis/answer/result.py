@@ -283,19 +283,6 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Absorbed:
-    """The part of the gap that an area factor for each spine length would hide, on unseen states."""
-
-    how: str
-    one_mm: float
-    """rms, calibrated with one area factor."""
-    per_length_mm: float
-    """rms, with one for each spine length."""
-    cause_mm: float | None
-    """rms, with one area factor and what is named; None where nothing is."""
-
-
-@dataclass(frozen=True)
 class Waterfall:
     """The whole gap, step by step."""
 
@@ -305,8 +292,6 @@ class Waterfall:
     """Number of states."""
     given_mm: float
     steps: tuple[Step, ...]
-    absorbed: Absorbed | None
-    """None with a single spine length."""
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def statement(d: Diagnosis) -> str:
     """The answer in a few sentences, the verdict first."""
     present = also_present(d.budget, lambda effect: with_id(effect, d.names), _what(d)[1])
     parts = (
-        _verdict(d), _gap(d), _alike(d), _simulator(d), _moved(d), _closing(d), _robot(d), _absorbed(d), present, _odd(d),
+        _verdict(d), _gap(d), _alike(d), _simulator(d), _moved(d), _closing(d), _robot(d), present, _odd(d),
         _pushed(d), held_out(d),
     )  # fmt: skip
     return " ".join(filter(None, parts))
@@ -351,14 +351,6 @@ def _robot(d: Diagnosis) -> str:
         f"With this cause and one {d.words.area_factor}{_factor(d)} only, as `lab fit --with` writes it, the robot misses the "
         f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
     )
-
-
-def _absorbed(d: Diagnosis) -> str:
-    a = None if d.waterfall is None else d.waterfall.absorbed
-    if a is None or d.attribute.verdict != "effect" or a.per_length_mm > judgement.ABSORBED * a.one_mm:
-        return ""
-    left = f"{a.per_length_mm:.2f} mm would remain of {a.one_mm:.2f} mm"
-    return f"{d.words.an_area_factor.capitalize()} for each spine length would hide this cause: {left} ({a.how})."
 
 
 def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: int) -> str:

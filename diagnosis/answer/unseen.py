@@ -35,10 +35,10 @@ from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.fit import Fit, fit
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
-from ..inference.prepare import TINY, Prepared, prepare
+from ..inference.prepare import TINY, Prepared
 from ..judgement import REDUCIBLE_RATIO, RIVAL_PROBABILITY, SMOOTH_SIZES, UNCONVERGED
 from .attribute import Attribution, Begun, calibrated
-from .result import Absorbed, LengthShrink, Shrink, Step, StepName, Waterfall
+from .result import LengthShrink, Shrink, Step, StepName, Waterfall
 
 
 class Missed(NamedTuple):
@@ -151,7 +151,7 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
         refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
         smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
     models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
-    refits, absorbed = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP), _absorbed(f, held_out.executor)
+    refits = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def finish() -> Waterfall:
         in_order = (missed.distance for missed in refits())
@@ -160,7 +160,7 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
         with_smooth = min([tolerant, *(next(in_order) for _ in smooth)], key=lambda e: float(np.nanmean(e**2)))
         by_causes = {frozenset[str](): before}
         by_causes |= {frozenset(subset): next(in_order) for subset in subsets}
-        return replace(_steps(p, named, by_causes, (tolerant, with_smooth), held_out.how), absorbed=absorbed())
+        return _steps(p, named, by_causes, (tolerant, with_smooth), held_out.how)
 
     return finish
 
@@ -223,29 +223,7 @@ def _steps(
         decrease = higher - lower
         low, high = np.quantile(decrease if effect is None else in_any_order(effect), [0.025, 0.975])
         steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, lower[0]))))
-    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps), None)
-
-
-def _absorbed(f: Attribution, executor: Executor) -> Callable[[], Absorbed | None]:
-    """Start what shows how much of the tip's gap an area factor for each spine length would hide, each pressure left out in
-    turn: call the result for it. It is None for pushes, a simulator, one length, or fewer than three pressures."""
-    p = f.prepared
-    length, pressure = levels(p.states.spine_length, SPINE_GAP), levels(p.states.highest, p.states.pressure_gap)
-    if p.pushes_only or p.baseline is not None or len(np.unique(length)) < 2 or len(np.unique(pressure)) < 3:
-        return lambda: None
-    how = f"leave one {p.robot.actuators.words.pressure} out"
-    models = [baseline_model(p, f.calibrated), *([candidate_model(p, f.best)] if f.decision.effects else [])]
-    errors = HeldOut(p, pressure, how, executor).errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
-
-    def absorbed() -> Absorbed:
-        by_length = prepare(p.robot, p.states, "per_length", catalogue={}, noise_components=p.noise_components)
-        (per_length,) = HeldOut(by_length, pressure, how).errors([baseline_model(by_length, calibrated(by_length))])()
-        one_factor, *with_causes = (missed.distance for missed in errors())
-        finite = np.isfinite([one_factor, per_length.distance, *with_causes]).all(axis=0)
-        of_causes = next((1e3 * rms(errors_m[finite]) for errors_m in with_causes), None)
-        return Absorbed(how, 1e3 * rms(one_factor[finite]), 1e3 * rms(per_length.distance[finite]), of_causes)
-
-    return absorbed
+    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps))
 
 
 def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:

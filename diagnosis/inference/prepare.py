@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +124,6 @@ class Prepared:
 def prepare(
     robot: Robot,
     states: Campaign,
-    area: Literal["one", "per_length"] = "one",
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
     baseline: Baseline | None = None,
     noise_components: NoiseComponents | None = None,
@@ -141,14 +139,14 @@ def prepare(
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
-    forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, area, effects, sized=sized)
+    forward = on_simulator.forward if on_simulator is not None else ForwardModel(robot, design, catalogue=effects, sized=sized)
     whole: FitForward = on_simulator or forward
     predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     if states.pushed.all():
         # effects that change none of the values are left out
         moved = {p.source for i, p in enumerate(forward.parameters) if slope.column(i).any()}
         effects = {id: spec for id, spec in forward.catalogue.items() if id in moved}
-        whole = forward = ForwardModel(robot, design, area, effects, sized=sized)
+        whole = forward = ForwardModel(robot, design, catalogue=effects, sized=sized)
         predicted, slope = derivatives(whole, np.zeros(len(forward.parameters)))
     observed = forward.observe(table)
     kept = np.isfinite(observed) & np.isfinite(predicted)

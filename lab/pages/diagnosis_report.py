@@ -172,7 +172,7 @@ STEPS = {
 
 
 def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
-    """Write the waterfall as figure and table, what a calibration hides, and the share closed; `length`: m, the robot's."""
+    """Write the waterfall as figure and table, and the share closed; `length`: m, the robot's."""
     w = d.waterfall
     if w is None:
         s.text("A single trial: none can be left out of the fit, so the gap on unseen data is unknown.")
@@ -199,13 +199,6 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     s.table(("step", "removes, mm rms", "95 %", "remaining, mm rms"), rows)
     if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
-    if w.absorbed is not None:
-        a = w.absorbed
-        cause = "" if a.cause_mm is None else f"; one {d.words.area_factor} and the named cause leave {a.cause_mm:.2f} mm"
-        s.text(
-            f"Error that a calibration hides ({a.how}, unseen states): one {d.words.area_factor} leaves {a.one_mm:.2f} mm, one "
-            f"for each spine length {a.per_length_mm:.2f} mm{cause}."
-        )
     if d.shrink is not None:
         closed = "no gap above the noise floor" if d.shrink.share_closed is None else f"{percent(d.shrink.share_closed)} %"
         ends = d.shrink.ci95

@@ -11,7 +11,6 @@ from diagnosis.answer.calibration import origins
 from diagnosis.answer.decision import Verdict, behaves_like, decide, doubted, without_nothing
 from diagnosis.answer.headline import MOST_WORDS, headline
 from diagnosis.answer.result import (
-    Absorbed,
     Alike,
     Attribute,
     Calibration,
@@ -116,7 +115,7 @@ def test_a_cause_says_what_it_accounts_for_and_what_is_there_beside_it() -> None
 
 def test_what_calibration_changed_is_part_of_the_statement() -> None:
     steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 25.2, steps, None)
+    gap = Waterfall("leave one trial out", 40, 25.2, steps)
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(0.88, 1.0))
     text = statement(found)
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
@@ -142,7 +141,7 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
     steps = (Step("calibration", None, 24.6, 24.0, 25.0, 0.6),)
-    gap = Waterfall("leave one trial out", 40, 42.0, steps, None)
+    gap = Waterfall("leave one trial out", 40, 42.0, steps)
     found = replace(facts(NONE, gap=False), waterfall=gap, calibration=Calibration(1.0, 1.0))
     found = replace(found, detail={**found.detail, "first_calibration": {"adjusted": [{"code": "refitted"}]}})
     assert statement(found).startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above")
@@ -190,22 +189,11 @@ def test_what_tolerances_close_is_not_said_of_the_cause() -> None:
             Step("cause", "base_tilt", 7.5 - mm, 0.0, 9.0, mm),
             Step("tolerances", None, mm - 1.2, 0.0, 9.0, 1.2),
         )
-        gap = Waterfall("leave one trial out", 40, 27.5, steps, None)
+        gap = Waterfall("leave one trial out", 40, 27.5, steps)
         texts[name] = statement(replace(facts(SURE), waterfall=gap, shrink=shrink))
     whole = "98 % of the reducible gap is closed"
     assert f"{whole}." in texts["alone"]
     assert f"{whole}, 15 % by the cause itself and the rest by tolerances of other effects." in texts["beside"]
-
-
-def test_a_cause_that_an_area_factor_by_length_hides_is_said_to_be_hidden() -> None:
-    steps = (Step("calibration", None, 20.0, 18.0, 22.0, 7.5),)
-    absorbed = Absorbed("leave one pressure out", 7.5, 0.2, 0.6)
-    hidden = Waterfall("leave one spine length out", 40, 27.5, steps, absorbed)
-    text = statement(replace(facts(SURE), waterfall=hidden))
-    assert "calibrated with one area factor, by 7.50 mm on unseen states" in text
-    assert "An area factor for each spine length would hide this cause: 0.20 mm would remain of 7.50 mm" in text
-    seen = replace(hidden, absorbed=replace(absorbed, per_length_mm=7.0))
-    assert "would hide" not in statement(replace(facts(SURE), waterfall=seen))
 
 
 @pytest.mark.parametrize(
@@ -247,7 +235,7 @@ def test_stiffness_trials_say_where_their_floor_is_from(repeated: bool, after: f
 
 def test_a_simulators_difference_says_what_remains_without_it() -> None:
     steps = (Step("calibration", None, 1.0, 0.9, 1.1, 0.44), Step("simulator", None, 0.29, 0.2, 0.3, 0.15))
-    gap = Waterfall("leave one trial out", 40, 1.43, steps, None)
+    gap = Waterfall("leave one trial out", 40, 1.43, steps)
     own = Simulator("cc", 0.9, 2.2, 2.1, 0.2, 0.4)
     text = statement(replace(facts(NONE, gap=False), waterfall=gap, simulator=own))
     assert "cc differs from the rod of robot.yaml by 2.20 mm rms, and by 2.10 mm after an area factor is fitted" in text
@@ -341,7 +329,7 @@ def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_ano
     )
 
 
-CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),), None)
+CALIBRATED = Waterfall("", 9, 14.8, (Step("calibration", None, 14.5, 14.0, 15.0, 0.3),))
 NOTHING = replace(facts(NONE, gap=False), waterfall=CALIBRATED, locate=replace(WHERE, noise_floor_mm=0.3))
 
 
