@@ -46,7 +46,8 @@ class Driven:
         """(m, 3) m where the model has the tip, with pressures of another size; NaN where it has no equilibrium."""
         known = self.pressures if self.pressures.shape[1] else np.zeros((len(self.pressures), len(robot.actuators.azimuths_deg)))
         pressures = np.clip(size * known[rows], 0.0, HIGHEST_PRESSURE)
-        return Predictor(robot)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
+        unlimited = robot.model_copy(update={"max_pressure": None})  # of which nothing is asked here
+        return Predictor(unlimited)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
 
 
 def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robot: Robot, rests: bool, driven: Driven) -> None:
