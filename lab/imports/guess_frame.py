@@ -27,8 +27,8 @@ CLEAR, OF_MODEL = 2.0, 0.02
 """Times less that a clear frame lacks of full agreement than another, and what models of robots lack anyway."""
 AGREES = 0.9
 """Agreement from which a frame is not doubted."""
-AT_BASE = 0.25
-"""Share of a length by which the resting body may lie elsewhere where the origin is at the base."""
+AT_BASE, EXACT = 0.25, 0.05
+"""Share of a length by which the resting body may lie elsewhere where the origin is at the base, and where it surely is."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Driven:
         """(m, 3) m where the model has the tip, with pressures of another size; NaN where it has no equilibrium."""
         known = self.pressures if self.pressures.shape[1] else np.zeros((len(self.pressures), len(robot.actuators.azimuths_deg)))
         pressures = np.clip(size * known[rows], 0.0, HIGHEST_PRESSURE)
-        return Predictor(robot)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
+        unlimited = robot.model_copy(update={"max_pressure": None})  # of which nothing is asked here
+        return Predictor(unlimited)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
 
 
 def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robot: Robot, rests: bool, driven: Driven) -> None:
@@ -64,8 +65,11 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
     swapped = {z: 1 - max(_agreement(likeness, y, x, z) for x, y in _turned(z)) for z in turns}
     least = {z: min(lack[z], swapped[z]) for z in turns}
     best = _least(swapped if _clear(min(swapped.values()), min(lack.values())) else lack)
-    lies = _lies_along(at_rest, markers, robot)
-    z = lies if lies is not None and not _clear(least[best], least[lies]) else best if likeness.any() else _axis(at_rest)
+    lies, stands = _lies_along(at_rest, markers, robot), driven.tips(robot, _some(rest))
+    z = best if likeness.any() else _axis(at_rest)
+    exact = abs(np.linalg.norm(at_rest) - np.linalg.norm(stands, axis=1).mean()) < EXACT * robot.length
+    if lies is not None and not _clear(least[best], least[lies]):  # swapped columns would explain the movement, too
+        z = lies if exact or not _clear(lack[best], lack[lies]) else best
     (x, y), agreement = turns[z], 1 - lack[z]
     rival = _least({other: value for other, value in lack.items() if other != z})
     compared = f"movement and model agree to {agreement:.2f} of 1, along {rival} to {1 - lack[rival]:.2f}"
@@ -75,13 +79,14 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
             f"the resting tip lies along the file's {lies} from the origin, but the tip moves as if the base's z were its {z} "
             f"({compared}): the origin is taken to be elsewhere than the base",
         )
-    elif lies is None and not _clear(lack[z], lack[rival]):
+    elif not (lies and exact) and not _clear(lack[z], lack[rival]):
         text = "neither the resting tip nor its movement determines which axis points from base to tip"
         g.doubt("frame.z", f"{text}. The file's {z} fits best ({compared})")
     sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
     bends = f"the tip bends {sense} (agreement with the model {agreement:.2f} of 1)"
     if agreement < AGREES and driven.pressures.shape[1]:
         columns = " Two columns of the tip or of the actuators may be swapped." if _clear(swapped[z], lack[z]) else ""
+        columns += f" Or the origin is not at the base, and its z is the file's {best}." if _clear(lack[best], lack[z]) else ""
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {x} and its y along the file's {y} {bends}. This is the best "
             f"turn about the base's z, but the data do not force it.{columns} If base and cameras have not moved since an "
@@ -91,7 +96,7 @@ def guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robo
         shown_by = "the resting body lies there from the origin" if lies == z else "the tip moves so"
         why = f"{AXES_OF_BASE}. Its z is the file's {z}, as {shown_by}; with these x and y {bends}"
         g.say("frame", {"x": x, "y": y, "z": z}, why)
-    _straight(g, Frame(x=x, y=y, z=z).matrix @ at_rest, driven.tips(robot, _some(rest)), robot, rests)
+    _straight(g, Frame(x=x, y=y, z=z).matrix @ at_rest, stands, robot, rests)
 
 
 def _straight(g: Guess, at_rest: Array, stands: Array, robot: Robot, rests: bool) -> None:
