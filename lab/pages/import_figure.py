@@ -60,7 +60,7 @@ def _groups(states: Table) -> Mapping[tuple[int, ...], Sequence[int]]:
     """Indices of the states by the chambers inflated, from 1, in the order in which they come; without those at rest."""
     highest = states.pressures.max(axis=1, initial=-np.inf)
     rows = np.flatnonzero(highest > pressure_gap(states))
-    inflated = (states.pressures > 0.5 * highest[:, None])[rows]
+    inflated = states.pressures[rows] > 0.5 * highest[rows, None]
     groups, first, group = np.unique(inflated, axis=0, return_index=True, return_inverse=True)
     return {tuple((np.flatnonzero(groups[k]) + 1).tolist()): rows[group == k].tolist() for k in np.argsort(first)}
 
@@ -78,9 +78,7 @@ def _over_time(imported: Imported, states: Table, words: Words, pressure: Axes, 
         moved = (places - np.nanmedian(places, axis=0)) * 1e3
         for k, axis in enumerate("xyz"):
             tip.plot(q.t[::every], moved[::every, k], STYLES[k], color=GREYS[k], lw=1, label=axis if not number else None)
-        taken = np.zeros(len(q.t), bool)
-        for cut in cuts:
-            taken[cut.rows] = True
+        taken = np.isin(np.arange(len(q.t)), np.r_[tuple(cut.rows for cut in cuts)] if cuts else [])
         for ax in (pressure, tip):
             ax.fill_between(q.t, 0, 1, taken, transform=ax.get_xaxis_transform(), color="tab:orange", alpha=0.35, lw=0)
     t = states.get("t")
