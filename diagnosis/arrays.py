@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from model.arrays import Array as Array
-from model.arrays import Ints as Ints
-from model.arrays import Mask as Mask
-
-
-def rows_by(number: Ints) -> list[Ints]:
-    """The rows of each number of (n,), ascending, numbers in their order."""
-    order = np.argsort(number, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def rms(values: Array) -> float:
