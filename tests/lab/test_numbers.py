@@ -45,6 +45,8 @@ def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli)
     for read in (number, whole_number):
         with pytest.raises(ValueError, match="is not a"):
             read(text)
+        with pytest.raises(ValueError, match="is not a"):
+            read(100_000 * "1" + "x")  # at once, not after minutes
     for quantity in (text, f"{text} m"):
         with pytest.raises(UnitError):
             to_si(quantity, "m")
