@@ -39,8 +39,7 @@ def test_its_names_are_known() -> None:
 
 HEAVY = {"scipy", "numba", "pandas", "matplotlib", "diagnosis"}
 GUARD = "import lab.guard.process, lab.guard.hosted, lab.guard.new_guard, lab.rig.real_time, lab.files.rig_file as r; r.drivers()"
-NEAR = "import lab, pandas; lab.case(pandas.read_csv('trials.csv'), 'robot.yaml')"
-"""A table that its robot explains: nothing in it is searched for mistakes."""
+NEAR = "import lab, pandas; lab.case(pandas.read_csv('trials.csv'), 'robot.yaml')"  # of a robot that explains its table
 
 
 @pytest.mark.parametrize(

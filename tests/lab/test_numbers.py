@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
@@ -42,9 +43,9 @@ def test_what_is_a_number() -> None:
 
 @pytest.mark.parametrize("text", NO_NUMBERS)
 def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli) -> None:
-    for read in (number, whole_number):
+    for read, said in product((number, whole_number), (text, 100_000 * "1" + "x")):  # a long one at once
         with pytest.raises(ValueError, match="is not a"):
-            read(text)
+            read(said)
     for quantity in (text, f"{text} m"):
         with pytest.raises(UnitError):
             to_si(quantity, "m")
