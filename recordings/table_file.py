@@ -202,12 +202,10 @@ def lacks(columns: Mapping[str, NDArray[Any]]) -> list[str]:
     by_pattern = []
     for of_stiffness, *has_value in patterns.tolist():
         given = frozenset(compress(columns, has_value))
-        lacking = incomplete(given, *counts)
-        if not lacking and not of_stiffness and "x" not in given:
-            lacking = "a row of another protocol than stiffness needs the tip's x, y, z"
-        if not lacking and of_stiffness and not {"specimen", "force", "deflection"} <= given:
-            lacking = "a stiffness row needs specimen, force and deflection"
-        by_pattern.append(lacking)
+        needed, lacking = {"x"}, "a row of another protocol than stiffness needs the tip's x, y, z"
+        if of_stiffness:
+            needed, lacking = {"specimen", "force", "deflection"}, "a stiffness row needs specimen, force and deflection"
+        by_pattern.append(incomplete(given, *counts) or ("" if needed <= given else lacking))
     return [by_pattern[k] for k in of_row.ravel().tolist()]
 
 

@@ -158,11 +158,6 @@ class TrialRow:
         measured = {name: v for name, v in values.items() if v is not None and v == v}
         return {name: measured[name] for name in _ordered(measured)}
 
-    @property
-    def tip_force(self) -> Vector3:
-        """N, what is known to pull at the tip besides the weight of `tip_mass`."""
-        return (self.force_x or 0.0, self.force_y or 0.0, self.force_z or 0.0)
-
     @classmethod
     def from_cells(cls, cells: Mapping[str, Cell]) -> TrialRow:
         """The row with these cells; raises `BadTable` for unknown columns, gaps in p1..pN, or half a position."""
@@ -249,16 +244,13 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
 
 @dataclass(frozen=True)
 class Mapped:
-    """How columns of another program became those of a table: what a message that names a remedy has to know."""
+    """How columns of another program became those of a table: the axis of the file for each axis of the base, whether keys of
+    lab.case state it (else map.yaml), the headings of p1 .. in a call, and whether nothing says their unit, so that it is Pa."""
 
     frame: tuple[str, ...] = ("x", "y", "z")
-    """Axis of the file for each axis of the base."""
     call: bool = False
-    """Whether keys of lab.case state it, else map.yaml."""
     headings: tuple[str, ...] = ()
-    """Of columns p1 .. of a call."""
     no_unit: bool = False
-    """Whether nothing says the unit of these, which were read as Pa."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -335,10 +327,10 @@ class Table:
         return len(next(iter(self.values.values()), ()))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Table) or len(self) != len(other):
-            return NotImplemented if not isinstance(other, Table) else False
-        names = self.columns
-        return names == other.columns and all(np.array_equal(self[n], other[n], equal_nan=n not in TEXTS) for n in names)
+        if not isinstance(other, Table):
+            return NotImplemented
+        same, names = (len(self), self.columns) == (len(other), other.columns), self.columns
+        return same and all(np.array_equal(self[n], other[n], equal_nan=n not in TEXTS) for n in names)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -444,9 +436,8 @@ class Table:
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
         each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
         trials = " and ".join(each) or "no trial"
-        units = [unit for unit in dict.fromkeys(self.units.values()) if unit.strip("1")]
-        columns = {unit: ", ".join(name for name, own in self.units.items() if own == unit) for unit in units}
-        measured = "; ".join(f"{names} [{unit}]" for unit, names in columns.items())
+        columns = {unit: ", ".join(name for name, own in self.units.items() if own == unit) for unit in self.units.values()}
+        measured = "; ".join(f"{names} [{unit}]" for unit, names in columns.items() if unit.strip("1"))
         return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:
