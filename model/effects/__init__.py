@@ -4,7 +4,7 @@
 
     design = design_from_columns(robot, columns)         # columns: trials table, name -> numpy array
     forward = ForwardModel(robot, design, area="one")    # or "per_length"
-    y = forward.observe(columns)                         # measured, in the order of forward.labels: (row, channel)
+    y = forward.observe(columns)                         # measured, in the order of forward.observations: row, channel
     theta = np.zeros(len(forward.parameters))            # the baseline: no effect, nothing off
     prediction, jacobian = forward.linearise(theta)      # (n_obs,), (n_obs, n_par)
     forward.linearise(theta, forward.index("contact"))   # the same with a few columns of the derivative, cheaper

@@ -136,8 +136,6 @@ class ForwardModel:
         """
         self._steps: Steps | None
         self._start: SolvedRods | None
-        if area not in ("one", "per_length"):
-            raise BadCondition(f"area {area!r}: must be 'one' or 'per_length'")
         full, rest_of = with_rest(design)
         self.scales = sized or scales(robot, design.pressure, design.pace)
         catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
@@ -164,10 +162,6 @@ class ForwardModel:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
         self.observations = observations(design, np.where(np.isfinite(reference), reference, [1.0, 0.0, 0.0, 0.0]))
-        self.labels: tuple[tuple[int, str], ...] = tuple(
-            zip(self.observations.row.tolist(), self.observations.channel.tolist(), strict=True)
-        )
-        """(row of the design, channel) of each observation."""
 
     @classmethod
     def of_single_states(cls, robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> ForwardModel:

@@ -90,7 +90,7 @@ def test_what_a_parameter_vector_predicts_is_observed_in_the_same_order(paper_ro
     columns |= {name: q[:, k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
     columns["m1y"][3] = np.nan
     measured = forward.observe(columns)
-    lost = np.array([label == (3, "m1y") for label in forward.labels])
+    lost = (forward.observations.row == 3) & (forward.observations.channel == "m1y")
     assert np.isnan(measured[lost]).all() and np.isfinite(measured[~lost]).all()
     assert measured[~lost] == pytest.approx(y[~lost], abs=1e-9)
 
@@ -103,7 +103,7 @@ def test_markers_and_orientation_are_those_of_the_converged_rod(paper_robot: Rob
     forward = ForwardModel(robot, design, area="per_length")
     y = forward.predict(np.zeros(len(forward.parameters)))
     true = solved(robot, conditions(robot, design.spine_length, design.pressure), robot.markers).trusted()
-    by_label = dict(zip(forward.labels, y, strict=True))
+    by_label = dict(zip(zip(forward.observations.row, forward.observations.channel, strict=True), y, strict=True))
     for k in range(3):
         expected = true.shape[1, k]
         found = [by_label[1, f"m{k + 1}{axis}"] for axis in "xyz"]
