@@ -9,7 +9,6 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from benchmarks.blind import make as making
 from benchmarks.blind import run as bench
 from benchmarks.blind import truth as drawing
 from benchmarks.blind.__main__ import main
@@ -79,35 +78,12 @@ def told(folder: SetFolder, name: str) -> list[dict[str, Any]]:
 
 
 # ------------------------------------------------------------------ truth
-def test_where_no_size_of_a_cause_leaves_an_equilibrium_another_cause_is_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recipe = Recipe("bench", 1, 3, ("clean",))
-    ((_, (first,)),) = draw(recipe)
-    measured = making._measured
-
-    def snaps(order: making.CaseOrder, attempt: int) -> object:
-        if order.causes == (first,):
-            raise making.NoWorldEquilibrium("snapped")
-        return measured(order, attempt)
-
-    monkeypatch.setattr(making, "_measured", snaps)
-    make(tmp_path / "set", recipe, "full", menu=False)
-    (truth,) = open_seal(SetFolder(tmp_path / "set")).values()
-    assert first not in truth["effects"] and len(truth["effects"]) == 1
-
-
 def test_every_stratum_can_be_asked_for_and_a_mixture_holds_them_all() -> None:
     strata = get_args(drawing.Stratum)
     assert set(drawing.KINDS) == set(drawing.MIXED) == set(strata)
     drawn = [s for s, _ in draw(Recipe("bench", 60, 1))]
     assert set(drawn) == set(strata) and drawn != sorted(drawn, key=strata.index)  # its number says nothing about a case
     assert {s for s, _ in draw(Recipe("bench", 5, 1, ("walls", "none")))} == {"walls", "none"}
-
-
-def test_every_effect_gets_its_turn() -> None:
-    drawn = [ids[0] for _, ids in draw(Recipe("bench", 44, 1, ("cluttered",)))]
-    assert sorted(drawn) == sorted([e for e in EFFECTS if e != "chamber_thrust"] * 2)
 
 
 def test_sizes_lie_in_the_asked_range_and_clutter_is_every_other_effect() -> None:
@@ -135,15 +111,6 @@ def test_held_out_causes_are_drawn_where_they_are_asked_for_only() -> None:
     assert not set(causes(False)) & set(HELD_OUT) and causes(True) == HELD_OUT
     recipe = Recipe("bench", 20, 1, ("outside",), held_out=True)
     assert {ids[0] for _, ids in draw(recipe)} == set(HELD_OUT)
-
-
-def test_some_effects_are_drawn_on_request_only() -> None:
-    usual = draw(Recipe("bench", 60, 1, ("clean",)))
-    assert not {ids[0] for _, ids in usual} & set(ON_REQUEST)
-    recipe = Recipe("bench", 8, 1, ("clean", "cluttered"), causes=tuple(ON_REQUEST))
-    assert {ids[0] for _, ids in draw(recipe)} == set(ON_REQUEST)
-    robot, effects = draw_robot(recipe, 0, "clean", ("tip_payload",))
-    assert set(effects) == {"tip_payload"} and robot.present["tip_payload"] == effects["tip_payload"] >= 0.5
 
 
 def test_gas_loads_the_walls_of_every_robot_of_a_world_that_says_so_and_of_that_stratum() -> None:
@@ -395,9 +362,3 @@ def test_the_stage_of_an_outside_cause_is_scored_where_it_is_called_unknown() ->
     cases = [told("unknown", "material", "load"), told("unknown", "load"), told("unknown"), told("none", "material")]
     (stage,) = (m.found for m in mm_metrics(cases) if m.key == "outside.stage")
     assert stage.n == 3 and stage.value == pytest.approx(1 / 3)
-
-
-def test_the_budget_is_read_from_an_answer() -> None:
-    budget = [{"effect": "contact", "role": "named", "mm": 2.0, "low95_mm": 1.0, "high95_mm": 3.0}]
-    a = answer_from("1", {"attribute": {"verdict": "effect", "effects": ["contact"]}, "budget": budget})
-    assert a.budget == {"contact": (1.0, 3.0)}

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.worlds.campaign import STEPS, Jamming, WalkedSweep, WorldRobot, read, respond
-from benchmarks.blind.worlds.carried import carried, nearest
+from benchmarks.blind.worlds.carried import carried
 from benchmarks.blind.worlds.forms import EFFECTS, FORMS, ON_REQUEST, physics
 from benchmarks.blind.worlds.forms_held_out import FORMS_HELD_OUT
-from benchmarks.blind.worlds.frames import apply, log_derivatives, screw, transposed, twist
 from benchmarks.blind.worlds.outside import OUTSIDE, Cause
 from benchmarks.blind.worlds.outside_held_out import HELD_OUT
 from benchmarks.blind.worlds.robot import NOMINAL_VACUUM, Places, lanes
@@ -61,19 +60,6 @@ def millimetres(moved: Array) -> float:
 
 
 # ------------------------------------------------------------------ the solver
-def test_a_screw_and_its_logarithm_are_inverse_and_have_these_derivatives() -> None:
-    x = 0.1 * np.random.default_rng(0).normal(size=(4, 6))
-    p, r = screw(x)
-    assert np.allclose(twist(p, r), x, atol=1e-13)
-    behind, front = log_derivatives(x)
-    for k in range(6):
-        d = np.zeros(6)
-        d[k] = 1e-6
-        dp, dr = screw(np.broadcast_to(d, (4, 6)))
-        assert np.allclose((twist(p + apply(r, dp), r @ dr) - x) / 1e-6, front[..., k], atol=1e-6)
-        assert np.allclose((x - twist(apply(transposed(dr), p - dp), transposed(dr) @ r)) / 1e-6, behind[..., k], atol=1e-6)
-
-
 def test_with_no_effect_on_the_tip_agrees_with_the_model_to_a_hundredth_of_a_millimetre() -> None:
     levels = (0.0, 50.0, 100.0, 150.0, 200.0, 250.0)
     robot = load_robot(PAPER).replace(area_factor=1.6)
@@ -101,14 +87,6 @@ def test_forms_of_an_effect_move_the_tip_about_alike_and_yet_no_two_do_the_same(
     for a, b in combinations(moved, 2):
         size = float(np.sum(a * b) / np.sum(a * a))
         assert np.abs(size * a - b).max() > 0.003 * np.abs(b).max()
-
-
-@pytest.mark.parametrize("effect", FORMS)
-def test_an_effect_of_no_size_is_absent(effect: str) -> None:
-    name = list(FORMS[effect])[0]
-    spines, sizes = np.array([0.1, 0.1]), np.array([0.0, 0.5])
-    with_it = walk(lanes(spines, {effect: sizes}, PLACES), physics({effect: name}), UP_AND_DOWN[:3], segments=8).tip
-    assert np.abs(with_it[:, 0] - tips()[:3, 1]).max() < 1e-7 < np.abs(with_it[:, 1] - tips()[:3, 1]).max()
 
 
 def test_friction_and_creep_leave_a_loop_and_nothing_else_does() -> None:
@@ -171,15 +149,6 @@ def test_what_an_effect_moves_is_what_the_tip_loses_without_it() -> None:
     assert found.calibrated["chamber_ballooning"] < 0.4 * found.moves["chamber_ballooning"]
 
 
-def test_a_cause_outside_the_catalogue_has_its_nearest_effect_and_its_course() -> None:
-    robot, sweep = a_robot({}, {"mount_turns": 1.0}), a_sweep()
-    response = respond(robot, sweep, ("mount_turns",), {"base_tilt": 0.3, "chamber_twist": 0.3})
-    effect, left = nearest(robot, sweep, response, "mount_turns", ("base_tilt", "chamber_twist"))
-    whole = carried(robot, sweep, response).calibrated["mount_turns"]
-    # a tilt of the mean size is near, but the mount turns on from trial to trial
-    assert effect == "base_tilt" and 0.2 * whole < left < 0.9 * whole
-
-
 def test_readings_scatter_as_the_world_says_and_repeat_with_their_seed() -> None:
     still = World("still", BENCH.forms, spread=0.0, camera=0.1)
     robot, sweep = a_robot({}, of=still), a_sweep(40)
@@ -189,30 +158,3 @@ def test_readings_scatter_as_the_world_says_and_repeat_with_their_seed() -> None
     assert np.array_equal(found.tip, again.tip)
     assert 1e3 * found.tip[::2].std(axis=0).mean() == pytest.approx(0.1, rel=0.1)
     assert set(STEPS) >= set(response.by)
-
-
-def test_a_slow_camera_error_lasts_from_reading_to_reading() -> None:
-    slow = World("slow", BENCH.forms, spread=0.0, camera=0.1, correlated=0.9)
-    robot, sweep = a_robot({}, of=slow), a_sweep(40)
-    response = respond(robot, sweep)
-    error = read(robot, sweep, response, np.random.default_rng(1)).tip[::2, :, 0]
-    error = error - error.mean(axis=0)
-    assert np.mean(error[:, 1] * error[:, 2]) > 0.4 * np.mean(error**2)
-
-
-@pytest.mark.parametrize("effect", ON_REQUEST)
-def test_effects_on_request_move_the_tip_and_vanish_with_their_size(effect: str) -> None:
-    assert millimetres(moves(effect)) > 0.5
-    assert np.array_equal(tips(effect, size=0.0), tips())
-
-
-@pytest.mark.parametrize("form", sorted(FORMS["time_offset"]))
-def test_a_tip_that_is_read_late_is_the_same_where_it_has_stood_still(form: str) -> None:
-    spines, still = np.array([0.0, 0.3]), 5.0
-    legs = tuple(Leg(bent(p), 25e3, still) for p in (0, 100, 200, 0))
-    late = {"time_offset": np.full(2, 1.5)}
-
-    def tip(sizes: dict[str, Array]) -> Array:
-        return walk(lanes(spines, sizes, PLACES), physics({"time_offset": form}), legs, segments=8).tip
-
-    assert np.abs(tip(late) - tip({})).max() < 1e-4
