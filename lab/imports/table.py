@@ -146,7 +146,13 @@ def _read(
     for series, own_map in in_time(read_files):
         q = quantities_of(series, own_map, drive)
         late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
-        questions = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        questions = [*series.questions, *q.questions]
+        if late is not None:
+            when = f"{abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change"
+            questions.append(
+                f"the tip moves {when}: do the clocks of these files differ? If so, write source: {{offset: {late:.3g}}} for the "
+                "file of the pressures, under files"
+            )
         made.append((series, replace(q, questions=tuple(questions)), own_map))
     files_of_note: dict[str, list[str]] = {}
     for series, q, _ in made:
@@ -167,13 +173,6 @@ def _read(
                 f"files are read in the order of their names; by their times the order would be (midnight aside): {names}"
             )
     return made, notes, unread
-
-
-def _lag_question(late: float) -> str:
-    return (
-        f"the tip moves {abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change: do the clocks of these files "
-        f"differ? If so, write source: {{offset: {late:.3g}}} for the file of the pressures, under files"
-    )
 
 
 def imported(
