@@ -149,7 +149,8 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     if source.topic is not None and source.topic not in topics:
         why = f" ({topic_of[source.topic].reason})" if source.topic in topic_of and topic_of[source.topic].why else ""
         raise ConfigError(f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}")
-    leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
+    placed = {name for name, topic in topics.items() if any(n.endswith(("tip_1", ".x")) for n in topic.rows[0])}
+    leading = topics[source.topic or max(topics, key=lambda t: (t in placed, len(topics[t].rows)))]
     frames = {name: topic.frame() for name, topic in topics.items()}
     start, times = min(frame.index[0] for frame in frames.values()), frames[leading.name].index.to_numpy()
     # s since the epoch where log times are, so that recordings keep their distance in time
@@ -182,11 +183,6 @@ def _unreadable(path: Path, error: RecordingError) -> ConfigError:
 def _of(topic: str, column: str) -> bool:
     """Whether a column is a field of the topic."""
     return column == topic or column.startswith(f"{topic}.")
-
-
-def _places(rows: list[dict[str, float]]) -> int:
-    """1 for a topic whose messages hold a position."""
-    return int(any(name.endswith(("tip_1", ".x")) for name in rows[0]))
 
 
 def _continuous(columns: dict[str, Array]) -> dict[str, Array]:
