@@ -218,8 +218,7 @@ def _roll(series: Series, headings: Sequence[Heading]) -> Array:
     for h in headings:
         values = series.numbers[h.name]
         if own_column(h) == "roll_deg" and not changes_throughout(values):
-            unit = h.unit if h.unit in KINDS["deg"] else series.unit_of(h.name, KINDS["deg"])
-            return np.nan_to_num(values) * KINDS["deg"].get(unit, 1.0)
+            return np.nan_to_num(values) * KINDS["deg"].get(unit_in(series, h.name, KINDS["deg"]), 1.0)
     return np.zeros(len(series))
 
 

@@ -388,8 +388,7 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
-    """States moved so that those with the lowest pressures (`first state`, or the mean of all: `at rest`) are where the robot
-    stands then."""
+    """States moved so that those with the lowest pressures (the first, or the mean of all) are where the robot then stands."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST)
     resting = np.flatnonzero(level == level.min())
     turns, turned = _turns(table)
@@ -424,8 +423,7 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 # ------------------------------------------------------------------ states
 def _averages(rows: Sequence[Ints]) -> Callable[[Array], Array]:
-    """A function from values (n, ..) of all rows to their means (m, ..) over the `rows` of each state; NaN is no value, and the
-    mean of a state without any."""
+    """A function from values (n, ..) of all rows to means (m, ..) of the finite ones over each state's `rows`, NaN of none."""
     at = np.concatenate([*rows, [0]]).astype(np.int64)  # the last is of no state: each begin must lie within
     begins = np.cumsum([0, *map(len, rows)])
     empty = np.diff(begins) == 0
