@@ -345,9 +345,8 @@ def _turned(z: str) -> list[tuple[str, str]]:
 
 # ------------------------------------------------------------------ place
 def _lies_along(at_rest: Array, markers: Sequence[Array], robot: Robot) -> str | None:
-    """The axis of the file along which the body rests from the origin; None where this is not at the base.
-
-    The body sags least at its base, so the first marker shows it best."""
+    """The axis of the file along which the body rests from the origin; None where this is not at the base."""
+    # it sags least at its base, so the first marker shows it best
     places = [(markers[0], robot.markers[0])] if markers else []
     for place, arc in (*places, (at_rest, robot.length)):
         axis = _axis(place)
