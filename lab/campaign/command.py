@@ -421,14 +421,14 @@ def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched:
             "resume": again}  # fmt: skip
     cut_short = not (ended.completed or ended.displaced)
     code = 1 if cut_short or not ended.safe else 3 if done.lost or ended.displaced else 0
-    return Result(data, lambda: _show(c, folder, done, ended), code, ended.error, safe=ended.safe, again=again)
 
+    def show() -> None:
+        word = "completed" if ended.completed else f"ended: {ended.why}"
+        out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
+        if done.lost:
+            out.print(f"  lost: {done.lost} samples ({typed('lab', 'runs', folder)})", soft_wrap=True)
 
-def _show(c: CampaignDesign, folder: Path, done: CampaignProgress, ended: Ended) -> None:
-    word = "completed" if ended.completed else f"ended: {ended.why}"
-    out.print(f"{word}: {len(done.completed)} of {len(c.runs)} runs, {done.rows} states in {folder}", soft_wrap=True)
-    if done.lost:
-        out.print(f"  lost: {done.lost} samples ({typed('lab', 'runs', folder)})", soft_wrap=True)
+    return Result(data, show, code, ended.error, safe=ended.safe, again=again)
 
 
 def _campaign(a: argparse.Namespace) -> Result:

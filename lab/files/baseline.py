@@ -128,7 +128,8 @@ def from_simulator(
     unknown = [p for p in forward.parameters if p not in scale]
     if unknown:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
-    distinct, place = _distinct(_settings(case))
+    s = settings(case.robot, case.table)
+    distinct, place = _distinct(np.column_stack([s.spine_length, s.pressure, s.tip_mass, s.roll, s.force, s.moment]))
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
     steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
     variants: list[tuple[str, float]] = [("", 0.0), *steps]
@@ -161,12 +162,6 @@ def _distinct(settings: Array) -> tuple[Array, Ints]:
             kept.append(i)
         place[i] = near[0] if near.size else len(kept) - 1
     return settings[kept], place
-
-
-def _settings(case: Case) -> Array:
-    """(n, 1 + chambers + 8): spine length, pressures, mass, roll (rad), force and moment at the tip of each state."""
-    s = settings(case.robot, case.table)
-    return np.column_stack([s.spine_length, s.pressure, s.tip_mass, s.roll, s.force, s.moment])
 
 
 def _arrays(name: str, read: Readings, n: int, markers: int) -> Array:

@@ -225,8 +225,7 @@ def _spread(
 
 
 def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
-    """A value, or those of its list or table, with texts such as "250 kPa" converted to the field's unit; else a problem is
-    added."""
+    """A value, or those of its list or table, with texts such as "250 kPa" in the field's unit; else a problem is added."""
     unit = unit_of(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)

@@ -75,7 +75,10 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
             parts.append((str(path / "trials.csv"), replace(read_csv(path / "trials.csv"), mapped=_mapped(path / "map.yaml"))))
     parts += [(", ".join(str(r.path) for r in group), table) for group, table in _in_time(campaigns(recordings))]
     if robot_path is None:
-        sources += map(_attached_robot, recordings)
+        for recording in recordings:
+            if "robot.yaml" not in recording.attachments:
+                raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
+            sources.append(parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml"))
     else:
         sources = [read_yaml(robot_path)]
     source, robot = sources[0], check(sources[0], Robot)
@@ -226,9 +229,3 @@ def attached(recording: Recording, name: str) -> str:
         raise ConfigError(f"{recording.path}: has no {name} attached") from None
     except UnicodeDecodeError as e:
         raise ConfigError(f"{recording.path}: the attached {name} is not a text file") from e
-
-
-def _attached_robot(recording: Recording) -> Source:
-    if "robot.yaml" not in recording.attachments:
-        raise ConfigError(f"{recording.path}: has no robot.yaml attached; give one with --robot")
-    return parse_yaml(attached(recording, "robot.yaml"), f"{recording.path}:robot.yaml")

@@ -39,7 +39,7 @@ from .joining import JOIN
 from .map_file import Map
 from .proposal import Guess
 from .quantities import quantities_of
-from .series import Series, texts
+from .series import Series, texts, unit_in
 from .trials import Change, Stages, changes
 
 USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "mbar": (600.0, 6e3), "psi": (4.0, 90.0)}
@@ -139,7 +139,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
         g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, since they are in N; check the order")
-    units = (_pressure_units if robot.tendons is None else _tension_units)(series, [by_name[n] for n in names])
+    units = _units(series, names, robot)
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by_name[n].stated for n in names if by_name[n].stated.casefold() in ELECTRIC})
@@ -181,36 +181,30 @@ class _Unit:
     guessed: bool = False
 
 
-def _tension_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
-    """By column the unit of a tension."""
-    said = {h.name: h.unit if h.kind == "N" else series.unit_of(h.name, KINDS["N"]) for h in headings}
-    return {
-        name: _Unit(unit, f"the file says {unit} of {name!r}") if unit else _Unit("N", "usual for tensions", guessed=True)
-        for name, unit in said.items()
-    }
+def _units(series: Series, names: Sequence[str], robot: Robot) -> dict[str, _Unit]:
+    """By column the unit of a pressure or tension; those of which the file says none are judged together."""
+    stated = {name: unit_in(series, name, KINDS["Pa" if robot.tendons is None else "N"]) for name in names}
+    units: dict[str, _Unit] = {}
+    for name in [name for name in names if stated[name]]:
+        absolute = robot.tendons is None and _is_absolute(float(np.nanmin(series.numbers[name])), stated[name])
+        units[name] = _Unit(stated[name], f"the file says {stated[name]} of {name!r}", absolute)
+    if silent := [name for name in names if not stated[name]]:
+        values = np.column_stack([series.numbers[name] for name in silent])
+        guess = _usual(values) if robot.tendons is None else _Unit("N", "usual for tensions", guessed=True)
+        units |= dict.fromkeys(silent, guess)
+    return units
 
 
-def _pressure_units(series: Series, headings: Sequence[Heading]) -> dict[str, _Unit]:
-    """By column the unit of a pressure; columns of which the file says none are judged together."""
-    silent = [h for h in headings if not (h.kind == "Pa" or series.unit_of(h.name, KINDS["Pa"]))]
-    told = {h.name: _pressure_unit(series.numbers[h.name], h, series) for h in headings if h not in silent}
-    if silent:
-        values = np.column_stack([series.numbers[h.name] for h in silent])
-        told |= dict.fromkeys([h.name for h in silent], _pressure_unit(values, silent[0], series))
-    return told
+def _is_absolute(low: float, unit: str) -> bool:
+    """Whether the lowest of pressures is the atmosphere."""
+    return abs(low * KINDS["Pa"][unit] - AMBIENT) < 0.05 * AMBIENT
 
 
-def _pressure_unit(values: Array, h: Heading, series: Series) -> _Unit:
-    """The unit of pressures: as the file says; else one in which the lowest is the atmosphere, or the highest is usual."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-
-    def absolute(unit: str) -> bool:
-        return abs(low * KINDS["Pa"][unit] - AMBIENT) < 0.05 * AMBIENT
-
-    if stated := h.unit if h.kind == "Pa" else series.unit_of(h.name, KINDS["Pa"]):
-        return _Unit(stated, f"the file says {stated} of {h.name!r}", absolute(stated))
+def _usual(pressures: Array) -> _Unit:
+    """The unit in which the lowest of pressures is the atmosphere, or the highest is usual."""
+    low, high = float(np.nanmin(pressures)), float(np.nanmax(pressures))
     for unit in ("kPa", "bar", "mbar", "psi", "Pa"):
-        if absolute(unit) and high > 1.02 * low:
+        if _is_absolute(low, unit) and high > 1.02 * low:
             return _Unit(unit, f"the lowest reading, {low:.4g}, is the atmosphere in {unit}", absolute=True)
     for unit, (least, most) in USUAL_PRESSURES.items():
         if least <= high <= most:
@@ -239,7 +233,7 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
         entry: dict[str, Any] = {"column": h.name}
         why = f"the heading {h.name!r}"
         units = KINDS.get(unit_of(column), ())
-        if stated := h.unit if h.unit in units else series.unit_of(h.name, units):
+        if stated := unit_in(series, h.name, units):
             entry["unit"], why = stated, f"the file says {stated} of {h.name!r}"
         elif column == "t" and h.name in series.numbers:
             if unit := unit_of_steps(series.numbers[h.name]):

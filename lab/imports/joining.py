@@ -147,7 +147,9 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
         times, oldest = other.t[order], AGE * max(period(np.sort(other.t)), 1e-9)
         for name, values in other.series.columns.items():
             heading_here = f"{name} ({other.label})" if name in columns and name not in added else name
-            if name == time_heading(other.series) or (heading_here != name and _counts_rows(values)):
+            # a column here, too, whose numbers never fall counts rows or time
+            rising = heading_here != name and values.dtype.kind == "f" and (np.diff(values[present(values)]) >= 0).all()
+            if rising or name == time_heading(other.series):
                 continue
             earlier = columns.get(heading_here)  # added by an earlier table of the same kind, which covers other times
             if values.dtype.kind == "U":
@@ -165,11 +167,6 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
         notes += [n for n in other.series.notes if n not in notes]
         common = {**other.series.common_units, **common}
     return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
-
-
-def _counts_rows(values: Array | Texts) -> bool:
-    """Whether a column of numbers never falls: it counts rows or time."""
-    return values.dtype.kind == "f" and bool((np.diff(np.asarray(values[present(values)], np.float64)) >= 0).all())
 
 
 def _overlap(a: Stream, b: Stream) -> float:

@@ -168,17 +168,14 @@ def _read_hdf5(path: Path, data: bytes) -> tuple[Mapping[str, Any], list[str]]:
             demand_bounded(path, sum(sizes))
             arrays = {name: np.asarray(dataset[()]).T for name, dataset in datasets.items()}
             read = {name.partition(".")[0] for name in datasets}
-            return arrays, [n for n in _own(library, file) if n not in read]
+            # variables that lie in this file: links to others are not followed
+            own = [n for n in file if n not in OWN and isinstance(file.get(n, getlink=True), library.HardLink)]
+            variables = [n for n in own if CLASS in file[n].attrs and not file[n].attrs.get(EMPTY, 0)]
+            return arrays, [n for n in variables if n not in read]
     except ConfigError:
         raise
     except Exception as e:
         raise ConfigError(f"{path}: is not a MATLAB 7.3 file ({type(e).__name__}: {str(e)[:200]})") from e
-
-
-def _own(library: Any, file: Any) -> list[str]:
-    """Variables that lie in this file: links to others are not followed."""
-    names = [n for n in file if n not in OWN and isinstance(file.get(n, getlink=True), library.HardLink)]
-    return [n for n in names if CLASS in file[n].attrs and not file[n].attrs.get(EMPTY, 0)]
 
 
 def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:

@@ -122,7 +122,9 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     `paths`: the parts of one recording. `named`: columns that are wanted; None: all. Raises ConfigError."""
     path, recordings = paths[0], [_open(p) for p in paths]
     all_topics = list(dict.fromkeys(topic for recording in recordings for topic in recording.topics))
-    wanted = all_topics if named is None else [t for t in all_topics if t == source.topic or any(_of(t, n) for n in named)]
+    wanted = all_topics
+    if named is not None:  # a column is a topic, or a field of it
+        wanted = [t for t in all_topics if t == source.topic or any(n == t or n.startswith(f"{t}.") for n in named)]
     notes = []
     if len(paths) > 1:
         notes.append(f"read as one recording, by its times: {', '.join(p.name for p in paths)}")
@@ -149,7 +151,8 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     if source.topic is not None and source.topic not in topics:
         why = f" ({topic_of[source.topic].reason})" if source.topic in topic_of and topic_of[source.topic].why else ""
         raise ConfigError(f"{path}: has no topic {source.topic!r} with numbers (source.topic){why}; it has {', '.join(topics)}")
-    leading = topics[source.topic or max(topics, key=lambda t: (_places(topics[t].rows), len(topics[t].rows)))]
+    placed = {name for name, topic in topics.items() if any(n.endswith(("tip_1", ".x")) for n in topic.rows[0])}
+    leading = topics[source.topic or max(topics, key=lambda t: (t in placed, len(topics[t].rows)))]
     frames = {name: topic.frame() for name, topic in topics.items()}
     start, times = min(frame.index[0] for frame in frames.values()), frames[leading.name].index.to_numpy()
     # s since the epoch where log times are, so that recordings keep their distance in time
@@ -177,16 +180,6 @@ def _unreadable(path: Path, error: RecordingError) -> ConfigError:
     text = str(error) if str(path) in str(error) else f"{path}: {error}"
     damaged = isinstance(error, Damaged | Truncated) and "lab recover" not in text
     return ConfigError(f"{text}, then `lab recover`, and import what it writes" if damaged else text)
-
-
-def _of(topic: str, column: str) -> bool:
-    """Whether a column is a field of the topic."""
-    return column == topic or column.startswith(f"{topic}.")
-
-
-def _places(rows: list[dict[str, float]]) -> int:
-    """1 for a topic whose messages hold a position."""
-    return int(any(name.endswith(("tip_1", ".x")) for name in rows[0]))
 
 
 def _continuous(columns: dict[str, Array]) -> dict[str, Array]:

@@ -261,14 +261,11 @@ def unseen(xyz: Array, resting: Mask | None = None) -> Mask:
 
 def at_rest(pressures: Array) -> Mask:
     """(n,) rows in which every pressure is the lowest of its chamber, but for noise."""
-    low, high = _range(pressures)
+    finite = np.isfinite(pressures)
+    low = np.where(finite, pressures, np.inf).min(axis=0, initial=np.inf)
+    high = np.where(finite, pressures, -np.inf).max(axis=0, initial=-np.inf)
     above = np.nan_to_num(pressures - low, nan=np.inf).max(axis=1, initial=0.0)
     return np.asarray(above <= 0.03 * max(float((high - low).max(initial=0.0)), 1e-300))
-
-
-def _range(pressures: Array) -> tuple[Array, Array]:
-    finite = np.where(np.isfinite(pressures), pressures, np.inf)
-    return finite.min(axis=0, initial=np.inf), np.where(np.isfinite(pressures), pressures, -np.inf).max(axis=0, initial=-np.inf)
 
 
 # ------------------------------------------------------------------ values inside each other

@@ -146,7 +146,13 @@ def _read(
     for series, own_map in in_time(read_files):
         q = quantities_of(series, own_map, drive)
         late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
-        questions = [*series.questions, *q.questions, *([_lag_question(late)] if late is not None else [])]
+        questions = [*series.questions, *q.questions]
+        if late is not None:
+            when = f"{abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change"
+            questions.append(
+                f"the tip moves {when}: do the clocks of these files differ? If so, write source: {{offset: {late:.3g}}} for the "
+                "file of the pressures, under files"
+            )
         made.append((series, replace(q, questions=tuple(questions)), own_map))
     files_of_note: dict[str, list[str]] = {}
     for series, q, _ in made:
@@ -167,13 +173,6 @@ def _read(
                 f"files are read in the order of their names; by their times the order would be (midnight aside): {names}"
             )
     return made, notes, unread
-
-
-def _lag_question(late: float) -> str:
-    return (
-        f"the tip moves {abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change: do the clocks of these files "
-        f"differ? If so, write source: {{offset: {late:.3g}}} for the file of the pressures, under files"
-    )
 
 
 def imported(
@@ -389,8 +388,7 @@ def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: S
 
 
 def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at rest"], sensor: Sequence[float]) -> Table:
-    """States moved so that those with the lowest pressures (`first state`, or the mean of all: `at rest`) are where the robot
-    stands then."""
+    """States moved so that those with the lowest pressures (the first, or the mean of all) are where the robot then stands."""
     level = np.round(np.abs(table.pressures).max(axis=1) / REST)
     resting = np.flatnonzero(level == level.min())
     turns, turned = _turns(table)
@@ -425,8 +423,7 @@ def _force_turned(states: Table, frame: Array) -> Table:
 
 # ------------------------------------------------------------------ states
 def _averages(rows: Sequence[Ints]) -> Callable[[Array], Array]:
-    """A function from values (n, ..) of all rows to their means (m, ..) over the `rows` of each state; NaN is no value, and the
-    mean of a state without any."""
+    """A function from values (n, ..) of all rows to means (m, ..) of the finite ones over each state's `rows`, NaN of none."""
     at = np.concatenate([*rows, [0]]).astype(np.int64)  # the last is of no state: each begin must lie within
     begins = np.cumsum([0, *map(len, rows)])
     empty = np.diff(begins) == 0

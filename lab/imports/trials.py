@@ -186,9 +186,8 @@ class Stages:
         """Of each change the stage before the first row that may be of the new value, and the one that holds or follows the first
         that is."""
         first, row = np.array([(c.first, c.row) for c in of], np.int64).reshape(-1, 2).T
-        return np.maximum(np.searchsorted(self.start, first - 1, side="right") - 1, 0), np.searchsorted(
-            self.stop, row, side="right"
-        )
+        before = np.searchsorted(self.start, first - 1, side="right") - 1
+        return np.maximum(before, 0), np.searchsorted(self.stop, row, side="right")
 
     def at_rest(self, of: Sequence[Change]) -> list[bool]:
         """Whether the robot rests at each change, just before it or just after it."""

@@ -338,7 +338,10 @@ def run(w: Wanted) -> Result:
         if not rounds:
             raise ended or Stopped("stopped by the operator")
         investigation = Investigation(tuple(rounds), f"stopped early: {ended or 'by the operator'}")
-    _keep(w, investigation, site.inputs)
+    replaced(w.folder / STORY, json.dumps(investigation.to_dict(), indent=1) + "\n")
+    replaced(w.folder / ANSWER, investigation.answer.to_json() + "\n")
+    diagnosis_report.write(investigation.answer, read_case(site.inputs, w.robot), site.inputs, w.folder / ANSWER_PAGE)
+    write_page(investigation, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
     stopped = isinstance(ended, (Stopped, KeyboardInterrupt))
     unreadable = site.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
     story = investigation
@@ -364,14 +367,6 @@ def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
     words = [word for name, values in several for value in values if value for word in (name, value)]
     hands = () if w.hands else ("--no-hands",)
     return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.folder}-2", *hands, *words)
-
-
-def _keep(w: Wanted, found: Investigation, inputs: Sequence[Path]) -> None:
-    replaced(w.folder / STORY, json.dumps(found.to_dict(), indent=1) + "\n")
-    replaced(w.folder / ANSWER, found.answer.to_json() + "\n")
-    case = read_case(inputs, w.robot)
-    diagnosis_report.write(found.answer, case, inputs, w.folder / ANSWER_PAGE)
-    write_page(found, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
 
 
 def _named(effects: Sequence[str]) -> str:

@@ -97,7 +97,9 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if tips:
             alike(report.section("Which effects these data can distinguish", folded=True), d)
         if d.detail["confounding"]:
-            _confounding(report.section("Confounding: what a calibration absorbs", folded=True), d, folder)
+            section = report.section("Confounding: what a calibration absorbs", folded=True)
+            how = "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model"
+            section.figure(draw.confounding(d, d.names, folder / "confounding.svg"), how)
         _misfit(report.section("Stages and misfit diagnostics", folded=True), d)
         if quantities(table):
             own = report.section("What the lab's own sensors measured", folded=True)
@@ -428,13 +430,6 @@ def alike(s: PageSection, d: Diagnosis) -> None:
     s.table(("effect", "taken for", "T"), [[*(with_id(e, d.names) for e in pair), f"{t:.1f}"] for t, *pair in pairs])
     hidden = [with_id(effects[i], d.names) for i in range(len(effects)) if i not in seen]
     s.text(f"Invisible effects: {', '.join(hidden)}." if hidden else "Every effect is visible.")
-
-
-def _confounding(s: PageSection, d: Diagnosis, folder: Path) -> None:
-    s.figure(
-        draw.confounding(d, d.names, folder / "confounding.svg"),
-        "Share of each effect's tip displacement that a calibration absorbs, computed at the uncalibrated model",
-    )
 
 
 def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:

@@ -134,12 +134,6 @@ class Item:
     """Class of each column: `n` numbers, `v` what begins with a number, empty: words."""
 
 
-def _kind(column: Sequence[str]) -> str:
-    if all(NUMBER.fullmatch(cell) for cell in column):
-        return "n"
-    return "v" if all(BEGINS.match(cell) for cell in column) else ""
-
-
 @dataclass
 class PageSection:
     """A heading and what stands under it."""
@@ -165,7 +159,10 @@ class PageSection:
         """Add a table; one without rows is left out."""
         if not rows:
             return self
-        kinds = ["", *map(_kind, list(zip(*rows, strict=True))[1:])]
+        kinds = [""]
+        for column in list(zip(*rows, strict=True))[1:]:
+            begins = "v" if all(BEGINS.match(cell) for cell in column) else ""
+            kinds.append("n" if all(NUMBER.fullmatch(cell) for cell in column) else begins)
         self.items.append(Item("table", head=head, rows=rows, kinds=kinds))
         return self
 

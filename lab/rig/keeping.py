@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 from pydantic import BaseModel
@@ -25,8 +27,11 @@ def settings(parameters: Parameters, excesses: Callable[[Parameters], Excesses])
     for limit, ((_, excess), *_) in list(over.items()):
         for key, value, _ in sorted(_values(parameters), key=lambda one: one[2] != excess.unit):
             for instead in _instead(value, excess) if limit in over else ():
+                *tables, name = key.split(".")
+                values = parameters.model_dump()
+                reduce(getitem, tables, values)[name] = instead
                 try:
-                    changed = type(parameters).model_validate(_with(parameters, key, instead).model_dump(warnings=False))
+                    changed = type(parameters).model_validate(values)
                     left = excesses(changed)
                 except (ValueError, BadProtocol):
                     continue
@@ -65,12 +70,6 @@ def _rounded(x: float) -> float:
     """Down to two digits."""
     step = 10.0 ** (math.floor(math.log10(x)) - 1) if x > 0 else 1.0
     return float(f"{math.floor(x / step * (1 + 1e-9)) * step:.2g}")
-
-
-def _with(parameters: Any, key: str, value: Any) -> Any:
-    """The same with another value at a dotted key, unchecked."""
-    name, _, rest = key.partition(".")
-    return parameters.model_copy(update={name: _with(getattr(parameters, name), rest, value) if rest else value})
 
 
 def _text(value: Any, unit: str) -> str:

@@ -10,13 +10,12 @@ import ipaddress
 import os
 import socket
 import stat
-from collections.abc import Iterator
 
 from drivers.configs import PORTS
 from timing import RigClock
 
 from ..files.config import ConfigError
-from ..files.rig_file import UNIX, ClockConfig, Instruments, RigFile, addresses
+from ..files.rig_file import UNIX, ClockConfig, RigFile, addresses
 from ..guard.door import listener
 from ..plain import typed
 
@@ -40,10 +39,16 @@ def demand_fakes(rig: RigFile, only: str | None = None) -> None:
     """Raises ConfigError naming what is real on a rig (of one instrument with `only`) whose clock is not the host's."""
     if rig.clock.speed == 1:
         return
-    real = [line for name, line in _real(rig.instruments) if only in (None, name)]
+    where, rule = rig.path or "rig.yaml", "and only fakes run faster or slower than real time; write speed: 1"
+    real: list[str] = []
+    for name, key, address in addresses(rig.instruments):
+        # a port that is not there is left to opening, which looks again
+        if only in (None, name) and not (_fake_line(address) if key in PORTS else _fake_host(address)):
+            kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
+            at = f"{where}: clock.speed = {rig.clock.speed:g}: instruments.{name}.{key} = {address}"
+            real.append(f"{at} is {kind}, {rule}")
     if real:
-        where = rig.path or "rig.yaml"
-        raise ConfigError(*(f"{where}: clock.speed = {rig.clock.speed:g}: {line}" for line in real))
+        raise ConfigError(*real)
 
 
 def demand_running(rig: RigFile) -> None:
@@ -72,20 +77,6 @@ def process_of(spec: str) -> int | None:
         return listener(spec.removeprefix(UNIX), within=1.0) if spec.startswith(UNIX) else None
     except OSError:
         return 0
-
-
-def _real(instruments: Instruments) -> Iterator[tuple[str, str]]:
-    """(instrument, what is real about it). A port that is not there is left to opening, which looks again."""
-    for name, key, address in addresses(instruments):
-        if not (_fake_line(address) if key in PORTS else _fake_host(address)):
-            kind = "not the pseudo-terminal of a fake" if key in PORTS else "not a loopback address"
-            yield (
-                name,
-                (
-                    f"instruments.{name}.{key} = {address} is {kind}, and only fakes run faster or slower than "
-                    "real time; write speed: 1"
-                ),
-            )
 
 
 def _fake_line(path: str) -> bool:

@@ -168,7 +168,10 @@ class Watch:
         may be wrong."""
         if self._stop_now():
             raise KeyboardInterrupt
-        if (stood := self._stood_still()) > OWN_SLEEP:
+        looked, awake = self._looked
+        # host s for which this program was not awake; a command that takes long is no sleep
+        stood = (timing.now() - looked) - (self._actuators.pulse.awake.now - awake)
+        if stood > OWN_SLEEP:
             self.stood += stood
             if stood > STANDSTILL and self._repeatable:
                 self._standstill = StoodStill(StaleReading("computer", f"stood still for {stood:.0f} s; the state is read anew"))
@@ -203,11 +206,6 @@ class Watch:
             yield
         finally:
             self._repeatable, self._standstill = False, None
-
-    def _stood_still(self) -> float:
-        """Host seconds since the last look for which this program was not awake; a command that takes long is no sleep."""
-        looked, awake = self._looked
-        return (timing.now() - looked) - (self._actuators.pulse.awake.now - awake)
 
     def recoverable(self, error: InstrumentError) -> bool:
         """Whether a person can put it right: an arm that its own safety system holds, a pressure that is not held."""

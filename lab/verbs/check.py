@@ -418,8 +418,7 @@ def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]
 
 
 def _listen(rig: Rig, before: dict[str, int], seconds: float) -> tuple[float, list[BodySample]]:
-    """Collect samples for `seconds` of host time and until each instrument has sent one; return how long that took, and some of
-    the tip's."""
+    """Collect samples for `seconds` of host time, until each instrument sent one; return the time taken and some of the tip."""
     began, seen = timing.now(), list[BodySample]()
     awaited = [topic for name in rig.identities if (topic := rig.topic(name))]
     while (span := timing.now() - began) < max(seconds, rig.file.limits.max_age):

@@ -121,14 +121,15 @@ def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: 
     baseline = _baseline(case, comparisons, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
-            options = Options(catalogue=weighed, holdout=held, baseline=baseline, executor=_shown(screen, executor))
-            answer = diagnosed(case, options)
+            shown = replace(executor, progress=screen.step)
+            answer = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
         answer = replace(answer, findings=(*answer.findings, *(finding("not_considered", why=why) for why in left_out)))
         if comparisons.reference is None:
             return answer
         earlier = read_case([comparisons.reference], robot)
         with Screen("comparing") as screen:
-            return replace(answer, change=compare_campaigns(case, earlier, weighed, _shown(screen, executor)))
+            change = compare_campaigns(case, earlier, weighed, replace(executor, progress=screen.step))
+            return replace(answer, change=change)
     except BadHoldout as e:
         raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
     except np.linalg.LinAlgError as e:
@@ -168,10 +169,6 @@ def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, Effect
     if lost:
         note([f"{predicted.name} predicts no tip for {lost} of {len(case.table)} states; they are left out"])
     return predicted
-
-
-def _shown(screen: Screen, executor: Executor) -> Executor:
-    return replace(executor, progress=screen.step)
 
 
 def _held_out(path: Path, robot: Path | None) -> Case:

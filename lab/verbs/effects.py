@@ -105,19 +105,11 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
         return Signature(spec, "none", np.zeros(0), none, none[..., None], 0, 0.0)
     components = 1 if how == "stiffness" else 3  # of a force along its axis, or of the tip
     rows = change.reshape(-1, components)
-    x = columns["deflection"] if how == "stiffness" else columns["p1"]
-    spine = np.asarray(columns["spine_length"], float)
-    lengths = len(np.unique(spine))
+    spine = np.unique(np.asarray(columns["spine_length"], float))
+    x = np.asarray(columns["deflection" if how == "stiffness" else "p1"], float).reshape(len(spine), -1)
     axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
-    return Signature(
-        spec,
-        how,
-        np.unique(spine),
-        np.asarray(x, float).reshape(lengths, -1),
-        rows.reshape(lengths, -1, components),
-        axis,
-        _hidden(forward, change) if components == 3 else 0.0,
-    )
+    hidden = _hidden(forward, change) if components == 3 else 0.0
+    return Signature(spec, how, spine, x, rows.reshape(len(spine), -1, components), axis, hidden)
 
 
 def _hidden(forward: ForwardModel, change: Array) -> float:

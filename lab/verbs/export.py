@@ -157,8 +157,17 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
     """Files of each stream, one case folder, or an RO-Crate; raises ConfigError."""
     with whole(folder, replace=replace, inputs=inputs) as place:
         written, table = _export(without_torn(inputs), place, form, folder.resolve().name)
-    advice = [f"{folder / METADATA}: license: {NO_LICENSE}"] if form == "crate" else []
-    return _written([folder / path.relative_to(place) for path in written], table, advice)
+    files = [str(folder / path.relative_to(place)) for path in written]
+
+    def show() -> None:
+        note(marked_notes(table) if table is not None else ())
+        for file in files:
+            out.print(file)
+        if form == "crate":
+            note([f"{folder / METADATA}: license: {NO_LICENSE}"])
+
+    clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
+    return Result({"files": files, **clipped}, show)
 
 
 def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
@@ -210,17 +219,6 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     infos = {file: summary(path) for file, path in recordings.items()}
     metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
     return [metadata, *(folder / p.name for p in contents)], table
-
-
-def _written(files: Sequence[Path], table: Table | None = None, advice: Sequence[str] = ()) -> Result:
-    def show() -> None:
-        note(marked_notes(table) if table is not None else ())
-        for path in files:
-            out.print(str(path))
-        note(advice)
-
-    clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
-    return Result({"files": [str(path) for path in files], **clipped}, show)
 
 
 VERBS = (

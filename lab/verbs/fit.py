@@ -108,11 +108,10 @@ def fit(
 
 
 def _diagnosed(inputs: Sequence[Path]) -> FittedRobot | None:
-    """The robot of the diagnosis.json in a case folder."""
+    """The robot of the diagnosis.json in a case folder; None where there is none, or more than one folder."""
     try:
-        return (
-            Diagnosis.from_json((inputs[0] / "diagnosis.json").read_text(encoding="utf-8")).fitted if len(inputs) == 1 else None
-        )
+        (folder,) = inputs
+        return Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8")).fitted
     except (OSError, ValueError, DiagnosisError):
         return None
 

@@ -141,7 +141,9 @@ def invert(
     outputs.demand_writable()
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)
-    _demand_metres(targets_path, place, robot)
+    if (far := float(np.nanmax(np.abs(place), initial=0.0))) > 3.0 * robot.length:
+        much = f"a target is {far:g} m from the base of a robot of {robot.length:g} m"
+        raise ConfigError(f"{targets_path}: {much}, which looks like mm or cm; write m")
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
         limits = limits_of(robot, groups, spine=fixed)
@@ -193,16 +195,6 @@ def table_states(path: Path, words: Words) -> Columns:
             f"'{name} [{words.unit}]'"
         )
     return columns
-
-
-def _demand_metres(path: Path, place: Array, robot: Robot) -> None:
-    """Raises ConfigError for targets (m, 3) that cannot be in m."""
-    far = float(np.nanmax(np.abs(place), initial=0.0))
-    # such a target is not in m
-    if far > 3.0 * robot.length:
-        raise ConfigError(
-            f"{path}: a target is {far:g} m from the base of a robot of {robot.length:g} m, which looks like mm or cm; write m"
-        )
 
 
 def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:

@@ -394,7 +394,12 @@ def run(
     lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
     warn(rig.notices)
-    poses = _poses_of_arm(result)
+    poses: dict[str, Any] = {}
+    with contextlib.suppress(RecordingError):  # one that cannot be read has no poses
+        if "joint1" in result.table.columns:
+            from ..files.poses import write_poses  # slow to import
+
+            poses = write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
     data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
             "safe": result.safe, "resume": again, **poses}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
@@ -407,16 +412,6 @@ def run(
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
     return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
-
-
-def _poses_of_arm(result: Outcome) -> dict[str, Any]:
-    """Write the poses of the arm next to the recording, see `write_poses`; nothing where it has none or cannot be read."""
-    with contextlib.suppress(RecordingError):
-        if "joint1" in result.table.columns:
-            from ..files.poses import write_poses  # slow to import
-
-            return write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
-    return {}
 
 
 def _show_outcome(j: Job, result: Outcome, poses: Mapping[str, Any]) -> None:
