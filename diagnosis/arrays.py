@@ -10,6 +10,12 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
+def rows_by(number: Ints) -> list[Ints]:
+    """The rows of each number of (n,), ascending, numbers in their order."""
+    order = np.argsort(number, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
+
+
 def rms(values: Array) -> float:
     """Root mean square of the finite values, of rows (n, k) that of their lengths; NaN of nothing."""
     distance = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
