@@ -294,11 +294,8 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
-    grid = replace(
-        KNOWN.part(c.with_tolerances),
-        form_errors=FITTED_LAW_ERRORS,
-        form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
-    )
+    weights = np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS))
+    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS, form_error_weights=weights)
     probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
     # without a named effect, no law can be wrong: one form error, the first, 0
     form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
@@ -314,11 +311,8 @@ def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[st
     for name, s in stated.items():
         id, _, parameter = name.partition(".")
         if parameter:
-            tables["effects" if id in named else "tolerances"].setdefault(id, {})[parameter] = {
-                "value": s.value,
-                "sd": s.sd,
-                "unit": s.unit,
-            }
+            own = tables["effects" if id in named else "tolerances"].setdefault(id, {})
+            own[parameter] = {"value": s.value, "sd": s.sd, "unit": s.unit}
     data = robot.model_dump()
     if "contact" in named:
         x, y = p.forward.plane_direction.tolist()
