@@ -177,7 +177,7 @@ def fit_effects(
     named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*edited.concerns, *findings, *([settled.finding] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *([settled] if settled is not None else ()))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 
@@ -230,13 +230,9 @@ def fit_described(
 
 def _point(p: Prepared, start: Mapping[str, float]) -> Array:
     """(k,) parameters at what is written of a robot; all others at their mean."""
-    theta = p.problem.parameters.mean.copy()
-    for i, name in enumerate(p.problem.parameters.names):
-        if name == AREA:
-            theta[i] = p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))
-        elif name in start:
-            theta[i] = start[name]
-    return theta
+    parameters = p.problem.parameters
+    known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
+    return np.array([known.get(name, mean) for name, mean in zip(parameters.names, parameters.mean.tolist(), strict=True)])
 
 
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:

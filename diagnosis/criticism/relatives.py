@@ -32,10 +32,6 @@ def _highest(q: Quantities) -> Array:
     return np.asarray(np.maximum(q.design.pressure.max(axis=1), 0.0)[None] / q.scales.pressure)
 
 
-def _covered(q: Quantities) -> Array:
-    return q.design.spine_length / q.robot.length
-
-
 def _shared_pressure(q: Quantities, v: Values) -> None:
     ring = np.argsort(np.mod(q.robot.actuators.azimuths_deg, 360.0), kind="stable")
     back = np.argsort(ring)
@@ -104,7 +100,8 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             _times("spine_stiffness", lambda q, v: v["gain"] * _highest(q)), Parameter("gain", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_off_axis", "structure", "a spine beside the axis", "{inflate} all {actuators} at once",
-            _plus("rest_curvature", lambda q, v: (_highest(q) * _covered(q))[..., None] * vector(v["x"], v["y"])),
+            _plus("rest_curvature", lambda q, v: (_highest(q) * (q.design.spine_length / q.robot.length))[..., None]
+                  * vector(v["x"], v["y"])),
             Parameter("x", "1/m", 0.1, -1.0, 1.0), Parameter("y", "1/m", 0.1, -1.0, 1.0)),
         _relative(
             "mount_creeps", "boundary", "a mount that turns during the campaign", AGAIN,

@@ -160,16 +160,12 @@ class _Descent:
         if isinstance(start, Fit):
             theta, predicted, slope = start.theta, start.predicted, start.derivatives(self._problem)
         else:
-            theta = np.clip(start, self._p.lower, self._p.upper)
-            predicted, slope = self._linearised(theta)
-            for _ in range(HALVINGS):
+            away = np.clip(start, self._p.lower, self._p.upper) - self._p.mean
+            for share in (*0.5 ** np.arange(HALVINGS), 0.0):
+                theta = self._p.mean + share * away
+                predicted, slope = self._linearised(theta)
                 if np.isfinite(predicted).all():
                     break
-                theta = self._p.mean + 0.5 * (theta - self._p.mean)
-                predicted, slope = self._linearised(theta)
-            else:
-                theta = self._p.mean.copy()
-                predicted, slope = self._linearised(theta)
         # a start with more than the hypothesis has is left at any cost
         allowed = (theta == self._mean)[self._scale == 0].all()
         return self._local(theta, predicted, slope, self.cost(theta, predicted) if allowed else np.inf)
