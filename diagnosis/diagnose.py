@@ -41,7 +41,7 @@ from .fit_effects import fit_described
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.on_baseline import Baseline
 from .inference.prepare import AREA, Prepared, prepare
-from .inference.thrust import SettledThrust, settled_and_edited
+from .inference.thrust import settled_and_edited
 from .judgement import USUAL_EXCESS
 
 
@@ -140,7 +140,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         findings=(
             *edited.concerns,
             *findings,
-            *([settled.finding] if settled is not None else ()),
+            *([settled] if settled is not None else ()),
             *reasons,
             *far,
             *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
@@ -163,7 +163,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     if edited.with_order:
         section = verdict.beside(section, ORDER, edited.robot)
     if settled is not None and section.verdict == "none":
-        section, text = verdict.beside(section, THRUST, edited.robot), f"{settled.finding}. Beyond that: {text}"
+        section, text = verdict.beside(section, THRUST, edited.robot), f"{settled}. Beyond that: {text}"
     answer = replace(answer, statement=text, attribute=section)
     changed = edited.named or sentences.changed_by(answer)
     beyond = edited.at_bound or (calibrated is not None and calibrated.at_bound)
@@ -172,9 +172,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     return Examined(replace(answer, headline=line), rivals, edited)
 
 
-def _prepared(
-    case: CaseLike, options: Options
-) -> tuple[Prepared, SettledThrust | None, Edited, tuple[Finding, ...], Campaign | None]:
+def _prepared(case: CaseLike, options: Options) -> tuple[Prepared, Finding | None, Edited, tuple[Finding, ...], Campaign | None]:
     """The problem of a case; the thrust and the edits of robot.yaml that were settled before, findings on the table, and the
     states that are held out, edited alike."""
     campaign, findings = states(case)

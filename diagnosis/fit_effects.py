@@ -177,7 +177,7 @@ def fit_effects(
     named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
         raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*edited.concerns, *findings, *([settled.finding] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *([settled] if settled is not None else ()))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 
@@ -230,13 +230,9 @@ def fit_described(
 
 def _point(p: Prepared, start: Mapping[str, float]) -> Array:
     """(k,) parameters at what is written of a robot; all others at their mean."""
-    theta = p.problem.parameters.mean.copy()
-    for i, name in enumerate(p.problem.parameters.names):
-        if name == AREA:
-            theta[i] = p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))
-        elif name in start:
-            theta[i] = start[name]
-    return theta
+    parameters = p.problem.parameters
+    known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
+    return np.array([known.get(name, mean) for name, mean in zip(parameters.names, parameters.mean.tolist(), strict=True)])
 
 
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:
@@ -294,11 +290,8 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
-    grid = replace(
-        KNOWN.part(c.with_tolerances),
-        form_errors=FITTED_LAW_ERRORS,
-        form_error_weights=np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS)),
-    )
+    weights = np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS))
+    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS, form_error_weights=weights)
     probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
     # without a named effect, no law can be wrong: one form error, the first, 0
     form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]
@@ -314,11 +307,8 @@ def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[st
     for name, s in stated.items():
         id, _, parameter = name.partition(".")
         if parameter:
-            tables["effects" if id in named else "tolerances"].setdefault(id, {})[parameter] = {
-                "value": s.value,
-                "sd": s.sd,
-                "unit": s.unit,
-            }
+            own = tables["effects" if id in named else "tolerances"].setdefault(id, {})
+            own[parameter] = {"value": s.value, "sd": s.sd, "unit": s.unit}
     data = robot.model_dump()
     if "contact" in named:
         x, y = p.forward.plane_direction.tolist()

@@ -42,7 +42,7 @@ from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
 from .inference.linear import Linear
 from .inference.posterior import hypothesis_prior
-from .inference.prepare import Prepared, parts, prepare
+from .inference.prepare import parts, prepare
 from .inference.problem import Problem, leading
 from .inference.reading_noise import DEFAULT_NOISE
 from .inference.search import Search
@@ -71,15 +71,6 @@ class Planned:
     where: tuple[BudgetPart, ...]
     effects: tuple[str, ...]
     """That can be drawn."""
-
-    @classmethod
-    def of(cls, prepared: Prepared) -> Planned:
-        """Of a campaign."""
-        none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
-        p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
-        # a shorter whitened response cannot be drawn
-        seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
-        return cls(prepared.problem, none, parts(prepared), tuple(seen))
 
     @cached_property
     def linear(self) -> Linear:
@@ -286,7 +277,12 @@ def foreseen(robot: Robot, table: Mapping[str, NDArray[np.generic]], seed: int =
 
 def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Planned:
     """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
-    return Planned.of(prepare(case.robot, states(case)[0], catalogue=catalogue))
+    prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
+    none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
+    p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
+    # a shorter whitened response cannot be drawn
+    seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
+    return Planned(prepared.problem, none, parts(prepared), tuple(seen))
 
 
 def additions(

@@ -23,13 +23,12 @@ from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from model.effects.design import design_from_columns
-from model.effects.forward import ForwardModel
 from model.errors import ModelError
 
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
 from ..inference.candidate import Candidate
-from ..inference.discrepancy import SmoothErrors, settings, smooth_errors
+from ..inference.discrepancy import settings, smooth_errors
 from ..inference.evidence import Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 from ..inference.prepare import Prepared
@@ -122,8 +121,10 @@ class Rivals:
         fresh = np.setdiff1d(np.arange(len(own_sd)), in_model)  # those that the fit did not have
         source = np.array([info.source for info in forward.parameters])
         mounted = np.isin(source, MOUNTED)
-        errors = _errors(p, forward)
-        observed = forward.observations
+        observed, design, length = forward.observations, forward.design, p.robot.length
+        branch, no_kind = np.where(design.unload, -1.0, 1.0), np.zeros(len(design))
+        where = settings(design.spine_length, design.pressure.max(axis=1), branch, no_kind, length)
+        errors = smooth_errors(where, observed.row, observed.channel.astype(np.str_), p.unit, length)
         forecasts = []
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
@@ -161,11 +162,3 @@ class Rivals:
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)
             out.append(scale[:, None] * known * scale[None, :])
         return out
-
-
-def _errors(p: Prepared, forward: ForwardModel) -> SmoothErrors:
-    """Smooth errors of new values."""
-    observed, design = forward.observations, forward.design
-    highest = design.pressure.max(axis=1)
-    where = settings(design.spine_length, highest, np.where(design.unload, -1.0, 1.0), np.zeros(len(design)), p.robot.length)
-    return smooth_errors(where, observed.row, observed.channel.astype(np.str_), p.unit, p.robot.length)

@@ -10,37 +10,20 @@ from typing import Any
 from model.cause import Cause
 
 from ..errors import BadCase
+from ..inference.problem import FitParameter
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter of the model, fitted as its difference from nominal (`inference.problem.FitParameter`)."""
+@dataclass(frozen=True, kw_only=True)
+class Parameter(FitParameter):
+    """One parameter of the model, fitted as its difference from nominal; `name`: CAUSE.KEY, or the key alone for calibration."""
 
-    name: str
-    """CAUSE.KEY, or the key itself for calibration."""
     key: str
     """Name under which the model knows it."""
-    source: str
-    group: str
-    """effect or calibration."""
-    unit: str
     nominal: float
-    sd: float
-    """Plausible size, in `unit`."""
-    low: float
-    """Bounds of the difference from nominal."""
-    high: float
     sides: tuple[float, ...] = ()
     """Of a cause: differences from nominal, of its plausible size, at which it does something."""
     linear: bool = True
     """Whether what it does grows with its size, so that fits may begin at nominal."""
-    starts: tuple[float, ...] = (0.0,)
-    role: str = "size"
-    """size, or shape where it changes nothing unless another parameter of its cause differs from nominal."""
-    exact: bool = False
-    tolerated: bool = True
-    least: float = 0.0
-    recurs: bool = False
 
 
 def parameters(causes: Sequence[Cause], calibration: Mapping[str, Sequence[Any]]) -> tuple[Parameter, ...]:
@@ -84,5 +67,7 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
         raise BadCase(f"{name}: nominal {nominal:g}, plausible size {size:g}; both must be finite, the size above 0 {unit}")
     if not (low <= nominal <= high and low < high):
         raise BadCase(f"{name}: nominal {nominal:g} {unit} must lie within its bounds {low:g} .. {high:g} {unit}")
-    group = "effect" if cause else "calibration"
-    return Parameter(name, key, cause or key, group, unit, nominal, size, low - nominal, high - nominal, exact=exact)
+    group, low, high = "effect" if cause else "calibration", low - nominal, high - nominal
+    return Parameter(
+        name=name, key=key, source=cause or key, group=group, unit=unit, nominal=nominal, sd=size, low=low, high=high, exact=exact
+    )

@@ -151,7 +151,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     theta = np.array([known.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
     slope = linearise(forward, theta, own)[1][_measured(p, forward)]
-    infos = tuple(forward.parameters[i] for i in own)
+    infos = parameters(tuple(forward.parameters[i] for i in own)).infos
     sd = np.array([i.sd for i in infos])
     whole = c.fit.derivatives(problem).every.then(Columns.of(slope))
     wider = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))

@@ -40,38 +40,14 @@ def _shared_pressure(q: Quantities, v: Values) -> None:
     q.pressure = q.pressure + v["share"][..., None] * (mean - p)[..., back]
 
 
-def _gauge_drift(q: Quantities, v: Values) -> None:
-    q.pressure = q.pressure * (1 + v["gain"] * q.design.progress)[..., None]
+def _times(name: str, growth: Callable[[Quantities, Values], Array]) -> Law:
+    """Of a quantity that grows by a share."""
+    return Law(before=lambda q, v: setattr(q, name, getattr(q, name) * (1 + growth(q, v))))
 
 
-def _body_ages(q: Quantities, v: Values) -> None:
-    u = q.design.progress
-    q.body_modulus = q.body_modulus * (1 + v["slope"] * u + v["bend"] * 4 * u * (1 - u))
-
-
-def _spine_ages(q: Quantities, v: Values) -> None:
-    q.spine_stiffness = q.spine_stiffness * (1 + v["slope"] * q.design.progress)
-
-
-def _spine_pressed(q: Quantities, v: Values) -> None:
-    q.spine_stiffness = q.spine_stiffness * (1 + v["gain"] * _highest(q))
-
-
-def _spine_off_axis(q: Quantities, v: Values) -> None:
-    covered = q.design.spine_length / q.robot.length
-    q.rest_curvature = q.rest_curvature + (_highest(q) * covered)[..., None] * vector(v["x"], v["y"])
-
-
-def _mount_creeps(q: Quantities, v: Values) -> None:
-    q.base_turn = q.base_turn + q.design.progress[None, :, None] * vector(v["x"], v["y"])
-
-
-def _body_length(q: Quantities, v: Values) -> None:
-    q.length = q.length + v["excess"]
-
-
-def _camera_scale(r: Readings, v: Values) -> None:
-    _stretched(r, lambda place: _along(v["excess"], place))
+def _plus(name: str, excess: Callable[[Quantities, Values], Array]) -> Law:
+    """Of a quantity to which something is added."""
+    return Law(before=lambda q, v: setattr(q, name, getattr(q, name) + excess(q, v)))
 
 
 def _lens(r: Readings, v: Values) -> None:
@@ -89,10 +65,6 @@ def _stretched(r: Readings, by: Callable[[Array], Array]) -> None:
     r.tip = r.tip * (1 + by(r.tip))
     if r.markers.shape[2]:
         r.markers = r.markers * (1 + by(r.markers))
-
-
-def _cameras_creep(r: Readings, v: Values) -> None:
-    r.turn(r.design.progress[None, : r.tip.shape[1], None] * vector(v["x"], v["y"], v["z"]))
 
 
 ANGLE = math.radians(1.5)
@@ -114,35 +86,41 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             Law(before=_shared_pressure), Parameter("share", "1", 0.15, -0.5, 0.5)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
-            Law(before=_gauge_drift), Parameter("gain", "1", 0.05, -0.5, 0.5)),
+            _times("pressure", lambda q, v: (v["gain"] * q.design.progress)[..., None]), Parameter("gain", "1", 0.05, -0.5, 0.5)),
         _relative(
             "body_ages", "material", "a body that softens or warms during the campaign", AGAIN,
-            Law(before=_body_ages), Parameter("slope", "1", 0.1, -0.5, 0.5), Parameter("bend", "1", 0.1, -0.5, 0.5)),
+            _times("body_modulus", lambda q, v: (v["slope"] + v["bend"] * 4 * (1 - q.design.progress)) * q.design.progress),
+            Parameter("slope", "1", 0.1, -0.5, 0.5), Parameter("bend", "1", 0.1, -0.5, 0.5)),
         _relative(
             "spine_ages", "structure", "a spine that packs or wears during the campaign", AGAIN,
-            Law(before=_spine_ages), Parameter("slope", "1", 0.2, -0.5, 1.0)),
+            _times("spine_stiffness", lambda q, v: v["slope"] * q.design.progress), Parameter("slope", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_pressed", "structure", "{actuators} that press on the spine",
             "measure the stiffness of the body with {inflated} {actuators}",
-            Law(before=_spine_pressed), Parameter("gain", "1", 0.2, -0.5, 1.0)),
+            _times("spine_stiffness", lambda q, v: v["gain"] * _highest(q)), Parameter("gain", "1", 0.2, -0.5, 1.0)),
         _relative(
             "spine_off_axis", "structure", "a spine beside the axis", "{inflate} all {actuators} at once",
-            Law(before=_spine_off_axis), Parameter("x", "1/m", 0.1, -1.0, 1.0), Parameter("y", "1/m", 0.1, -1.0, 1.0)),
+            _plus("rest_curvature", lambda q, v: (_highest(q) * (q.design.spine_length / q.robot.length))[..., None]
+                  * vector(v["x"], v["y"])),
+            Parameter("x", "1/m", 0.1, -1.0, 1.0), Parameter("y", "1/m", 0.1, -1.0, 1.0)),
         _relative(
             "mount_creeps", "boundary", "a mount that turns during the campaign", AGAIN,
-            Law(before=_mount_creeps), Parameter("x", "rad", ANGLE, -0.2, 0.2), Parameter("y", "rad", ANGLE, -0.2, 0.2)),
+            _plus("base_turn", lambda q, v: q.design.progress[None, :, None] * vector(v["x"], v["y"])),
+            Parameter("x", "rad", ANGLE, -0.2, 0.2), Parameter("y", "rad", ANGLE, -0.2, 0.2)),
         _relative(
             "body_length", "boundary", "a different length of the body", "measure the body",
-            Law(before=_body_length), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
+            _plus("length", lambda q, v: v["excess"]), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
         _relative(
             "camera_scale", "measurement", "the scale of the cameras", "let the cameras read a rod of known length",
-            Law(after=_camera_scale), Parameter("excess", "1", 0.02, -0.2, 0.2)),
+            Law(after=lambda r, v: _stretched(r, lambda place: _along(v["excess"], place))),
+            Parameter("excess", "1", 0.02, -0.2, 0.2)),
         _relative(
             "lens", "measurement", "distortion of the cameras", "let the cameras read a rod of known length where the tip was",
             Law(after=_lens), Parameter("bend", "1", 0.02, -0.2, 0.2)),
         _relative(
             "cameras_creep", "measurement", "cameras that turn during the campaign",
-            "let the cameras read a fixed marker before and after", Law(after=_cameras_creep),
+            "let the cameras read a fixed marker before and after",
+            Law(after=lambda r, v: r.turn(r.design.progress[None, : r.tip.shape[1], None] * vector(v["x"], v["y"], v["z"]))),
             *(Parameter(a, "rad", ANGLE / math.sqrt(3), -0.3, 0.3) for a in "xyz")),
     )
 })  # fmt: skip

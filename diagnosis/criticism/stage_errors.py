@@ -115,7 +115,7 @@ def free_form_gain(g: Gaussian, columns: Array) -> float:
 def smooth_functions(spine_length: Array, pressure: Array, branch: Array, time: Array, robot_length: float) -> dict[str, Array]:
     """(n, m) draws of size 1 of smooth functions of n states: spine length m, highest pressure Pa, branch -1 or 1, time s (NaN
     where it is not known, then none of it)."""
-    at = settings(spine_length, pressure, branch, np.zeros(len(branch)), robot_length).place
+    at = settings(spine_length, pressure, branch, np.zeros(len(branch)), robot_length)[0]
     place: dict[str, Array] = {"pressure": at[:, [1, 2]], "spine length": at[:, [0]]}
     place["pressure and spine length"] = at[:, [1, 2, 0]]
     if np.isfinite(time).all() and np.ptp(time) > 0:

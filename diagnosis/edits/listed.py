@@ -72,7 +72,9 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})
     half = ((-0.9, 0.9), (-0.9, 0.9))
     yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], half)
-    yield Edit("length", 0.03, _length, _stretched, ((-0.05,), (0.05,)), ((-0.25, 0.35),))
+    yield Edit(
+        "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
+    )
 
 
 def _refitted(
@@ -153,10 +155,6 @@ def _tilt_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) ->
         return []
     about, given = " and ".join(each), listed(robot.gravity)
     return [finding("base_tilted", about=about, given=given, short="tilt of the base", p=p, rather=rather)]
-
-
-def _stretched(v: Variants, own: Array) -> Variants:
-    return replace(v, stretch=v.stretch * (1 + own))
 
 
 def _length(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:

@@ -282,7 +282,8 @@ class Sample:
             if not active:
                 break
         evidence = self.log_evidence(np.stack([p.missed for p in problems]), np.array([p.parameters for p in problems]))
-        return [Fit(p.edits, p.x, p.missed, p.log_prior + e) for p, e in zip(problems, evidence.tolist(), strict=True)]
+        priors = [float(np.log([edit.prior for edit in p.edits]).sum()) for p in problems]
+        return [Fit(p.edits, p.x, p.missed, e) for p, e in zip(problems, (priors + evidence).tolist(), strict=True)]
 
     def starts(self, edits: tuple[Edit, ...], near: Fit) -> Iterator[tuple[Array, ...]]:
         """Where fits of edits may begin: with the calibration of `near`, a fit of all but the last, or as described."""
@@ -414,11 +415,6 @@ class _Problem:
     def parameters(self) -> int:
         """How many count in the evidence."""
         return sum(len(edit.bounds) + len(edit.widens) - (AREA in edit.widens) for edit in self.edits)
-
-    @property
-    def log_prior(self) -> float:
-        """Of its edits."""
-        return sum(float(np.log(edit.prior)) for edit in self.edits)
 
 
 def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import groupby
+from operator import attrgetter
 
 import numpy as np
 from scipy.special import softmax
@@ -122,7 +123,7 @@ def judge(robot: Robot, states: Campaign) -> Judged | None:
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
 def judged(sample: Sample) -> Judged | None:
     """The same, once for each sample."""
-    near = max(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10), key=_log_posterior)
+    near = max(sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10), key=attrgetter("log_posterior"))
     near = replace(near, log_posterior=near.log_posterior + float(np.log(judgement.EDIT_NONE)))
     usual = not (np.abs(near.theta) > judgement.EDIT_NEAR_BOUND * judgement.EDIT_USUAL)[1:].any()
     if sample.aligned(near) and not sample.ambient and (sample.reached(near) or sample.near(near) and usual):
@@ -154,15 +155,11 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
     alone = tried([near], edits, 2)
     if pairs and not any(map(sample.reached, alone)):  # the nearer start may lie in another valley than the solution
         alone = tried([near], edits, 2, both=True)
-    best = _best_of_kinds(alone, _log_posterior)[: judgement.EDIT_FOLLOWED]
+    best = _best_of_kinds(alone, attrgetter("log_posterior"))[: judgement.EDIT_FOLLOWED]
     if sample.reached(best[0]):
         explained = sample.aligned(best[0]) or best[0].edits[0].kind == "attitude"
         return alone if explained else [*alone, *tried(best[:1], list(of_attitudes(sample, best[0])), 1)]
     return [*alone, *tried(best, edits, 1)] if pairs else alone
-
-
-def _log_posterior(fit: Fit) -> float:
-    return fit.log_posterior
 
 
 def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:

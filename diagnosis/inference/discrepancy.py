@@ -20,18 +20,11 @@ DECIMALS, MOST_PLACES = 3, 1000
 with their cube, and within a tenth of a correlation length the process hardly changes."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Coordinates of n states in units of the correlation length."""
-
-    place: Array
-    """(n, d) coordinates: spine length, pressure, branch, and those of other experiments."""
-    size: Array
-    """(n,) relative size of the discrepancy."""
-
-
-def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[np.generic], robot_length: float) -> Settings:
-    """Coordinates of n states, all (n,): spine length m, highest pressure Pa, branch -1 or 1, kind of experiment (any label)."""
+def settings(
+    spine_length: Array, pressure: Array, branch: Array, kind: NDArray[np.generic], robot_length: float
+) -> tuple[Array, Array]:
+    """Coordinates (n, d) of n states in correlation lengths, and the relative size (n,) of the discrepancy there, from (n,) each:
+    spine length m, highest pressure Pa, branch -1 or 1, kind of experiment (any label)."""
     highest = max(float(np.max(np.abs(pressure), initial=0.0)), 1.0)
     share = pressure / highest
     kind_number = np.unique(kind, return_inverse=True)[1]
@@ -39,7 +32,7 @@ def settings(spine_length: Array, pressure: Array, branch: Array, kind: NDArray[
     kinds = 1.5 / np.sqrt(2) * np.eye(kind_number.max(initial=0) + 1)[kind_number]
     length = spine_length / (CORRELATION_LENGTH * robot_length)
     place = np.column_stack([length, share / CORRELATION_PRESSURE, BRANCH_DISTANCE * branch, kinds])
-    return Settings(place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share))
+    return place, DISCREPANCY_AT_REST + (1 - DISCREPANCY_AT_REST) * np.abs(share)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +83,15 @@ class SmoothErrors:
         return SmoothErrors(draws, channel, self.channels + other.channels, np.concatenate([self.size, other.size]))
 
 
-def smooth_errors(where: Settings, state: Ints, channel: NDArray[np.str_], unit: float, robot_length: float) -> SmoothErrors:
-    """Smooth errors of values (n,), each of a state and a channel; `unit`: size 1 of the tip's discrepancy, m."""
+def smooth_errors(
+    where: tuple[Array, Array], state: Ints, channel: NDArray[np.str_], unit: float, robot_length: float
+) -> SmoothErrors:  # fmt: skip
+    """Smooth errors of values (n,), each of a state (`where`, see `settings`) and a channel; `unit`: size 1 of the tip's
+    discrepancy, m."""
     names, number = np.unique(channel, return_inverse=True)
     # A bend that moves the tip by d turns it by about 2 d / L; forces have a unit of their own at each state.
     size = np.array([2 * unit / robot_length if n.startswith("r") else 1.0 if n == "force" else unit for n in names])
-    return SmoothErrors(eigenfunctions(where.place)[state], number, len(names), size[number] * where.size[state])
+    return SmoothErrors(eigenfunctions(where[0])[state], number, len(names), size[number] * where[1][state])
 
 
 def eigenfunctions(place: Array) -> Array:

@@ -127,7 +127,7 @@ class _Descent:
         """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or promises too little."""
         local = self.begin(start)
         if rounds:
-            self.go_to(local.theta)
+            self._forward = self._forward.near(local.theta)
         level = 0  # index among the dampings
         for _ in range(rounds):
             away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
@@ -137,21 +137,17 @@ class _Descent:
             if step is None:
                 break
             theta, cost, level = step
-            self.go_to(theta)
-            next_local = self.local(theta, cost)
-            if next_local is None:  # a trial mistook a state for one in equilibrium
+            self._forward = self._forward.near(theta)
+            predicted, slope = self._linearised(theta)
+            if not np.isfinite(predicted).all():  # a trial mistook a state for one in equilibrium
                 break
-            decrease, local = local.cost - cost, next_local
+            decrease, local = local.cost - cost, self._local(theta, predicted, slope, cost)
             if decrease < max(LEAST_GAIN, self._least):
                 break
             level = max(level - 2, 0)
         # what the linear problem still promises
         promise = max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
         return Fit(local.theta, local.predicted, local.slope, local.cost, promise)
-
-    def go_to(self, theta: Array) -> None:
-        """Prepare predictions near parameters (k,)."""
-        self._forward = self._forward.near(theta)
 
     def cost(self, theta: Array, predicted: Array) -> float:
         """Of parameters (k,) and what they predict (n,); infinite where a state has no equilibrium."""
@@ -164,24 +160,15 @@ class _Descent:
         if isinstance(start, Fit):
             theta, predicted, slope = start.theta, start.predicted, start.derivatives(self._problem)
         else:
-            theta = np.clip(start, self._p.lower, self._p.upper)
-            predicted, slope = self._linearised(theta)
-            for _ in range(HALVINGS):
+            away = np.clip(start, self._p.lower, self._p.upper) - self._p.mean
+            for share in (*0.5 ** np.arange(HALVINGS), 0.0):
+                theta = self._p.mean + share * away
+                predicted, slope = self._linearised(theta)
                 if np.isfinite(predicted).all():
                     break
-                theta = self._p.mean + 0.5 * (theta - self._p.mean)
-                predicted, slope = self._linearised(theta)
-            else:
-                theta = self._p.mean.copy()
-                predicted, slope = self._linearised(theta)
         # a start with more than the hypothesis has is left at any cost
         allowed = (theta == self._mean)[self._scale == 0].all()
         return self._local(theta, predicted, slope, self.cost(theta, predicted) if allowed else np.inf)
-
-    def local(self, theta: Array, cost: float) -> _Local | None:
-        """The linear problem at parameters (k,) of a known cost; None where a state has no equilibrium."""
-        predicted, slope = self._linearised(theta)
-        return self._local(theta, predicted, slope, cost) if np.isfinite(predicted).all() else None
 
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
         """A point of no higher cost, its cost, and the level of damping that led there, from `level` up; None if there is none.

@@ -8,6 +8,7 @@ from these: `budget.by_what_is_carried`, then `with_unknown`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb, exp, inf, log
@@ -43,13 +44,8 @@ class EffectPosterior:
     @property
     def credible_set(self) -> tuple[Hypothesis, ...]:
         """The fewest hypotheses that hold 95 % together."""
-        total, chosen = 0.0, []
-        for named, p in self.ranking:
-            chosen.append(named)
-            total += p
-            if total >= CREDIBLE_SHARE:
-                break
-        return tuple(chosen)
+        before = itertools.accumulate((p for _, p in self.ranking), initial=0.0)
+        return tuple(named for (named, _), held in zip(self.ranking, before, strict=False) if held < CREDIBLE_SHARE)
 
     def by_stage(self, stages: Mapping[str, str]) -> dict[str, float]:
         """Probability by stage of the chain, given each effect's stage; an effect of a pair counts for half."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,7 +29,7 @@ from .budget import BudgetPart
 from .discrepancy import SmoothErrors, settings, smooth_errors
 from .jacobian import Columns
 from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
-from .problem import FitForward, FitParameters, MaskedForward, Problem, derivatives
+from .problem import FitForward, FitParameter, FitParameters, MaskedForward, Problem, derivatives
 from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_response, stiffness_trials, with_vented_at_zero
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
@@ -210,7 +210,9 @@ def possible(forward: ForwardModel, robot: Robot) -> tuple[ParameterInfo, ...]:
 
 def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     """The forward model's table as the diagnosis sees it."""
-    own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in infos)
+    names = [f.name for f in fields(FitParameter)]
+    every = (FitParameter(**{name: getattr(info, name) for name in names}) for info in infos)
+    own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in every)
     return FitParameters(own, np.array([p.sd for p in own]))
 
 

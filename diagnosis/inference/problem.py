@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -24,39 +24,23 @@ ONE_WAY_MEAN, ONE_WAY_SD, LIMIT = np.sqrt(0.75), 0.5, np.sqrt(3)
 """Mean, standard deviation and upper limit of a size uniform between zero and that limit, with root mean square 1."""
 
 
-class FitParameter(Protocol):
-    """Required of a parameter; `model.effects.parameters.ParameterInfo` and `any_model.model.Parameter` have it."""
+@dataclass(frozen=True, kw_only=True)
+class FitParameter:
+    """One parameter of a forward model, as `model.effects.parameters.ParameterInfo` describes it."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    # fmt: off
-    @property
-    def name(self) -> str: ...
-    @property
-    def source(self) -> str: ...
-    @property
-    def group(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def sd(self) -> float: ...
-    @property
-    def low(self) -> float: ...
-    @property
-    def high(self) -> float: ...
-    @property
-    def role(self) -> str: ...
-    @property
-    def starts(self) -> tuple[float, ...]: ...
-    @property
-    def tolerated(self) -> bool: ...
-    @property
-    def exact(self) -> bool: ...
-    @property
-    def least(self) -> float: ...
-    @property
-    def recurs(self) -> bool: ...
-    # fmt: on
+    name: str
+    source: str
+    group: str
+    unit: str
+    sd: float
+    low: float
+    high: float
+    role: str = "size"
+    starts: tuple[float, ...] = (0.0,)
+    tolerated: bool = True
+    exact: bool = False
+    least: float = 0.0
+    recurs: bool = False
 
 
 class FitForward(Protocol):

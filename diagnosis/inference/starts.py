@@ -32,12 +32,10 @@ class Starts:
         if not self.needs_own(named):
             return [none]
         columns = [i for i, e in enumerate(p.effects) if e in named]
-        points: list[Array | Fit] = []
-        for values in itertools.product(*(self._start_values(i) for i in columns)):
-            point = none.theta.copy()
-            point[columns] = values
-            points.append(point)
-        return points
+        values = np.array([*itertools.product(*map(self._start_values, columns))])
+        points = np.tile(none.theta, (len(values), 1))
+        points[:, columns] = values
+        return [*points]
 
     def either_side(self, named: Hypothesis, none: Fit) -> list[Array]:
         """Parameters (k,) with the sizes of what is named at their scale, above zero and below, calibrated anew."""

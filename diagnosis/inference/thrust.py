@@ -7,7 +7,7 @@ settled where this leaves far less; the diagnosis then looks for what is beyond 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,30 +31,22 @@ MOST_STATES, ROUNDS = 60, 30
 """States that are compared, evenly spread; most steps of each fit."""
 
 
-@dataclass(frozen=True)
-class SettledThrust:
-    """The robot with thrust on its side walls, and the note on it: rms of the tip with it on the cap and on the walls."""
-
-    robot: Robot
-    finding: Finding
-
-
 def settled_and_edited(
     robot: Robot, states: Campaign, catalogue: Collection[str], effects: Collection[str]
-) -> tuple[SettledThrust | None, Edited]:
-    """Thrust that is settled, and the robot and the states with the edits that are made first; where there are some, thrust is
-    settled after them, as a mistake hides it. `effects`: as `edit_first` takes them."""
+) -> tuple[Finding | None, Edited]:
+    """The note on thrust that is settled, and the robot and the states with the edits that are made first; where there are some,
+    thrust is settled after them, as a mistake hides it. `effects`: as `edit_first` takes them."""
     settled = settle_thrust(robot, states, catalogue)
-    first = edit_first(robot if settled is None else settled.robot, states, effects)
+    first = edit_first(robot if settled is None else settled[0], states, effects)
     if first.changes and settled is None:
         settled = settle_thrust(first.robot, first.states, catalogue)
-        first = first if settled is None else replace(first, robot=settled.robot)
-    return settled, first
+        first = first if settled is None else replace(first, robot=settled[0])
+    return settled and settled[1], first
 
 
-def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> SettledThrust | None:
-    """The robot with the chambers' thrust on its side walls, where that leaves far less of the tips than thrust on the cap does;
-    None where it does not, robot.yaml says which, or the diagnosis does not weigh it (`effects`)."""
+def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> tuple[Robot, Finding] | None:
+    """The robot with the chambers' thrust on its side walls, where that leaves far less of the tips than thrust on the cap does,
+    and the note on it; None where it does not, robot.yaml says which, or the diagnosis does not weigh it (`effects`)."""
     with_tip = states.take(~states.pushed)
     if THRUST not in effects or robot.chambers is None or robot.thrust or THRUST in robot.effects or not len(with_tip):
         return None
@@ -84,4 +76,4 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> S
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
     note = finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)
-    return SettledThrust(with_walls, note)
+    return with_walls, note
