@@ -12,7 +12,7 @@ import importlib.util
 import os
 import sys
 import traceback
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -110,19 +110,14 @@ def _settled(
             usable[name] = offered[0][1]
             if wrong:
                 doubts[name] = "\n".join(wrong)
-        elif offered:
-            broken[name] = _contested(name, [entry for entry, _ in offered])
+        elif offered:  # chance would decide which is used
+            entries = sorted((entry for entry, _ in offered), key=str)
+            packages = " and ".join(f"{e.package} {e.version}" for e in entries)
+            each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
+            broken[name] = f"packages {packages} both register {name}, so neither is used; keep one: {each}"
         else:
             broken[name] = "\n".join(wrong)
     return Registered(MappingProxyType(usable), MappingProxyType(broken), MappingProxyType(doubts))
-
-
-def _contested(name: str, entries: Collection[Entry]) -> str:
-    """Otherwise chance would decide which is used."""
-    entries = sorted(entries, key=str)
-    packages = " and ".join(f"{e.package} {e.version}" for e in entries)
-    each = " or ".join(f"pip uninstall {p}" for p in dict.fromkeys(e.package for e in entries))
-    return f"packages {packages} both register {name}, so neither is used; keep one: {each}"
 
 
 def told_at(error: BaseException, file: str | Path, hint: str = "") -> str:

@@ -254,12 +254,9 @@ def _base(file: File, wanted: Map) -> Array:
 
 
 def _place(file: File, name: str, points: Points) -> Array:
-    place = f"points.{name}"
-
-    def middle(of: Sequence[Point]) -> Array:
-        return np.asarray(np.mean([_xyz(file, p, points.unit, place) for p in of], axis=0))
-
-    return middle(points.of) - (middle(points.against) if points.against else 0.0)
+    """(n, 3) m of a point: the mean of its markers, from the mean of those that it is measured against."""
+    of, against = ([_xyz(file, p, points.unit, f"points.{name}") for p in group] for group in (points.of, points.against))
+    return np.asarray(np.mean(of, axis=0) - (np.mean(against, axis=0) if against else 0.0))
 
 
 def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> Array:

@@ -399,10 +399,8 @@ def _minutes(text: str) -> float:
 
 
 def _investigate(a: argparse.Namespace) -> Result:
-    menu = not a.no_hands, tuple(a.without), tuple(a.set)
-    labels = given_labels(a)
-    wanted = Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, labels, a.workers, a.watch)
-    return run(wanted)
+    menu = not a.no_hands, tuple(a.without), tuple(a.set), given_labels(a)
+    return run(Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, a.workers, a.watch))
 
 
 VERBS = (
