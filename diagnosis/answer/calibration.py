@@ -113,8 +113,8 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     modulus E, second moment of area I. `stiffness` is 1 / k, as a ratio to that of robot.yaml. With independent log errors
     d_i ~ N(0, s_i^2) whose sum is d, those given d are N(w_i d, s_i^2 (1 - w_i)), w_i = s_i^2 / sum s^2; the probability is that
     of |d_i| > |d| / 2 on the side of d. `modulus_sd`: relative, s of E; 0 where E I is measured. The section is drawn
-    without the chambers' cavities. Where no area factor makes up for them yet, it is as probable before as not that they change
-    E I, by exp(c).
+    without the chambers' cavities. Of a softer body, where no area factor makes up for them yet, it is as probable before as
+    not that they change E I, by exp(c).
     """
     path, name = robot.actuators.path_radius, robot.actuators.words.kind
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
@@ -129,7 +129,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
         powers |= {"youngs_modulus": (1.0, modulus_sd), "outer_radius": (0.25, GEOMETRY_SD * by_wall)}
     d, total = abs(np.log(stiffness)), sum(s**2 for _, s in powers.values())
     out, without_cavities = [], 1.0  # probability that the section is as drawn
-    if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0:
+    if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0 and stiffness < 1:
         area = robot.chambers.area
         second = len(robot.chambers.azimuths_deg) * area * (area / (4 * np.pi) + path**2 / 2)
         ratio = max(1 - second / body_of(robot).mean_second, TINY)

@@ -44,7 +44,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
     pressures_used = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
-    pressures = _three(pressures_used, s.pressure_gap)
+    pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), robot.max_pressure or np.inf)).tolist()
     mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))

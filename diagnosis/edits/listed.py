@@ -361,7 +361,7 @@ def _all(v: Variants, own: Array) -> Variants:
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
     units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
-    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * most / usual) ** 2)
+    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     looks, short = units[unit], words.fill("unit of the {pressures}")
     remedy = remedies.of_unit(mapped, robot, looks)
     return [finding("pressures_in_unit", words, factor=unit, looks=looks, remedy=remedy, short=short, p=p, rather=rather)]

@@ -195,7 +195,7 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
 
 UNCONFIRMED = "unconfirmed"
 """The key of map.yaml that lists guesses which the data do not force."""
-MOST_GUESSES, MOST_OF_GUESS = 6, 60
+MOST_GUESSES, MOST_OF_GUESS = 6, 160
 """Named one by one; characters of each."""
 DOUBTS = {
     "soft": "the jammed spine was soft",

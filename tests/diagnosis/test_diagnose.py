@@ -93,10 +93,12 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
     assert verdicts == [(spec.id,), ()]
 
 
-def test_experiments_are_proposed_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
-    one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
-    found = diagnose(measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8)), Options(quantify=False, catalogue=one))
-    assert found.attribute.effects == ("chamber_azimuth",) and found.next_experiment
+def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
+    one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
+    limit = 0.998 * float(case.table.pressures.max())
+    found = diagnose(replace(case, robot=case.robot.replace(max_pressure=limit)), Options(quantify=False, catalogue=one))
+    assert found.attribute.effects == ("chamber_azimuth",)
+    assert max(max(e.protocol["pressures"]) for e in found.next_experiment) == limit
 
 
 WARM = """
