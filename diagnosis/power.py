@@ -77,6 +77,11 @@ class Planned:
         """Around the calibrated robot."""
         return self.none.linear(self.problem)
 
+    @cached_property
+    def factors(self) -> Array:
+        """(n, b) columns of a relative error of size 1 of a law."""
+        return self.problem.smooth.laws(np.ones(len(self.problem.observed)))
+
     def sizes(self, effect: str) -> NDArray[np.intp]:
         """Indices of its parameters that are sizes."""
         p = self.problem.parameters
@@ -121,7 +126,6 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
     discrepancy_size = rng.choice(KNOWN.sizes, p=KNOWN.size_weights)
     y += discrepancy_size * (linear.discrepancy @ rng.standard_normal(linear.discrepancy.shape[1]))
     clutter_sd, cause_size, responses = float(rng.choice(clutter)), float(rng.uniform(*CAUSE)), {}
-    factors = d.problem.smooth.laws(np.ones(len(y)))
     for effect in d.effects:
         columns = d.sizes(effect)
         direction = rng.standard_normal(len(columns))
@@ -130,7 +134,7 @@ def drawn(d: Planned, rng: np.random.Generator, cause: str, clutter: Sequence[fl
         theta = direction * (cause_size if effect == cause else clutter_size)
         theta = np.where(p.low[columns] >= 0, np.abs(theta), np.where(p.high[columns] <= 0, -np.abs(theta), theta))
         response = noise.colour(linear.effects[:, columns] @ theta)
-        law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (factors @ rng.standard_normal(factors.shape[1]))
+        law_error = p.law_error[effect] * rng.choice(KNOWN.form_errors) * (d.factors @ rng.standard_normal(d.factors.shape[1]))
         responses[effect] = noise.whiten(response * (1 + law_error))
         y += responses[effect]
     return World(y, cause, cause_size, responses)

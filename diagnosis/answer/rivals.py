@@ -125,7 +125,7 @@ class Rivals:
         branch, no_kind = np.where(design.unload, -1.0, 1.0), np.zeros(len(design))
         where = settings(design.spine_length, design.pressure.max(axis=1), branch, no_kind, length)
         errors = smooth_errors(where, observed.row, observed.channel.astype(np.str_), p.unit, length)
-        forecasts = []
+        smooth, forecasts = errors.discrepancy, list[RivalForecast]()
         for c, known_covariance in zip(self.candidates, self._covariances, strict=True):
             theta = np.zeros(len(own_sd))
             theta[in_model] = c.fit.theta[in_problem]
@@ -136,7 +136,7 @@ class Rivals:
             covariance += (slope[:, fresh] * own_sd[fresh] ** 2) @ slope[:, fresh].T  # S' V S'^T
             covariance += (slope[:, mounted] * own_sd[mounted] ** 2) @ slope[:, mounted].T  # S_m V_m S_m^T, besides C
             size = max(c.grid_point.size, COMPARED_DISCREPANCY)
-            covariance += size**2 * errors.discrepancy @ errors.discrepancy.T  # g^2 D D^T
+            covariance += size**2 * smooth @ smooth.T  # g^2 D D^T
             # an error of the pressure readings moves the tip as an offset of the pressures does
             offset = names.get(OFFSET)
             by_pressure = np.zeros((len(mean), 1)) if offset is None else slope[:, [offset]]

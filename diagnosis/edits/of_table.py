@@ -43,12 +43,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
     for of in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
-            yield Edit(
-                "zero",
-                0.01,
-                partial(_absolute_says, of, ambient, of_unit(table.mapped, robot, of.name)),
-                partial(_absolute, of, ambient),
-            )
+            says = partial(_absolute_says, of, ambient, of_unit(table.mapped, robot, of.name))
+            yield Edit("zero", 0.01, says, partial(_absolute, of, ambient))
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
