@@ -78,7 +78,7 @@ class Excess:
     limit: str
     """Name, value and place of the limit, with above or outside."""
     over: float
-    """How far beyond: the worst of several is told. With a unit, what is required over its limit."""
+    """How far beyond, to name the worst of several; of a value with a unit, what is required over its limit."""
     remedy: str
     unit: str = ""
     """Of a value that smaller numbers of the protocol keep within its limit."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table as Sheet
 
+from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array
 from model.effects import EffectSpec
@@ -45,8 +46,6 @@ NO_INTERVAL = (
     "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
 )
 PICTURES = (".svg", ".png", ".pdf")
-LOWEST_PRESSURE = 1e3
-"""Pa; a table whose highest pressure is below is in kPa or bar."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,7 @@ def table_states(path: Path, words: Words) -> Columns:
     n = len(next(iter(columns.values())))
     columns.setdefault("spine_length", np.zeros(n))
     highest = {name: float(np.nanmax(np.abs(column))) for name, column in columns.items() if re.fullmatch(r"p\d+", name)}
-    if highest and 0 < max(highest.values()) < LOWEST_PRESSURE:
+    if highest and 0 < max(highest.values()) < LOWEST_USUAL:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
             f"{path}: column {name}: the highest {words.pressure} is {highest[name]:g} Pa, which looks like another "
