@@ -299,8 +299,10 @@ def _placed(position: Sequence[float], orientation: Sequence[float]) -> Pose:
 
 
 def _pose(log_time: int, tip: np.void) -> bytes | None:
+    if not tip["valid"]:
+        return None
     place = _placed(tip["position"].tolist(), tip["orientation"].tolist())
-    return _stamped(PoseInFrame(frame_id=BASE_FRAME, pose=place), log_time) if tip["valid"] else None
+    return _stamped(PoseInFrame(frame_id=BASE_FRAME, pose=place), log_time)
 
 
 def _markers(log_time: int, tip: np.void) -> bytes | None:

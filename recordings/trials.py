@@ -348,11 +348,9 @@ class Table:
     def get(self, name: str, missing: float = math.nan) -> NDArray[Any]:
         """(n,) the column, also where there is none; `missing` stands where a state has no number."""
         column = self.values.get(name)
-        if name in TEXTS:
-            return np.full(len(self), "") if column is None else column
         if column is None:
-            return np.full(len(self), missing)
-        return column if name in INTEGERS else np.where(np.isnan(column), missing, column)
+            return np.full(len(self), "" if name in TEXTS else missing)
+        return column if name in TEXTS | INTEGERS else np.where(np.isnan(column), missing, column)
 
     def place(self, state: int) -> str:
         """The name of a state (an index from 0) in messages."""
@@ -435,10 +433,9 @@ class Table:
         kinds, lengths = self.get("protocol"), self.spine_length
         spine = f", spine {lengths.min() * 100:.3g} to {lengths.max() * 100:.3g} cm" if lengths.any() else ""
         each = (counted(len(np.unique(self.trial[kinds == kind])), f"{kind} trial".strip()) for kind in np.unique(kinds))
-        trials = " and ".join(each) or "no trial"
         columns = {unit: ", ".join(name for name, own in self.units.items() if own == unit) for unit in self.units.values()}
         measured = "; ".join(f"{names} [{unit}]" for unit, names in columns.items() if unit.strip("1"))
-        return f"<Table: {counted(len(self), 'state')} in {trials}{spine}; {measured}>"
+        return f"<Table: {counted(len(self), 'state')} in {' and '.join(each) or 'no trial'}{spine}; {measured}>"
 
     def _repr_html_(self) -> str:
         return str(self.to_pandas().to_html(max_rows=20))
