@@ -72,16 +72,13 @@ def make(
         for place, (stratum, causes) in enumerate(draw(recipe))
     ]
     truths = sorted(spread(make_case, orders, workers, "cases made"), key=lambda t: t.case)
+    clutter = world(recipe.world).clutter if recipe.clutter is None else recipe.clutter
     about = {
-        "design": shown.name, "world": recipe.world, "clutter": _clutter(recipe), "sizes": list(recipe.sizes),
+        "design": shown.name, "world": recipe.world, "clutter": clutter, "sizes": list(recipe.sizes),
         "kinds": sorted({KINDS[o.stratum] for o in orders}), "held_out": recipe.held_out,
         **({"simulator": simulator} if simulator else {}),
     }  # fmt: skip
     return seal(folder, truths, recipe.seed, about)
-
-
-def _clutter(recipe: Recipe) -> float:
-    return world(recipe.world).clutter if recipe.clutter is None else recipe.clutter
 
 
 def make_case(order: CaseOrder) -> Truth:
