@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
 from collections.abc import Callable, Collection, Sequence
@@ -109,6 +110,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; errors become one clear message and an exit code."""
     # The matrices of fits and diagnoses are small: threads of the linear algebra would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(20_000)  # looking for garbage took a tenth of short commands: few of the libraries' objects ever are
     from .console import complain, plain_failures
     from .version import strangers
 

@@ -110,19 +110,15 @@ class Arm(BaseModel):
 
         Where no masses are stated, each link's is its share of the arm's length: torques are then a shape without size.
         """
-        half = np.array([_half_way(link) for link in self.links])
+        turned = [(link, math.radians(link.alpha_deg)) for link in self.links]
+        # between a link's two frames, in its own frame
+        half = -0.5 * np.array([[link.a, link.d * math.sin(alpha), link.d * math.cos(alpha)] for link, alpha in turned])
         length = np.array([math.hypot(link.a, link.d) for link in self.links])
         masses = [
             share if link.mass is None else link.mass for link, share in zip(self.links, length / length.sum(), strict=True)
         ]
         centres = [middle if link.centre is None else link.centre for link, middle in zip(self.links, half, strict=True)]
         return np.array(masses, float), np.array(centres, float)
-
-
-def _half_way(link: Link) -> Array:
-    """The point between a link's two frames, in its own frame."""
-    alpha = math.radians(link.alpha_deg)
-    return -0.5 * np.array([link.a, link.d * math.sin(alpha), link.d * math.cos(alpha)])
 
 
 def arm_from_dict(data: Mapping[str, Any]) -> Arm:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arrays import Array
+from model.arrays import Array, Ints
 from model.body import annulus_second_moment
 from model.effects import layout as at
 from model.effects.quantities import Quantities
@@ -57,14 +57,12 @@ class RodColumns:
                 out[:, :, other] = factor * values
         return out.reshape(-1, self.layout.width)
 
-    def changes(self, base: RodColumns, by: Array) -> tuple[list[int], Array]:
-        """Columns (a) in which rods differ from `base`, one variant, and (n, v, a) by how much per unit of `by` (v, n)."""
+    def changes(self, base: RodColumns, by: Array) -> dict[int, tuple[Ints, Array]]:
+        """By column in which rods differ from `base`, one variant: k variants that do, and (k, n) by how much per unit of `by`
+        (v, n)."""
         differences = {c: values - base[c] for c, values in self._of.items() if len(values) == len(by)}
-        changed = [c for c, difference in differences.items() if difference.any()]
-        out = np.empty((by.shape[1], len(by), len(changed)))
-        for i, column in enumerate(changed):
-            out[:, :, i] = (differences[column] / by).T
-        return changed, out
+        changed = {c: np.flatnonzero(difference.any(axis=1)) for c, difference in differences.items()}
+        return {c: (rows, differences[c][rows] / by[rows]) for c, rows in changed.items() if rows.size}
 
     def length(self, part: int) -> Array:
         """(v or 1, n or 1) m of one part of the body."""

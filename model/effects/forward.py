@@ -93,16 +93,21 @@ class _Varied:
     """(v, full) their steps, in the parameters' units; 1 where a row has no such parameter."""
     quantities: Quantities
     built: RodColumns
-    columns: list[int]
-    """The a columns of the rods that change."""
-    change: Array
-    """(full, v, a) by how much, per unit of the parameter."""
+    change: Mapping[int, tuple[Ints, Array]]
+    """By column of the rods that changes: the variants that do, and (k, full) by how much, per unit of the parameter."""
     moves: bool
     """Whether any of them changes quantities before the rod."""
     remembers: bool
     """Whether any of them adds memory of its own."""
     reads: bool
     """Whether any of them changes what is read of the same rods."""
+
+    def through(self, by_column: Array, columns: Sequence[int]) -> Array:
+        """(v, full, c) derivatives by parameters of what has derivatives `by_column` (full, a, c) by a columns of the rods."""
+        out = np.zeros((len(self.by_row), len(by_column), by_column.shape[-1]))
+        for column, (variants, change) in self.change.items():
+            out[variants] += change[..., None] * by_column[:, columns.index(column)]
+        return out
 
 
 class ForwardModel:
@@ -531,16 +536,16 @@ class ForwardModel:
         if moves:
             q = self._quantities(spread, change.behind(v))
             built = rod_columns(q, self._shear)
-        changed, slope = built.changes(here.built, by_row)
+        change_of = built.changes(here.built, by_row)
         remembers = any(law.path is not None for law in laws)
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
-        return _Varied(spread, by_row, q, built, changed, slope, moves, remembers, reads)
+        return _Varied(spread, by_row, q, built, change_of, moves, remembers, reads)
 
     def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> list[Array]:
         """(v, full, channels) of each batch: derivatives of readings through the rods' rows alone, in the parameters' units."""
         rest_slopes = self._rest_slopes(here, batches)
         columns = sorted(
-            {c for b in batches for c in b.columns} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
+            {c for b in batches for c in b.change} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
         by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # by columns of a rod's row
         if columns:
@@ -551,15 +556,15 @@ class ForwardModel:
             by_column[self._moved_rows] = _by_columns(here.final, columns, read)
         out = []
         for b, rest_slope in zip(batches, rest_slopes, strict=True):
-            slope = b.change @ by_column[:, [columns.index(c) for c in b.columns]]
+            slope = b.through(by_column, columns)
             if rest_slope is not None:
-                slope = slope + rest_slope @ by_column[:, [columns.index(c) for c in self._rest_columns]]
-            out.append(slope.swapaxes(0, 1))
+                slope += (rest_slope @ by_column[:, [columns.index(c) for c in self._rest_columns]]).swapaxes(0, 1)
+            out.append(slope)
         return out
 
     def _rest_slopes(self, here: _At, batches: Sequence[_Varied]) -> list[Array | None]:
         """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`; None where it adds the same."""
-        columns = sorted({c for b in batches for c in b.columns})
+        columns = sorted({c for b in batches for c in b.change})
         by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
         if here.remembers and columns:
             slopes = _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
@@ -568,11 +573,11 @@ class ForwardModel:
         out: list[Array | None] = []
         for b in batches:
             driven = here.driven
-            if here.remembers and b.columns:
-                slope = b.change @ by_column[:, [columns.index(c) for c in b.columns]]
-                if lengths.intersection(b.columns):
+            if here.remembers and b.change:
+                if lengths.intersection(b.change):
                     driven = self._drive(b.built, here.bare.result[None])
-                driven = driven + b.by_row[..., None] * slope.swapaxes(0, 1)  # of the variants, to first order
+                # of the variants, to first order
+                driven = driven + b.by_row[..., None] * b.through(by_column, columns)
             elif not b.remembers and not (here.remembers and b.moves):
                 out.append(None)
                 continue
