@@ -14,10 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
-from lab.files.rig_file import RigFile
+from lab.files.rig_file import Limits, RigFile, Safe, load_rig
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
 from lab.verbs.fakes import PATIENT, left_out, played, rig_yaml
+from lab.verbs.init import OF
 from lab.verbs.jog import known
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict
@@ -46,6 +47,25 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     assert (
         "did you mean 180 cm or 180 mm?" in cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
     )
+
+
+@pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])
+@pytest.mark.parametrize(("most", "error"), [(3, 5), (60, 7.2), (450, 54), (1900, 120)])
+def test_a_first_rig_has_the_limits_of_its_robot_and_lines_of_its_instruments_alone(
+    most: float, error: float, instruments: str, tmp_path: Path, cli: Cli
+) -> None:
+    cli("init", "--chambers", 3, "--length", "12 cm", "--max-pressure", f"{most} kPa", "--out", tmp_path / "robot.yaml",
+        "--rig", path := tmp_path / "rig.yaml", "--instruments", instruments)  # fmt: skip
+    text, rig = path.read_text(), load_rig(path)
+    if (pressure := rig.instruments.pressure) is not None:
+        highest = min(most, 1000) * 1e3
+        limits = (pressure.max_pressure, rig.limits.max_total_pressure, rig.limits.pressure_error)
+        assert limits == (highest, 3 * highest, error * 1e3) and pressure.full_scale >= highest
+    lines = {"pressure": "pressure.*:|vented", "arm": "arm|stand:", "force": "force|moment", "spine": "spine",
+             "valve": "vacuum|valve", "gauge": "vacuum|gauge", "mocap": "hidden"}  # fmt: skip
+    for role in lines.keys() - {one.partition("=")[0] for one in instruments.split(",")}:
+        assert not re.search(rf"(?:\b|_)(?:{lines[role]})", text.partition("\nclock:")[2]), role
+    assert set(OF) < {*Limits.model_fields, *Safe.model_fields} and not re.search("see (below|above)|Copy this", text)
 
 
 def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for() -> None:
