@@ -41,8 +41,8 @@ from ..options import JSON, OneOf, Result, Verb, option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
-from ..rig.by_hand import by_hand, demand_limit
-from ..rig.limits import bodies
+from ..rig.by_hand import by_hand
+from ..rig.limits import bodies, unlimited
 from .calibrate import NotDetermined, base_seen, lines
 
 STEP = 5e3
@@ -320,7 +320,8 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
 
     `calibrating`: inflate the channels alone, and report base, axes and chambers, see `lab.verbs.calibrate`."""
     file = load_rig(rig_path)
-    robot = _may_move(file, yes, PRESSURES if calibrating else ALL) if move or calibrating else None
+    asked = ("--calibrate", PRESSURES) if calibrating else ("--move", ALL)
+    robot = _may_move(file, yes, *asked) if move or calibrating else None
     if move:
         place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
     moved, said = list[Moved](), list[str]()
@@ -373,18 +374,18 @@ PRESSURES = f"inflates each channel to {STEP / 1e3:g} kPa"
 ALL = f"{PRESSURES}, homes the spine and moves it by 1 cm, opens the valve and moves the arm by 5 mm"
 
 
-def _may_move(file: RigFile, yes: bool, what: str) -> Robot:
+def _may_move(file: RigFile, yes: bool, option: str, what: str) -> Robot:
     """Return the robot that may be moved. Raises ConfigError, or Stopped if the person refuses."""
     import model.rods  # noqa: F401 (with its kernels; no other check waits for it, and no rig that is open)
 
     robot = file.body
-    demand_limit(file)
+    if missing := unlimited(file, robot):
+        raise ConfigError(*missing)
     if yes:
         return robot
     if not sys.stdin.isatty():
-        raise ConfigError(
-            "--move: cannot ask for confirmation (not a terminal); add --yes when nobody is within reach of the rig"
-        )
+        need = f"no terminal on which to confirm that it {what}; add --yes, only if nobody is within reach of the robot"
+        raise ConfigError(f"{option}: {need}")
     questions().print(
         f"This {what}. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )

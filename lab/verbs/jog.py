@@ -27,8 +27,9 @@ from ..files.units import UnitError, shown, to_si
 from ..guard.messages import SafeReport
 from ..options import Result, Verb, option, rig
 from ..rig.assembly import Rig
-from ..rig.by_hand import by_hand, demand_limit
+from ..rig.by_hand import by_hand
 from ..rig.keys import Keys, Line
+from ..rig.limits import unlimited
 from .run import connect
 
 JOGGED, SEEN = ("pressure", "spine", "valve", "gauge"), ("mocap", "force")
@@ -138,7 +139,8 @@ def known(file: RigFile) -> str:
 def jog(rig_path: Path, rate: str) -> Result:
     """Do what is typed until q or Ctrl-C, and land the rig. Raises ConfigError, and what an instrument raised."""
     file = load_rig(rig_path)
-    demand_limit(file)
+    if missing := unlimited(file, file.body):
+        raise ConfigError(*missing)
     try:
         speed = to_si(rate, "Pa/s")
     except UnitError as e:

@@ -100,14 +100,15 @@ def job(
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
-    experiment, parameters, plan = protocol_plan(protocol, settings, facts, source, of_file)
+    given = _with(source or source_of(protocol), settings)
+    experiment, parameters, plan = protocol_plan(protocol, [], facts, given, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
     on_rig = (rig, rig_path, robot)
-    keeping = partial(settings_within, parameters, lambda tried: excesses(_planned(experiment, tried), *on_rig))
+    keeping = partial(settings_within, parameters, given.table, lambda tried: excesses(_planned(experiment, tried), *on_rig))
     if beyond := problems(plan, *on_rig, keeping):
         raise ConfigError(*beyond)
     return Job(experiment, parameters, plan, rig, rig_path)
