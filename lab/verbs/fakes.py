@@ -76,14 +76,30 @@ def serve(a: argparse.Namespace) -> Result:
     for caught in (signal.SIGINT, signal.SIGTERM):
         signal.signal(caught, lambda *_: ended.set())
     with rig:
+        unlike = beyond(rig, effects(a.effect), a.robot)
         if a.rig is not None:
             _demand_free(a.rig)
             write_rig(rig, a.rig, robot=a.robot)
-            out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them")
+            out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them\n{unlike}", soft_wrap=True)
         else:
-            out.print(rig_yaml(rig, str(a.robot or paper_robot())), soft_wrap=True)
+            out.print(f"{rig_yaml(rig, str(a.robot or paper_robot()))}# {unlike}", soft_wrap=True)
         ended.wait()
     return Result()
+
+
+def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> str:
+    """State which effects the fakes have beyond the model of robot.yaml, and what of it they do not simulate."""
+    units = {e.id: unit_text(e.unit) for e in list_effects()}
+    has = [f"{name} = {size:.4g}{units[name]}" for name, size in effects.items()]
+    if "arm" in rig.parts and rig.truth.arm_errors:
+        has.append(f"errors of the arm's build (--arm-errors {rig.truth.arm_errors:g})")
+    stated = load(robot or paper_robot(), Robot)
+    lacks = [name for name in UNPLAYED if getattr(stated, name) not in (Robot.model_fields[name].default, "cap")]
+    return f"Beyond the model of robot.yaml: {', '.join(has) or 'no effect'}{'; not simulated: ' * bool(lacks)}{', '.join(lacks)}"
+
+
+UNPLAYED = ("thrust", "effects", "tolerances", "tip_moment", "residual")
+"""Keys of robot.yaml that the fakes do not simulate."""
 
 
 def _demand_free(rig: Path | None) -> None:

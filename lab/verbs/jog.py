@@ -133,7 +133,8 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
 def known(file: RigFile) -> str:
     """The commands that this rig can carry out."""
     spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
-    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | help | q; Ctrl-C vents and ends"
+    moves = f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent"
+    return f"{moves} | help | q; numbers without a unit are in Pa{' or m' * spine}; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:
@@ -194,7 +195,7 @@ VERBS = (
         lambda a: jog(a.rig, a.rate),
         options=(
             rig(),
-            option("--rate", default="10 kPa/s", metavar="RATE", help="of pressures (default 10 kPa/s)"),
+            option("--rate", default="10 kPa/s", metavar="RATE", help="of pressures (default 10 kPa/s), in Pa/s without a unit"),
         ),
         examples=("lab jog --rig rig/rig.yaml", "lab jog --rig rig/rig.yaml --rate '2 kPa/s'"),
         page="docs/tutorials/your-rig.md",

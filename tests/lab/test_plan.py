@@ -99,7 +99,9 @@ def test_repeats_are_folded_unless_all_are_asked_for(ladder: str, cli: Cli) -> N
 
 def test_a_plan_that_asks_for_nothing_warns(ladder: str, cli: Cli) -> None:
     assert "ladder: no step asks for a pressure" in cli("plan", ladder, "--rig", RIG, "--set", "levels=[0, 0]").err
-    assert cli("plan", ladder, "--rig", RIG).err == ""
+    assert cli("plan", ladder, "--rig", RIG).err == cli("plan", "bending", "--rig", RIG, "--set", "repeats=2").err == ""
+    once = cli("plan", "bending", "--rig", RIG).flat_err
+    assert "the noise floor) cannot be estimated; add --set repeats=3" in once
 
 
 def test_the_keys_of_a_protocol_are_listed(ladder: str, cli: Cli) -> None:
@@ -116,6 +118,9 @@ def test_the_keys_of_a_protocol_are_listed(ladder: str, cli: Cli) -> None:
     assert bending["reading"]["limits"] == "settled or sweep or hold"
     assert (bending["settle.band"]["unit"], bending["settle.band"]["default"]) == ("kPa", "1.5")
     assert keys("cycles")["chambers"]["limits"] == "from 1 to 64"
+    told = cli("plan", "bending", "--rig", RIG, "--keys").out
+    assert "This rig allows at most: pressure 250 kPa, total pressure 1500 kPa, " in told and "chambers 1 to 9\n" in told
+    assert "with their unit: --set 'rate=25 kPa/s'." in told
     assert "\nlevels (kPa): default [20, 40]\n    Visited in this order.\n" in cli("plan", ladder, "--keys").out
     assert "--rig" in cli("plan", "bending", code=2).err
 

@@ -17,13 +17,14 @@ from lab.files.config import ConfigError, check, load, parse_yaml
 from lab.files.rig_file import Limits, RigFile, Safe, load_rig
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
-from lab.verbs.fakes import PATIENT, left_out, played, rig_yaml
+from lab.verbs.fakes import PATIENT, beyond, left_out, played, rig_yaml
 from lab.verbs.init import OF
 from lab.verbs.jog import known
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict
 from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
+from sim_fakes.virtual_robot import RobotTruth
 
 
 # ------------------------------------------------------------------ a first robot and a first rig
@@ -37,7 +38,9 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     assert made.max_pressure == 80e3
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
-    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | help | q; Ctrl-C vents and ends"
+    assert "is there already" in cli(
+        *words, code=2
+    ).err and "| vent | help | q; numbers without a unit are in Pa; Ctrl-C" in known(bench)
     tendons = tmp_path / "tendons.yaml"
     refused = cli("init", "--tendons", 4, "--length", "30 cm", "--out", tendons, "--rig", tmp_path / "new.yaml", code=2).flat_err
     assert "a rig can only drive chambers: measure elsewhere and `lab import` the table" in refused and not tendons.exists()
@@ -68,15 +71,24 @@ def test_a_first_rig_has_the_limits_of_its_robot_and_lines_of_its_instruments_al
     assert set(OF) < {*Limits.model_fields, *Safe.model_fields} and not re.search("see (below|above)|Copy this", text)
 
 
-def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for() -> None:
+def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp_path: Path) -> None:
     three = load(paper_robot().parents[1] / "three_chambers/robot.yaml", Robot)
     assert (
         left_out(None, three) == {"spine", "arm", "force"} and left_out(None, None) == set() and left_out("", three) == {"spine"}
     )
     solid = three.replace(inner_radius=0.0)
     assert played(solid).inner_radius == 0
-    table = FakeRig(truth=played(solid), without=left_out(None, solid)).rig_file()
+    fakes = FakeRig(truth=played(solid), without=left_out(None, solid))
+    table, file = fakes.rig_file(), tmp_path / "robot.yaml"
     assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
+    for stated, effects, said in (
+        ("", {}, "no effect"),
+        ("thrust: walls\n", {"base_tilt": 0.02}, "base_tilt = 0.02 rad; not simulated: thrust"),
+        ("thrust: cap\n", {}, "no effect"),
+    ):
+        file.write_text(robot_yaml(solid) + stated)
+        assert beyond(fakes, effects, file) == f"Beyond the model of robot.yaml: {said}"
+    assert beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {}, None).endswith("errors of the arm's build (--arm-errors 2)")
     with pytest.raises(ConfigError, match="--without arms: is no instrument; give some of arm, force"):
         left_out("arms", three)
 
