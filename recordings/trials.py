@@ -242,6 +242,11 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
     return tuple(cells[name] for name in names) if names[0] in cells else None
 
 
+AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES |= {f"+{name}": axis for name, axis in AXES.items()} | {f"-{name}": (-x, -y, -z) for name, (x, y, z) in AXES.items()}
+"""Name of an axis, as a frame has it -> its direction."""
+
+
 @dataclass(frozen=True)
 class Mapped:
     """How columns of another program became those of a table: the axis of the file for each axis of the base, whether keys of
