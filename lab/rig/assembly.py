@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import timing
 from drivers.chambers import ChamberMap
@@ -59,7 +59,7 @@ FIRST = 1
 """So many come before the lab's own sensors."""
 
 
-class Rig:
+class Rig(contextlib.AbstractContextManager["Rig"]):
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
@@ -309,9 +309,6 @@ class Rig:
                 f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and logs the result in "
                 f"{self.file.path and self.file.path.with_suffix('.guard.log')}"
             )
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
