@@ -245,7 +245,7 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         self.vital.landed = None
         sensors = [n for n in self.sensors if has(n)]
         self.watch.over([*(n for n in needs if has(n)), *sensors])
-        actuators = self.actuators
+        opened = {name: self.streams.get(name) or getattr(self.actuators, name) for name in ORDER if has(name)}
         return Bench(
             clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
@@ -260,16 +260,9 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
             rest=rest,
             chambers=self.chambers,
             stand=None if stand is None else StandFrame(**stand.model_dump(exclude={"position_sd"})),
-            pressure=actuators.pressure if has("pressure") else None,
-            spine=actuators.spine if has("spine") else None,
-            valve=actuators.valve if has("valve") else None,
-            gauge=actuators.gauge if has("gauge") else None,
-            arm=actuators.arm if has("arm") else None,
-            arm_state=self.streams["arm_state"] if has("arm_state") else None,
-            force=self.streams["force"] if has("force") else None,
-            mocap=self.streams["mocap"] if has("mocap") else None,
             sensors=tuple(self.sensors[n].topic for n in sensors),
             bodies=bodies(self.file, self.file.body) if has("mocap") else None,
+            **opened,
         )
 
     def __repr__(self) -> str:

@@ -130,9 +130,9 @@ def _spine(bench: Bench, rig: RigFile) -> str:
     if bench.valve is None or bench.gauge is None:
         return "not moved: without valve and gauge the spine may still be jammed"
     home(bench)
-    most = config.max_length if config is not None else SPINE_TRAVEL
-    displacement = min(SPINE_TRAVEL, most)
-    motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
+    assert config is not None  # it is open
+    displacement = min(SPINE_TRAVEL, config.max_length)
+    motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed))
     grow(bench, displacement, motion)
     grown = unit.read().length
     grow(bench, 0.0, motion)
@@ -142,19 +142,16 @@ def _spine(bench: Bench, rig: RigFile) -> str:
 def _arm(bench: Bench, rig: RigFile) -> str:
     """Move the arm by `ARM_TRAVEL` along z, towards the middle of its workspace, and back; its own state must show it."""
     arm, state, config = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm"), rig.instruments.arm
-    start = state.latest().tcp_pose
-    low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
+    assert config is not None  # it is open
+    start, low, high = state.latest().tcp_pose, config.workspace_min, config.workspace_max
     outside = [f"{a} = {x:.3f} m" for a, x, lo, hi in zip("xyz", start, low, high, strict=False) if not lo <= x <= hi]
     if outside:
         raise NotAsCommanded(f"arm: its tool is at {', '.join(outside)}, outside its workspace; move it inside by hand")
     middle = [(lo + hi) / 2 for lo, hi in zip(low, high, strict=True)]
     goal = list(start)
     goal[2] += math.copysign(ARM_TRAVEL, middle[2] - start[2])
-    speed, acceleration = ARM_SPEED, ARM_ACCELERATION
-    if config is not None:
-        speed, acceleration = min(speed, config.max_speed), min(acceleration, config.max_acceleration)
     for target in (goal, list(start)):
-        arm.move_to(target, speed, acceleration)
+        arm.move_to(target, min(ARM_SPEED, config.max_speed), min(ARM_ACCELERATION, config.max_acceleration))
         bench.wait("arm: at its target", lambda: None if arm.moving() else True, WITHIN)
         aim = target[:3]
         bench.wait(

@@ -89,8 +89,7 @@ def serve(a: argparse.Namespace) -> Result:
 
 def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> str:
     """State which effects the fakes have beyond the model of robot.yaml, and what of it they do not simulate."""
-    units = {e.id: unit_text(e.unit) for e in list_effects()}
-    has = [f"{name} = {size:.4g}{units[name]}" for name, size in effects.items()]
+    has = [f"{e.id} = {effects[e.id]:.4g}{unit_text(e.unit)}" for e in list_effects() if e.id in effects]
     if "arm" in rig.parts and rig.truth.arm_errors:
         has.append(f"errors of the arm's build (--arm-errors {rig.truth.arm_errors:g})")
     stated = load(robot or paper_robot(), Robot)

@@ -13,7 +13,7 @@ from model.robot import Robot
 from recordings.own_files import replaced
 
 from ..console import out
-from ..files.config import ConfigError, check, demand_writable, load, parse_yaml
+from ..files.config import ConfigError, check, demand_writable, parse_yaml
 from ..files.rig_file import RigFile, drivers
 from ..files.units import UnitError, to_si, written
 from ..options import OneOf, Result, Verb, option
@@ -26,8 +26,8 @@ SHARES = {"inner_radius": 0.0, "path_radius": 0.6, "chamber_radius": 0.2}
 """Of the outer radius, itself a tenth of the length, where a dimension is not given."""
 COMMENTS = 40
 """Their column in it."""
-HIGHEST, HIGHEST_TOTAL, LEAST_ERROR = 1e6, 3e6, 5e3
-"""Pa; bounds that rig.yaml has for max_pressure, max_total_pressure and pressure_error."""
+SCALED = ("max_pressure", "pressure_error", "full_scale")
+"""Its pressures that follow what the robot bears."""
 OF = {
     "max_total_pressure": "pressure", "pressure_error": "pressure", "pressure_error_time": "pressure", "vented_below": "pressure",
     "max_force": "force", "max_moment": "force", "max_age_in_motion": "arm force", "max_vacuum": "gauge", "keep_vacuum": "valve",
@@ -102,25 +102,18 @@ def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float
     limits = re.sub(rf"(?m)^  (?:{absent}):.*\n", "", limits) if absent else limits
     text = "".join([*lines, *(["stand:", stand, "\n"] if "arm" in instruments else []), "limits:", limits])
 
-    usual = load(HARDWARE, RigFile)
-    regulators = usual.instruments.pressure
-    assert regulators is not None
-    top = min(most or regulators.max_pressure, HIGHEST)
-    error = usual.limits.pressure_error * top / regulators.max_pressure
+    highest, error, full_scale = (to_si(re.findall(rf" {key}: (.*?) +#", example)[0], "Pa") for key in SCALED)
+    top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's own
     pressures = {
         "max_pressure": top,
-        "max_total_pressure": min(count * top, HIGHEST_TOTAL),
-        "pressure_error": max(error, LEAST_ERROR),
-        **({"full_scale": top} if top > regulators.full_scale else {}),
+        "max_total_pressure": min(count * top, 3e6),
+        "pressure_error": max(error * top / highest, 5e3),
+        **({"full_scale": top} if top > full_scale else {}),
     }
-    values = {"robot": robot, "chambers": str([[i] for i in range(1, count + 1)]),
-              "units": f"[{', '.join(ascii_uppercase[:count])}]",
+    values = {"robot": robot, "chambers": [[i] for i in range(1, count + 1)], "units": f"[{', '.join(ascii_uppercase[:count])}]",
               **{key: written([float(f"{value:.6g}")], "Pa")[0] for key, value in pressures.items()}}  # fmt: skip
-
-    def changed(line: re.Match[str]) -> str:
-        return (f"{line[1]}{values[line[2]]} ".ljust(COMMENTS) + line[3]).rstrip()
-
-    return re.sub(rf"(?m)^( *({'|'.join(values)}): )[^#\n]*(#?)", changed, text)
+    line = rf"(?m)^( *({'|'.join(values)}): )[^#\n]*(#?)"
+    return re.sub(line, lambda m: (f"{m[1]}{values[m[2]]} ".ljust(COMMENTS) + m[3]).rstrip(), text)
 
 
 def init(a: argparse.Namespace) -> Result:
