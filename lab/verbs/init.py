@@ -149,10 +149,8 @@ VERBS = (
         "init",
         init,
         options=(
-            OneOf((
-                option("--chambers", type=int, metavar="N", help="chambers about the axis, evenly spaced"),
-                option("--tendons", type=int, metavar="N", help="tendons instead"),
-            ), required=True),
+            OneOf(option("--chambers", type=int, metavar="N", help="chambers about the axis, evenly spaced"),
+                  option("--tendons", type=int, metavar="N", help="tendons instead"), required=True),
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
             option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),

@@ -222,10 +222,8 @@ VERBS = (
         options=(
             JSON,
             OneOf(
-                (
-                    option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
-                    option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
-                ),
+                option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
+                option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
                 required=True,
             ),
             option("--clear", action="store_true", help="unlock the rig when everything is confirmed safe"),
