@@ -478,11 +478,7 @@ VERBS = (
             rig(),
             OneOf(
                 option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-                option(
-                    "--calibrate",
-                    action="store_true",
-                    help="inflate each channel a little: azimuths, base and axes, as lines for the files",
-                ),
+                option("--calibrate", action="store_true", help="inflate each channel a little; prints azimuths, base and axes"),
             ),
             option("--yes", action="store_true", help="with these: skip the confirmation; only if nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),
