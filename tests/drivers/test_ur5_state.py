@@ -125,10 +125,7 @@ def test_a_sped_up_e_series_shows_its_own_cycle() -> None:
             stream.driver.latest()
 
 
-@pytest.mark.parametrize(
-    ("seen", "missing"),
-    [({*range(60)} - {3, 4, 40}, 3), (range(0, 60, 2), 29), ([*range(5000, 5040), *range(5)], 0)],  # the last: it restarted
-)
+@pytest.mark.parametrize(("seen", "missing"), [({*range(60)} - {3, 4}, 2), (range(0, 60, 2), 29), ([*range(50, 90), 0, 1], 0)])
 def test_the_counter_finds_every_gap_from_the_first_stamp_on(seen: Iterable[int], missing: int) -> None:
     counter = CycleCounter(0.008)
     assert sum(counter.add(0.008 * i) for i in seen) == missing

@@ -100,8 +100,7 @@ def test_repeats_are_folded_unless_all_are_asked_for(ladder: str, cli: Cli) -> N
 def test_a_plan_that_asks_for_nothing_warns(ladder: str, cli: Cli) -> None:
     assert "ladder: no step asks for a pressure" in cli("plan", ladder, "--rig", RIG, "--set", "levels=[0, 0]").err
     assert cli("plan", ladder, "--rig", RIG).err == cli("plan", "bending", "--rig", RIG, "--set", "repeats=2").err == ""
-    once = cli("plan", "bending", "--rig", RIG).flat_err
-    assert "the noise floor) cannot be estimated; add --set repeats=3" in once
+    assert "the noise floor) cannot be estimated; add --set repeats=3" in cli("plan", "bending", "--rig", RIG).flat_err
 
 
 def test_the_keys_of_a_protocol_are_listed(ladder: str, cli: Cli) -> None:

@@ -34,22 +34,20 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
              "--max-pressure", "80 kPa", "--out", robot, "--rig", rig)  # fmt: skip
     told = cli(*words, "--instruments", "pressure=smc_itv,mocap").out
     made, bench = load(robot, Robot), load(rig, RigFile)
-    assert made.length == 0.18 and made.actuators.azimuths_deg == (0, 90, 180, 270) and made.chambers.path_radius == 0.0054
-    assert made.max_pressure == 80e3
+    assert (made.length, made.chambers.path_radius, made.max_pressure) == (0.18, 0.0054, 80e3)
+    assert made.actuators.azimuths_deg == (0, 90, 180, 270)
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
-    assert "is there already" in cli(
-        *words, code=2
-    ).err and "| vent | help | q; numbers without a unit are in Pa; Ctrl-C" in known(bench)
+    assert known(bench) == "p2 20 kPa | vent | help | q; numbers without a unit are in Pa; Ctrl-C vents and ends"
+    assert "is there already" in cli(*words, code=2).err
     tendons = tmp_path / "tendons.yaml"
     refused = cli("init", "--tendons", 4, "--length", "30 cm", "--out", tendons, "--rig", tmp_path / "new.yaml", code=2).flat_err
     assert "a rig can only drive chambers: measure elsewhere and `lab import` the table" in refused and not tendons.exists()
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
-    assert (
-        "did you mean 180 cm or 180 mm?" in cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
-    )
+    unclear = cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
+    assert "did you mean 180 cm or 180 mm?" in unclear
 
 
 @pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])
@@ -81,14 +79,11 @@ def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp
     fakes = FakeRig(truth=played(solid), without=left_out(None, solid))
     table, file = fakes.rig_file(), tmp_path / "robot.yaml"
     assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
-    for stated, effects, said in (
-        ("", {}, "no effect"),
-        ("thrust: walls\n", {"base_tilt": 0.02}, "base_tilt = 0.02 rad; not simulated: thrust"),
-        ("thrust: cap\n", {}, "no effect"),
-    ):
+    for stated, said in (("", ""), ("thrust: walls\n", "; not simulated: thrust"), ("thrust: cap\n", "")):
         file.write_text(robot_yaml(solid) + stated)
-        assert beyond(fakes, effects, file) == f"Beyond the model of robot.yaml: {said}"
-    assert beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {}, None).endswith("errors of the arm's build (--arm-errors 2)")
+        assert beyond(fakes, {}, file) == f"Beyond the model of robot.yaml: no effect{said}"
+    whole = beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {"base_tilt": 0.02}, None)
+    assert whole.endswith(": base_tilt = 0.02 rad, errors of the arm's build (--arm-errors 2)")
     with pytest.raises(ConfigError, match="--without arms: is no instrument; give some of arm, force"):
         left_out("arms", three)
 
