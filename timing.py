@@ -25,6 +25,9 @@ Made = TypeVar("Made")
 class Clock(Protocol):
     """The time of the rig (s); real instruments run at the pace of the host, a sped-up rig runs faster."""
 
+    speed: float
+    """Seconds of it that pass in one of the host's."""
+
     def now(self) -> float:
         """Time since the clock was made, s."""
 

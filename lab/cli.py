@@ -76,8 +76,9 @@ class LabParser(argparse.ArgumentParser):
         return "\n".join([*lines, "start: docs/tutorials/first-day.md"]) + "\n"
 
     def error(self, message: str) -> NoReturn:
-        """See ArgumentParser; words that are left over are most often those of a value without its quotes."""
-        hint = "; quote a value with spaces: --set 'rate=20 kPa/s'" if message.startswith("unrecognized") else ""
+        """See ArgumentParser; a word that is left over, and no option, is most often of a value without its quotes."""
+        value = message.startswith("unrecognized") and ": -" not in message
+        hint = "; quote a value with spaces: --set 'rate=20 kPa/s'" if value else ""
         super().error(message + hint)
 
 

@@ -347,26 +347,17 @@ def test_it_does_not_open_on_a_silent_line(unit: DriverOnFake) -> None:
 
 @units()
 def test_it_does_not_open_on_a_line_whose_answers_are_all_damaged(unit: DriverOnFake) -> None:
+    remedy = "check the form of each answer, then raise Unreachable or WrongDevice"
     with unit.rewritten(damaged) as sent:
-        must_not_open(
-            unit.driver,
-            "a line on which every answer was damaged",
-            "check the form of each answer, then raise Unreachable or WrongDevice",
-            sent,
-        )
+        must_not_open(unit.driver, "a line on which every answer was damaged", remedy, sent)
 
 
 @units()
 def test_it_does_not_open_on_answers_whose_checksum_is_wrong(unit: DriverOnFake) -> None:
-    quick = unit.hasty()
+    quick, remedy = unit.hasty(), "verify the checksum of each answer, then raise Unreachable or WrongDevice"
     for place in range(PLACES):
         with unit.falsified(place) as sent:
-            must_not_open(
-                quick,
-                "a line on which one character of every answer was changed",
-                "verify the checksum of each answer, then raise Unreachable or WrongDevice",
-                sent,
-            )
+            must_not_open(quick, "a line on which one character of every answer was changed", remedy, sent)
         quick.close()
 
 

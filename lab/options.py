@@ -24,12 +24,11 @@ class Option:
         parser.add_argument(*self.names, **self.how)
 
 
-@dataclass(frozen=True)
 class OneOf:
     """Options of which at most one may be given; exactly one if `required`."""
 
-    options: tuple[Option, ...]
-    required: bool = False
+    def __init__(self, *options: Option, required: bool = False) -> None:
+        self.options, self.required = options, required
 
     @property
     def names(self) -> tuple[str, ...]:

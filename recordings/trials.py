@@ -40,6 +40,9 @@ TEXTS = frozenset({"protocol", "branch", "specimen", "doubt"})
 DOUBTS = ("soft", "bodies", "drift")
 """Why a state is not to be relied on; the first that holds counts."""
 TIP = ("x", "y", "z")
+AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+AXES |= {f"+{name}": axis for name, axis in AXES.items()} | {f"-{name}": (-x, -y, -z) for name, (x, y, z) in AXES.items()}
+"""Name of an axis, as a frame has it -> its direction."""
 ORIENTATION = ("qw", "qx", "qy", "qz")
 TAIL = ("specimen", "force", "deflection", "clipped", "force_drift", "doubt")
 BESIDE_JSON = ("clipped", "force_drift", "doubt")

@@ -7,12 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from model.robot import Robot
-from recordings.trials import Mapped, pressure_columns
+from recordings.trials import AXES, Mapped, pressure_columns
 
 from ..arrays import Array
 
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
-"""Name of an axis, as a frame has it -> its direction."""
 MIRRORS = {
     **{f"change the sign of column {a} (`scale: -1`)": np.array(AXES[a]) for a in "xyz"},
     **{f"swap columns {a} and {b}": np.subtract(AXES[a], AXES[b]) for a, b in combinations("xyz", 2)},
@@ -22,14 +20,14 @@ MIRRORS = {
 
 def named(axes: Array) -> list[str]:
     """Name the axes along which the rows of a signed permutation (3, 3) point."""
-    return [name for row in axes for name, direction in AXES.items() if np.dot(row, direction) > 0]
+    return [next(name for name, direction in AXES.items() if np.dot(row, direction) > 0) for row in axes]
 
 
 def of_frame(axes: Array, mapped: Mapped | None) -> str:
     """Say what makes the tips those along the base's axes, which are the rows of `axes` (3, 3) in the table."""
     if mapped is None:
         return f"let columns x, y, z hold what is now {', '.join(named(axes))}"
-    present = np.array([AXES[name.lstrip("+")] for name in mapped.frame])
+    present = np.array([AXES[name] for name in mapped.frame])
     found, ways = axes @ present, []
     if np.linalg.det(axes) < 0:  # which no frame can be
         mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}

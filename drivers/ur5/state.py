@@ -17,7 +17,7 @@ from timing import Clock
 
 from ..errors import BadReply, InstrumentError, NotReady, StaleReading, Unreachable
 from ..interfaces import ArmSample, Identity, Sink, Vector6
-from .wire import UrController
+from .wire import E_SERIES, UrController
 
 VARIABLES = [
     "timestamp",
@@ -41,35 +41,23 @@ CLOSE_TIMEOUT = 4.0
 """s of host time; the library alone takes 0.5 s, and up to 2.5 s more when the controller is silent."""
 
 
+CYCLE, CYCLE_E_SERIES = 0.008, 0.002
+"""s of the controller's time from one package to the next, CB3 and since the e-Series; the library asks for all of them."""
+
+
 class CycleCounter:
-    """Counts the samples missing between stamps; the cycle is the smallest of the first steps seen."""
+    """Counts the samples missing between stamps. `cycle`: s of the controller's time from one sample to the next."""
 
-    LEARN = 25
-    """Steps."""
-
-    def __init__(self) -> None:
-        self.cycle: float | None = None
-        """s of the controller's time; None until learnt."""
+    def __init__(self, cycle: float) -> None:
+        self.cycle = cycle
         self._last: float | None = None
-        self._steps: list[float] = []
 
     def add(self, stamp: float) -> int:
-        """Take the next stamp (s); returns how many samples have newly become known to be missing."""
+        """Take the next stamp (s); returns how many samples are missing before it."""
         last, self._last = self._last, stamp
         if last is None or stamp <= last:
             return 0  # the first, or the controller was restarted
-        step = stamp - last
-        if self.cycle is not None:
-            return self._missing(step, self.cycle)
-        self._steps.append(step)
-        if len(self._steps) < self.LEARN:
-            return 0
-        self.cycle = min(self._steps)
-        return sum(self._missing(seen, self.cycle) for seen in self._steps)
-
-    @staticmethod
-    def _missing(step: float, cycle: float) -> int:
-        return max(0, round(step / cycle) - 1)
+        return max(0, round((stamp - last) / self.cycle) - 1)
 
 
 class UR5State:
@@ -87,7 +75,7 @@ class UR5State:
         self._clock = clock
         self._sink = sink
         self._identity: Identity | None = None
-        self._counter = CycleCounter()
+        self._counter = CycleCounter(CYCLE)
         self._newest: tuple[float, ArmSample] | None = None
         self.safety_mode = 0
         """As RTDE defines it, of the newest sample; some stops show here only."""
@@ -103,8 +91,8 @@ class UR5State:
         self._first = timing.Event()
 
     @property
-    def cycle(self) -> float | None:
-        """Cycle of the controller as its stamps show it, s of its own time; None until enough were seen."""
+    def cycle(self) -> float:
+        """Cycle of the controller, s of its own time."""
         return self._counter.cycle
 
     def open(self) -> Identity:
@@ -113,13 +101,15 @@ class UR5State:
             if self._identity is not None and not self._stopping.is_set():
                 return self._identity
             raise NotReady(self.name, "the library has not released the last connection; restart the program")
-        identity = self.controller.identify(self.controller.snapshot())
+        seen = self.controller.snapshot()
+        identity = self.controller.identify(seen)
         try:
             self._receive = rtde_receive.RTDEReceiveInterface(self.controller.host, -1.0, VARIABLES)
         except RuntimeError as error:
             raise Unreachable(self.name, f"no state stream from {self.controller.host}: {error}") from error
         self.lost = self.interruptions = 0
-        self._counter, self._newest = CycleCounter(), None
+        cycle = CYCLE_E_SERIES if seen.version[0] >= E_SERIES else CYCLE
+        self._counter, self._newest = CycleCounter(cycle * self._clock.speed), None
         self._stopping.clear()
         self._first.clear()
         self._thread = timing.Thread(target=self._run, name=f"{self.name} state", daemon=True)

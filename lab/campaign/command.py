@@ -286,13 +286,8 @@ class Session:
     def _labels(self, run: CampaignRun | None) -> dict[str, str]:
         """Description of a recording."""
         own = {**self.campaign.file.labels, **self.journal.done.labels, "campaign": self.campaign.file.campaign}
-        if run is None:
-            return own | {"warm_up": "yes"}
-        return (
-            own
-            | {"block": str(run.block), "run": str(run.number)}
-            | ({"condition": run.condition[:SHOWN]} if run.condition else {})
-        )
+        own |= {"warm_up": "yes"} if run is None else {"block": str(run.block), "run": str(run.number)}
+        return own if run is None or not run.condition else own | {"condition": run.condition[:SHOWN]}
 
 
 MOST_SEED = 2**31

@@ -76,7 +76,7 @@ class CampaignProgress:
             self.rows += _whole(line["rows"])
 
 
-class CampaignJournal:
+class CampaignJournal(contextlib.AbstractContextManager["CampaignJournal"]):
     """A journal that is being written, and its present content."""
 
     def __init__(self, path: Path, fd: int, done: CampaignProgress) -> None:
@@ -132,9 +132,6 @@ class CampaignJournal:
             raise WriteFailed(f"{self.path}: cannot be written: {error.strerror}") from error
         if sync:
             self.done.take(line)
-
-    def __enter__(self) -> CampaignJournal:
-        return self
 
     def __exit__(self, *_: object) -> None:
         os.close(self._fd)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import Mapped, Table
+from recordings.trials import AXES, Mapped, Table
 
 from ..console import note
 from ..plain import typed
@@ -97,7 +96,7 @@ def _mapped(path: Path) -> Mapped | None:
     except (ConfigError, TypeError):
         return None
     axes = tuple(str(frame[axis]) for axis in "xyz")
-    return Mapped(axes) if all(re.fullmatch("[+-]?[xyz]", axis) for axis in axes) else None
+    return Mapped(axes) if AXES.keys() >= set(axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

@@ -102,15 +102,15 @@ USUAL = {"Pa": "kPa", "Pa/s": "kPa/s", "m": "cm", "m/s": "cm/s", "kg": "g"}
 """SI unit -> the unit in which people read such values at a rig."""
 
 
-def usual(unit: str) -> tuple[float, str]:
-    """Return the unit in which people read values of an SI unit, and its size in that SI unit; "" for a pure number."""
-    name = USUAL.get(unit, unit)
+def usual(unit: str, value: float = 0.0) -> tuple[float, str]:
+    """Return the size of the unit in which people read such a value of an SI unit, and its name; "" for a pure number."""
+    name = "mm" if unit == "m" and 0 < abs(value) < 0.01 else USUAL.get(unit, unit)
     return KINDS.get(unit, {}).get(name, 1.0), "" if name == "1" else name
 
 
 def shown(value: float, unit: str) -> str:
     """Return an SI value as people read it at a rig: `250 kPa`."""
-    factor, name = (1e-3, "mm") if unit == "m" and 0 < abs(value) < 0.01 else usual(unit)
+    factor, name = usual(unit, value)
     return f"{value / factor:.4g}{unit_text(name)}"
 
 
@@ -137,8 +137,7 @@ def written(values: Sequence[float], unit: str) -> list[str]:
     >>> written([400e3], "Pa"), written([0.5, 0.7], "m"), written([0.0, 0.006], "m"), written([math.pi / 2], "rad")
     (['400 kPa'], ['50 cm', '70 cm'], ['0 mm', '6 mm'], ['90 deg'])
     """
-    small = unit == "m" and 0 < max(map(abs, values), default=0) < 0.01
-    for name in ("mm" if small else usual(unit)[1], "deg" if unit == "rad" else unit):
+    for name in (usual(unit, max(map(abs, values), default=0.0))[1], "deg" if unit == "rad" else unit):
         texts = [f"{value / KINDS.get(unit, {}).get(name, 1.0):.15g} {name}" for value in values]
         if all(to_si(text, unit) == value for text, value in zip(texts, values, strict=True)):
             return texts

@@ -84,7 +84,9 @@ class Guard:
         for name in REMOTES:
             config = getattr(self.rig.instruments, name)
             if config is not None:
-                self.own.drivers[name] = self._make(name, config)
+                if name == "valve" and rig.safe.keep_vacuum:
+                    config = config.model_copy(update={"on_close": "keep"})
+                self.own.drivers[name] = under_guard(name, config, self.clock)
                 self.own.locks[name] = timing.Lock()
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
@@ -116,11 +118,6 @@ class Guard:
         self._clip_logged = 0.0  # host time, s
         self._last = SafeReport()  # of the last landing
         self._closed = False  # everything was landed for good
-
-    def _make(self, name: str, config: Any) -> Any:
-        if name == "valve" and self.rig.safe.keep_vacuum:
-            config = config.model_copy(update={"on_close": "keep"})
-        return under_guard(name, config, self.clock)
 
     def take_over(self, within: float = TAKE_WITHIN) -> None:
         """Own the rig; raises RigLocked at once when it is in use, and after `within` host seconds when it is being landed."""

@@ -120,21 +120,18 @@ class Hosted:
             except (EOFError, OSError) as e:
                 if isinstance(e, InstrumentError):
                     raise
-                raise self._died(command) from e
+                assert self._process is not None
+                how = how_it_ended(self._process, 2.0)
+                raise self._give_up(
+                    f"its process ended with {how} during {command}; the controller's watchdog stops the arm: check that it "
+                    "stands still, then open it again"
+                ) from e
         finally:
             self._lock.release()
         if not ok:
             raise answer
         result: R = answer
         return result
-
-    def _died(self, command: Command[Any]) -> InstrumentError:
-        assert self._process is not None
-        how = how_it_ended(self._process, 2.0)
-        return self._give_up(
-            f"its process ended with {how} during {command}; the controller's watchdog stops the arm: check that it stands "
-            "still, then open it again"
-        )
 
     def _give_up(self, why: str) -> InstrumentError:
         """End the process, and report why from then on."""

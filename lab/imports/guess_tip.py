@@ -18,12 +18,13 @@ from model.arrays import Array, Ints, Mask
 from model.condition import HIGHEST_PRESSURE
 from model.prediction import Predictor
 from model.robot import Robot
+from recordings.trials import AXES
 
 from ..files.config import ConfigError
 from ..files.units import KINDS
 from .headings import BASE_WORDS, TIP_WORDS, Heading, Triple, heading, own_column, quantity, triples
 from .joining import JOIN
-from .map_file import AXES, Frame, Orientation, units_for
+from .map_file import Frame, Orientation, units_for
 from .proposal import Guess
 from .quantities import clearly_worse, misfits
 from .series import Series, at_rest, unit_in, unseen
@@ -317,7 +318,7 @@ def _likeness(tip: Array, rest: Mask, robot: Robot, driven: Driven) -> Array:
 
 def _agreement(likeness: Array, *axes: str) -> float:
     """Cosine between movements where the base's x, y, z are these axes of the file."""
-    return float(sum(AXES[name][1] * likeness[k, AXES[name][0]] for k, name in enumerate(axes)))
+    return float(sum(row @ AXES[name] for row, name in zip(likeness, axes, strict=True)))
 
 
 def _some(rows: Mask) -> Ints:
@@ -350,7 +351,7 @@ def _lies_along(at_rest: Array, markers: Sequence[Array], robot: Robot) -> str |
     places = [(markers[0], robot.markers[0])] if markers else []
     for place, arc in (*places, (at_rest, robot.length)):
         axis = _axis(place)
-        along = float(AXES[axis][1] * place[AXES[axis][0]])
+        along = float(place @ AXES[axis])
         if abs(np.linalg.norm(place) / arc - 1) < AT_BASE and np.linalg.norm(place) ** 2 - along**2 <= (0.5 * arc) ** 2:
             return axis
     return None

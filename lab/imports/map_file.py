@@ -15,12 +15,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 
 from model.actuators import Words
 from model.arrays import Array
-from recordings.trials import TEXTS, column_order, unit_of
+from recordings.trials import AXES, TEXTS, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable
 from ..files.units import KINDS, UnitError, plain_unit, to_si
-
-AXES = {f"{sign}{axis}": (i, -1.0 if sign == "-" else 1.0) for i, axis in enumerate("xyz") for sign in ("", "+", "-")}
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
@@ -121,11 +119,7 @@ class Frame(FileTable):
     @property
     def matrix(self) -> Array:
         """(3, 3) from recorded to robot's coordinates."""
-        rows = np.zeros((3, 3))
-        for i, name in enumerate(self.axes):
-            axis, sign = AXES[name]
-            rows[i, axis] = sign
-        return rows
+        return np.array([AXES[name] for name in self.axes])
 
 
 class Plateaus(FileTable):

@@ -23,14 +23,14 @@ from model.robot import Robot
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
-from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
+from recordings.trials import AXES, HEAD, ORIENTATION, TAIL, TEXTS, TIP, Mapped, Table, marker_columns, pressure_columns
 
 from ..files.config import ConfigError
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
-from .map_file import AXES, Map, Name, named
+from .map_file import Map, Name, named
 from .places import REST, Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
@@ -546,14 +546,13 @@ def _kinds(states: Table, trial: Ints, gap: float) -> list[tuple[int, ...]]:
 def _with_pushes(states: Table, file: Ints, forces: Sequence[float | None], wanted: Map) -> Table:
     """Append stiffness rows, one per file with a force (N), deflected from that of the repeat with 0 N. Raises ConfigError."""
     assert wanted.stiffness is not None
-    axis, sign = AXES[wanted.stiffness.along]
     first = states.take(np.unique(file, return_index=True)[1])
     repeat, force = first.get("repeat"), np.array([np.nan if f is None else f for f in forces])
     order = np.array([k for k in np.lexsort((force, repeat)).tolist() if force[k] and not np.isnan(force[k])], np.int64)
     unloaded = {r: k for k, r in reversed(list(enumerate(repeat.tolist()))) if force[k] == 0}
     if lacking := [r for r in repeat[order].tolist() if r not in unloaded]:
         raise ConfigError(f"stiffness: repeat {lacking[0]} has no file with force: 0 N as the reference for deflections")
-    pushed, position = first.take(order), sign * first.tip[:, axis]
+    pushed, position = first.take(order), first.tip @ AXES[wanted.stiffness.along]
     n, number = len(order), np.unique(pushed.get("repeat"), return_inverse=True)[1]
     columns = {name: pushed.get(name) for name in ("repeat", "t", "spine_length")}
     columns |= {name: np.zeros(n) for name in pressure_columns(states.pressures.shape[1])}

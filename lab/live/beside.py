@@ -29,7 +29,7 @@ Ask = Callable[[str, str, str], object]
 """Receives the requests of viewers, as `Steering.ask`."""
 
 
-class Page:
+class Page(contextlib.AbstractContextManager["Page"]):
     """Shows a run, or runs that follow each other, one recording at a time. Use as a context.
 
     The socket listens at once, so that no run waits for the process that answers there. Raises OSError when it cannot.
@@ -87,9 +87,6 @@ class Page:
         """End the page; its viewers see that nothing follows."""
         with contextlib.suppress(OSError):
             self._pipe.close()
-
-    def __enter__(self) -> Page:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import AbstractContextManager
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +35,7 @@ SPHERE = 0.008
 """Diameter that stands for the expected tip, m."""
 
 
-class Foxglove:
+class Foxglove(AbstractContextManager["Foxglove"]):
     """Serves at a port of `host`; raises ConfigError when that cannot be. Use with `with`."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -133,9 +134,6 @@ class Foxglove:
             entities.append(m.SceneEntity(timestamp=stamp, frame_id=BASE_FRAME, id="expected tip", spheres=[sphere], cubes=cubes))
         deletions = [] if entities else [m.SceneEntityDeletion(timestamp=stamp, type=m.SceneEntityDeletionType.All)]
         self._expected.log(m.SceneUpdate(entities=entities, deletions=deletions), log_time=log_time)
-
-    def __enter__(self) -> Foxglove:
-        return self
 
     def __exit__(self, *_: object) -> None:
         # the library waits forever for a connection that has requested nothing

@@ -79,11 +79,14 @@ class Actuators:
         self._samples, guard_samples = Pipe(duplex=False)
         guard_pulse, pulse = os.pipe()
         guard_files = (guard_commands.fileno(), guard_pulse, guard_samples.fileno())
-        with _signals_blocked():  # Ctrl-C is not for the guard
-            self._process = start_child("lab.guard.process", guard_files)
-        guard_commands.close()
-        guard_samples.close()
-        os.close(guard_pulse)
+        try:  # Ctrl-C is not for the guard
+            with guard_commands, guard_samples, os.fdopen(guard_pulse), _signals_blocked():
+                self._process = start_child("lab.guard.process", guard_files)
+        except BaseException:
+            self._commands.close()
+            self._samples.close()
+            os.close(pulse)
+            raise
         self.pulse = Pulse(pulse)
         self._last_sign = self.pulse.awake.now
         """When the guard last gave a sign of life, on the clock of this process's being awake."""

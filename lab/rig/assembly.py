@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import timing
 from drivers.chambers import ChamberMap
@@ -59,7 +59,7 @@ FIRST = 1
 """So many come before the lab's own sensors."""
 
 
-class Rig:
+class Rig(contextlib.AbstractContextManager["Rig"]):
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
     def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
@@ -245,7 +245,7 @@ class Rig:
         self.vital.landed = None
         sensors = [n for n in self.sensors if has(n)]
         self.watch.over([*(n for n in needs if has(n)), *sensors])
-        actuators = self.actuators
+        opened = {name: self.streams.get(name) or getattr(self.actuators, name) for name in ORDER if has(name)}
         return Bench(
             clock=WatchedClock(self.clock, self.actuators, self.watch),
             recorder=recorder,
@@ -260,16 +260,9 @@ class Rig:
             rest=rest,
             chambers=self.chambers,
             stand=None if stand is None else StandFrame(**stand.model_dump(exclude={"position_sd"})),
-            pressure=actuators.pressure if has("pressure") else None,
-            spine=actuators.spine if has("spine") else None,
-            valve=actuators.valve if has("valve") else None,
-            gauge=actuators.gauge if has("gauge") else None,
-            arm=actuators.arm if has("arm") else None,
-            arm_state=self.streams["arm_state"] if has("arm_state") else None,
-            force=self.streams["force"] if has("force") else None,
-            mocap=self.streams["mocap"] if has("mocap") else None,
             sensors=tuple(self.sensors[n].topic for n in sensors),
             bodies=bodies(self.file, self.file.body) if has("mocap") else None,
+            **opened,
         )
 
     def __repr__(self) -> str:
@@ -309,9 +302,6 @@ class Rig:
                 f"not confirmed safe: {going}. The guard tries again for another {LIVES_ON:g} s and logs the result in "
                 f"{self.file.path and self.file.path.with_suffix('.guard.log')}"
             )
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -10,17 +10,9 @@ from pathlib import Path
 from protocols.bench import Bench
 
 from ..console import Screen
-from ..files.config import ConfigError
-from ..files.rig_file import RigFile
 from ..guard.messages import SafeReport
 from .assembly import Rig
 from .interrupts import Interrupts
-
-
-def demand_limit(file: RigFile) -> None:
-    """Raise ConfigError where nothing says how much pressure the robot withstands."""
-    if file.instruments.pressure is not None and file.body.max_pressure is None:
-        raise ConfigError(f"{file.robot}: max_pressure: is missing; write the highest pressure that its chambers may hold")
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ class Excess:
     limit: str
     """Name, value and place of the limit, with above or outside."""
     over: float
-    """How far beyond, to name the worst of several; of a value with a unit, what is required over its limit."""
+    """What is required over its limit, to name the worst of several."""
     remedy: str
     unit: str = ""
     """Of a value that smaller numbers of the protocol keep within its limit."""
@@ -100,6 +100,12 @@ def wiring(rig: RigFile, robot: Robot) -> ChamberMap:
         raise ConfigError(f"{where}; the robot of {rig.robot} has {count}") from e
 
 
+def unlimited(rig: RigFile, robot: Robot) -> list[str]:
+    """The line about a robot.yaml that does not state how much pressure the rig's robot withstands."""
+    need = "max_pressure: is missing; write the highest pressure that its chambers may hold, for example max_pressure: 150 kPa"
+    return [f"{rig.robot}: {need}"] if rig.instruments.pressure is not None and robot.max_pressure is None else []
+
+
 Excesses = dict[str, list[tuple[int, Excess]]]
 """By limit that a plan does not keep, the steps that exceed it, counted from 1, the worst first."""
 
@@ -115,20 +121,18 @@ def excesses(plan: Plan, rig: RigFile, path: Path, robot: Robot) -> Excesses:
 
 def problems(plan: Plan, rig: RigFile, path: Path, robot: Robot, settings: Callable[[], Mapping[str, str]]) -> list[str]:
     """One line for each limit that the plan does not keep, with its worst step. `settings`: limit -> what keeps it."""
-    lines, found = [], excesses(plan, rig, path, robot)
-    if rig.instruments.pressure is not None and robot.max_pressure is None:
-        lines.append(
-            f"{rig.robot}: max_pressure: is missing; to run, write the highest pressure that the robot's chambers may hold, "
-            "for example max_pressure: 150 kPa"
-        )
+    lines, found = unlimited(rig, robot), excesses(plan, rig, path, robot)
     if rig.stand is None and any(step.ask.probe for step in plan.steps):
         lines.append(f"{path}: stand: is missing; {plan.protocol} needs to know where the specimen is clamped")
     keeping = settings() if found else {}
     for limit, several in found.items():
         number, worst = several[0]
         further = len(several) - 1
-        add = f"add {keeping[limit]}" if limit in keeping else "reduce it" if worst.unit else ""
-        remedy = f"{worst.remedy}; {add}".removesuffix("; ") if worst.channels or not add else f"{add}, {worst.remedy}"
+        lower = "reduce it" if worst.unit and limit.startswith("above") else ""
+        add, remedy = f"add {keeping[limit]}" if limit in keeping else lower, worst.remedy
+        remedy = (
+            f"{remedy}{'; ' * bool(add)}{add}" if worst.channels else f"{add}, {remedy}" if add else remedy.removeprefix("or ")
+        )
         more = f" (and {further} further step{'s' if further > 1 else ''})" if further else ""
         lines.append(
             f"{plan.protocol}, step {number} ({plan.steps[number - 1].label}): requires {worst.text}, {worst.limit}; "
@@ -205,25 +209,27 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
 def _places(ask: Ask, rig: RigFile, robot: Robot, path: Path) -> Iterator[Excess]:
     """Places of the TCP outside of the arm's box, and ways of its poses that are nearer to the stand than the stand-off."""
     stand, places = rig.stand, arm_places(rig, robot.length)
-    (low, high), points = places["box"], list[Sequence[float]](pose[:3] for pose in ask.poses)
+    (low, high), base = places["box"], (0.0, 0.0, 0.0)
+    points: list[tuple[tuple[float, ...], tuple[float, ...]]] = [(base, pose[:3]) for pose in ask.poses]
     if stand is not None:
         for along, depth in ask.probe:
             deep = -stand.standoff if depth is None else depth
-            points.append(tuple(o + along * a + deep * p for o, a, p in zip(stand.origin, stand.axis, stand.push, strict=True)))
+            place = (o + along * a + deep * p for o, a, p in zip(stand.origin, stand.axis, stand.push, strict=True))
+            points.append((stand.origin, tuple(place)))
         ways = [np.linspace(a[:3], b[:3], 100) for a, b in itertools.pairwise(ask.poses)]
         near = min((float(distance(way, places["keep_out"]).min()) for way in ways), default=math.inf)
         if near < stand.standoff - 1e-9:  # m, rounding
             limit = f"below stand.standoff = {shown(stand.standoff, 'm')} of {path}"
             subject = f"a way {shown(round(near, 4), 'm')} from the stand's axis"
-            yield Excess(subject, limit, stand.standoff - near, "use the usual keep_out and keep_out_radius")
-    for point in points:
-        for i, (axis, x) in enumerate(zip("xyz", point, strict=True)):
-            over = max(low[i] - x, x - high[i])
-            if over > 1e-9:  # m, rounding
-                free = f"{shown(low[i], 'm')} to {shown(high[i], 'm')}"
-                box = f"outside the workspace of instruments.arm, {axis} = {free} of {path}"
-                remedy = "correct stand, or widen workspace_min and workspace_max if there is room"
-                yield Excess(f"the probe at {axis} = {shown(round(x, 4), 'm')}", box, over, remedy)
+            yield Excess(subject, limit, stand.standoff / max(near, 1e-9), "use the usual keep_out and keep_out_radius")
+    for start, point in points:
+        for axis, a, b, o, x in zip("xyz", low, high, start, point, strict=True):
+            if not a - 1e-9 <= x <= b + 1e-9:  # m, rounding
+                room = (a if x < a else b) - o
+                over = math.inf if not room or (x - o) / room < 1 else (x - o) / room  # inf: where it starts is outside, too
+                box = f"outside the workspace of instruments.arm, {axis} = {shown(a, 'm')} to {shown(b, 'm')} of {path}"
+                remedy = "or correct stand, or widen workspace_min and workspace_max if there is room"
+                yield Excess(f"the probe at {axis} = {shown(round(x, 4), 'm')}", box, over, remedy, "m")
 
 
 def arm_places(rig: RigFile, length: float) -> dict[str, Any]:

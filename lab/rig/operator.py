@@ -100,7 +100,9 @@ class Program:
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
                 connection.settimeout(self.within)
                 connection.connect(str(self.path))
-                self._check_peer(connection)
+                if (user := peer(connection)[1]) != os.getuid():
+                    where = f"{self._where}: user {user} listens there, not you ({os.getuid()})"
+                    raise ProtocolError(f"{where}; start the program as yourself")
                 connection.sendall(json.dumps(question).encode() + b"\n")
                 line = b""
                 while b"\n" not in line and len(line) < 65536 and (more := timing.recv(connection, 4096)):
@@ -124,14 +126,6 @@ class Program:
             )
         if mode & 0o077:
             raise ProtocolError(f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}")
-
-    def _check_peer(self, connection: socket.socket) -> None:
-        """Raises ProtocolError when another user listens at the socket."""
-        user = peer(connection)[1]
-        if user != os.getuid():
-            raise ProtocolError(
-                f"{self._where}: user {user} listens there, not you ({os.getuid()}); start the program as yourself"
-            )
 
 
 def operator(spec: str) -> Operator:

@@ -100,7 +100,7 @@ class DeskClock:
     """Rig time that jumps where somebody waits; raises TimeoutError after `longest` s."""
 
     def __init__(self, longest: float) -> None:
-        self._t, self._longest = 0.0, longest
+        self._t, self._longest, self.speed = 0.0, longest, 1.0
 
     def now(self) -> float:
         """Rig time, s."""

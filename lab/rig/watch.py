@@ -294,6 +294,7 @@ class WatchedClock:
 
     def __init__(self, clock: RigClock, actuators: Actuators, watch: Watch) -> None:
         self._clock, self._actuators, self._watch = clock, actuators, watch
+        self.speed = clock.speed
 
     def now(self) -> float:
         """Rig time, s."""
@@ -301,7 +302,7 @@ class WatchedClock:
 
     def sleep(self, duration: float) -> None:
         """Wait `duration` seconds of rig time; raises what the watch finds."""
-        end = timing.now() + max(0.0, duration) / self._clock.speed
+        end = timing.now() + max(0.0, duration) / self.speed
         while True:
             self._actuators.pulse.mark()
             self._watch.look()

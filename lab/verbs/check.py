@@ -41,8 +41,8 @@ from ..options import JSON, OneOf, Result, Verb, option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig, newly_lost
-from ..rig.by_hand import by_hand, demand_limit
-from ..rig.limits import bodies
+from ..rig.by_hand import by_hand
+from ..rig.limits import bodies, unlimited
 from .calibrate import NotDetermined, base_seen, lines
 
 STEP = 5e3
@@ -130,9 +130,9 @@ def _spine(bench: Bench, rig: RigFile) -> str:
     if bench.valve is None or bench.gauge is None:
         return "not moved: without valve and gauge the spine may still be jammed"
     home(bench)
-    most = config.max_length if config is not None else SPINE_TRAVEL
-    displacement = min(SPINE_TRAVEL, most)
-    motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed if config is not None else math.inf))
+    assert config is not None  # it is open
+    displacement = min(SPINE_TRAVEL, config.max_length)
+    motion = SpineMotion(speed=min(SpineMotion().speed, config.max_speed))
     grow(bench, displacement, motion)
     grown = unit.read().length
     grow(bench, 0.0, motion)
@@ -142,19 +142,16 @@ def _spine(bench: Bench, rig: RigFile) -> str:
 def _arm(bench: Bench, rig: RigFile) -> str:
     """Move the arm by `ARM_TRAVEL` along z, towards the middle of its workspace, and back; its own state must show it."""
     arm, state, config = bench.need(bench.arm, "arm"), bench.need(bench.arm_state, "arm"), rig.instruments.arm
-    start = state.latest().tcp_pose
-    low, high = (config.workspace_min, config.workspace_max) if config is not None else ((-9.0,) * 3, (9.0,) * 3)
+    assert config is not None  # it is open
+    start, low, high = state.latest().tcp_pose, config.workspace_min, config.workspace_max
     outside = [f"{a} = {x:.3f} m" for a, x, lo, hi in zip("xyz", start, low, high, strict=False) if not lo <= x <= hi]
     if outside:
         raise NotAsCommanded(f"arm: its tool is at {', '.join(outside)}, outside its workspace; move it inside by hand")
     middle = [(lo + hi) / 2 for lo, hi in zip(low, high, strict=True)]
     goal = list(start)
     goal[2] += math.copysign(ARM_TRAVEL, middle[2] - start[2])
-    speed, acceleration = ARM_SPEED, ARM_ACCELERATION
-    if config is not None:
-        speed, acceleration = min(speed, config.max_speed), min(acceleration, config.max_acceleration)
     for target in (goal, list(start)):
-        arm.move_to(target, speed, acceleration)
+        arm.move_to(target, min(ARM_SPEED, config.max_speed), min(ARM_ACCELERATION, config.max_acceleration))
         bench.wait("arm: at its target", lambda: None if arm.moving() else True, WITHIN)
         aim = target[:3]
         bench.wait(
@@ -320,7 +317,8 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
 
     `calibrating`: inflate the channels alone, and report base, axes and chambers, see `lab.verbs.calibrate`."""
     file = load_rig(rig_path)
-    robot = _may_move(file, yes, PRESSURES if calibrating else ALL) if move or calibrating else None
+    asked = ("--calibrate", PRESSURES) if calibrating else ("--move", ALL)
+    robot = _may_move(file, yes, *asked) if move or calibrating else None
     if move:
         place(rig_path).unlink(missing_ok=True)  # this check takes its place, whatever it finds, also other adapters
     moved, said = list[Moved](), list[str]()
@@ -373,18 +371,18 @@ PRESSURES = f"inflates each channel to {STEP / 1e3:g} kPa"
 ALL = f"{PRESSURES}, homes the spine and moves it by 1 cm, opens the valve and moves the arm by 5 mm"
 
 
-def _may_move(file: RigFile, yes: bool, what: str) -> Robot:
+def _may_move(file: RigFile, yes: bool, option: str, what: str) -> Robot:
     """Return the robot that may be moved. Raises ConfigError, or Stopped if the person refuses."""
     import model.rods  # noqa: F401 (with its kernels; no other check waits for it, and no rig that is open)
 
     robot = file.body
-    demand_limit(file)
+    if missing := unlimited(file, robot):
+        raise ConfigError(*missing)
     if yes:
         return robot
     if not sys.stdin.isatty():
-        raise ConfigError(
-            "--move: cannot ask for confirmation (not a terminal); add --yes when nobody is within reach of the rig"
-        )
+        need = f"no terminal on which to confirm that it {what}; add --yes, only if nobody is within reach of the robot"
+        raise ConfigError(f"{option}: {need}")
     questions().print(
         f"This {what}. The robot must hang free with {robot.tip_mass * 1e3:g} g at its tip, with nobody within reach."
     )
@@ -479,14 +477,8 @@ VERBS = (
             JSON,
             rig(),
             OneOf(
-                (
-                    option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
-                    option(
-                        "--calibrate",
-                        action="store_true",
-                        help="inflate each channel a little: azimuths, base and axes, as lines for the files",
-                    ),
-                )
+                option("--move", action="store_true", help="move each actuator a little and compare with rig.yaml"),
+                option("--calibrate", action="store_true", help="inflate each channel a little; prints azimuths, base and axes"),
             ),
             option("--yes", action="store_true", help="with these: skip the confirmation; only if nobody is within reach"),
             option("--seconds", type=float, default=2.0, help="host seconds over which rates and losses are counted"),

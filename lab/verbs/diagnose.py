@@ -25,6 +25,7 @@ from diagnosis.findings import finding
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.on_baseline import Baseline
 from diagnosis.inference.posterior import UNKNOWN
+from diagnosis.judgement import OVERHEAD_MIN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
@@ -267,7 +268,8 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
 def _proposals(d: Diagnosis) -> Sheet:
     by_rig = d.words.by_rig
     columns = ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes")
-    t = Sheet(*columns, title="Suggested experiments, most informative per minute first", title_justify="left")
+    order = f"per minute first, {OVERHEAD_MIN:g} min added to each for setting up" if by_rig else "first"
+    t = Sheet(*columns, title=f"Suggested experiments, most informative {order}", title_justify="left")
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")

@@ -232,10 +232,8 @@ VERBS = (
             option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
             REPLACE,
             OneOf(
-                (
-                    option("--case", action="store_true", help="write a case for other tools: robot.yaml and trials.csv"),
-                    option("--crate", action="store_true", help="write one described folder, as a paper's supplement"),
-                )
+                option("--case", action="store_true", help="write a case for other tools: robot.yaml and trials.csv"),
+                option("--crate", action="store_true", help="write one described folder, as a paper's supplement"),
             ),
         ),
         examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),

@@ -76,14 +76,29 @@ def serve(a: argparse.Namespace) -> Result:
     for caught in (signal.SIGINT, signal.SIGTERM):
         signal.signal(caught, lambda *_: ended.set())
     with rig:
+        unlike = beyond(rig, effects(a.effect), a.robot)
         if a.rig is not None:
             _demand_free(a.rig)
             write_rig(rig, a.rig, robot=a.robot)
-            out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them")
+            out.print(f"{a.rig} reaches the fakes; Ctrl-C stops them\n{unlike}", soft_wrap=True)
         else:
-            out.print(rig_yaml(rig, str(a.robot or paper_robot())), soft_wrap=True)
+            out.print(f"{rig_yaml(rig, str(a.robot or paper_robot()))}# {unlike}", soft_wrap=True)
         ended.wait()
     return Result()
+
+
+def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> str:
+    """State which effects the fakes have beyond the model of robot.yaml, and what of it they do not simulate."""
+    has = [f"{e.id} = {effects[e.id]:.4g}{unit_text(e.unit)}" for e in list_effects() if e.id in effects]
+    if "arm" in rig.parts and rig.truth.arm_errors:
+        has.append(f"errors of the arm's build (--arm-errors {rig.truth.arm_errors:g})")
+    stated = load(robot or paper_robot(), Robot)
+    lacks = [name for name in UNPLAYED if getattr(stated, name) not in (Robot.model_fields[name].default, "cap")]
+    return f"Beyond the model of robot.yaml: {', '.join(has) or 'no effect'}{'; not simulated: ' * bool(lacks)}{', '.join(lacks)}"
+
+
+UNPLAYED = ("thrust", "effects", "tolerances", "tip_moment", "residual")
+"""Keys of robot.yaml that the fakes do not simulate."""
 
 
 def _demand_free(rig: Path | None) -> None:
@@ -204,15 +219,9 @@ def played(robot: Robot) -> RobotTruth:
     if robot.chambers is None or robot.chambers.ends or unlike:
         what = ", ".join(unlike) or "chambers.ends"
         raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {what}")
-    values: dict[str, Any] = {
-        "length": robot.length,
-        "outer_radius": robot.outer_radius,
-        "inner_radius": robot.inner_radius,
-        "density": robot.density,
-        "youngs_modulus": robot.youngs_modulus,
+    same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers")
+    values: dict[str, Any] = {name: getattr(robot, name) for name in same} | {
         "shear_ratio": robot.shear_modulus / robot.youngs_modulus,
-        "gravity": robot.gravity,
-        "markers": robot.markers,
         "chamber_radius": robot.chambers.radius,
         "chamber_path_radius": robot.chambers.path_radius,
         "chamber_azimuths_deg": robot.chambers.azimuths_deg,
@@ -262,11 +271,6 @@ def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, 
     return {**tables, **changes, **both}
 
 
-def effect_names() -> list[str]:
-    """Return the effects of the virtual robot."""
-    return [e.id for e in list_effects()]
-
-
 def effects(settings: list[str]) -> dict[str, float]:
     """ID[=SIZE] -> {id: size}; without a size the effect's plausible one. Raises ConfigError."""
     catalogue = {e.id: e for e in list_effects()}
@@ -295,9 +299,7 @@ VERBS = (
         options=(
             option("--speed", type=float, default=1.0, help="clock speed, times real time (default 1)"),
             option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
-            option(
-                "--arm-errors", type=float, default=1.0, help="errors of the arm's build, as multiples of a UR5's (default 1)"
-            ),
+            option("--arm-errors", type=float, default=1.0, help="errors of the arm's build, multiples of a UR5's (default 1)"),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
             option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),
@@ -310,18 +312,9 @@ VERBS = (
             _driver("valve", "numato", "the jamming valve"),
             _driver("gauge", "pfeiffer", "the vacuum gauge"),
             _driver("mocap", "natnet", "the motion capture"),
-            option(
-                "--without",
-                metavar="KEY[,KEY..]",
-                help="instruments to leave out, such as arm,force (default: what a robot without a spine does not need)",
-            ),
+            option("--without", metavar="KEY[,KEY..]", help="instruments to leave out (default: what the robot does not need)"),
             option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
-            option(
-                "--robot",
-                type=Path,
-                metavar="ROBOT.yaml",
-                help="robot.yaml of the robot to simulate (default: the paper's robot)",
-            ),
+            option("--robot", type=Path, metavar="ROBOT.yaml", help="the robot to simulate (default: the paper's robot)"),
             option("--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"),
             option("--list-effects", action="store_true", help="list the effects of --effect"),
         ),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import re
-import string
 from collections.abc import Mapping
 from pathlib import Path
+from string import ascii_uppercase
 
 from model.actuators import PULL_AREA
 from model.robot import Robot
@@ -24,6 +24,16 @@ HARDWARE = Path(__file__).parents[1] / "files" / "hardware_rig.yaml"
 GUESSED = "CHECK: guessed"
 SHARES = {"inner_radius": 0.0, "path_radius": 0.6, "chamber_radius": 0.2}
 """Of the outer radius, itself a tenth of the length, where a dimension is not given."""
+COMMENTS = 40
+"""Their column in it."""
+SCALED = ("max_pressure", "pressure_error", "full_scale")
+"""Its pressures that follow what the robot bears."""
+OF = {
+    "max_total_pressure": "pressure", "pressure_error": "pressure", "pressure_error_time": "pressure", "vented_below": "pressure",
+    "max_force": "force", "max_moment": "force", "max_age_in_motion": "arm force", "max_vacuum": "gauge", "keep_vacuum": "valve",
+    "max_hidden": "mocap", "order": "arm pressure spine valve",
+}  # fmt: skip
+"""Key of limits and safe -> the instruments without which it says nothing."""
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from."""
 
@@ -69,25 +79,41 @@ def robot_text(a: argparse.Namespace) -> str:
     ])  # fmt: skip
 
 
-def rig_text(instruments: Mapping[str, str], robot: str, count: int) -> str:
-    """A rig.yaml for hardware, cut from the example that explains every key; raises ConfigError."""
-    head, _, rest = HARDWARE.read_text(encoding="utf-8").partition("\ninstruments:\n")
+def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float | None) -> str:
+    """A rig.yaml for hardware, cut from the example that explains every key; raises ConfigError.
+
+    `count`, `most`: of the robot's chambers, and the pressure (Pa) that they bear, to which the example's are scaled."""
+    example = HARDWARE.read_text(encoding="utf-8")
+    head, _, rest = example.partition("\ninstruments:\n")
     tables, _, rest = rest.partition("\nstand:")
     stand, _, limits = rest.partition("\nlimits:")
     blocks = {}
     for role, block in re.findall(r"^  (\w+):\n((?:    .*\n)+)", re.sub(r"(?m)^  #\| ", "  ", tables), re.M):
         blocks[role, re.findall(r"driver: (\w+)", block)[0]] = block
-    lines = [re.sub(r"(?m)^robot: \S+", f"robot: {robot}", head), "\ninstruments:\n"]
+    lines = [head, "\ninstruments:\n"]
     for role, driver in instruments.items():
         if driver not in drivers() or drivers()[driver].role != role:
             own = ", ".join(name for name, one in drivers().items() if one.role == role)
             raise ConfigError(f"--instruments {role}={driver}: there is no such driver" + (f"; there are {own}" if own else ""))
         block = blocks.get((role, driver), f"    driver: {driver}        # yours; its package names its keys\n")
-        block = re.sub(r"chambers: \[\[.*\]\]", f"chambers: {[[i] for i in range(1, count + 1)]}", block)
-        block = re.sub(r"units: \[.*\]", f"units: [{', '.join(string.ascii_uppercase[:count])}]", block)
         ports = "".join(f"      - /dev/ttyUSB{i}    # yours\n" for i in range(count))
         lines += [f"  {role}:\n", re.sub(r"(?:      - /dev.*\n)+", ports, block), "\n"]
-    return "".join([*lines, *(["\nstand:", stand] if "arm" in instruments else []), "\nlimits:", limits])
+    absent = "|".join(key for key, roles in OF.items() if not set(roles.split()) <= instruments.keys())
+    limits = re.sub(rf"(?m)^  (?:{absent}):.*\n", "", limits) if absent else limits
+    text = "".join([*lines, *(["stand:", stand, "\n"] if "arm" in instruments else []), "limits:", limits])
+
+    highest, error, full_scale = (to_si(re.findall(rf" {key}: (.*?) +#", example)[0], "Pa") for key in SCALED)
+    top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's own
+    pressures = {
+        "max_pressure": top,
+        "max_total_pressure": min(count * top, 3e6),
+        "pressure_error": max(error * top / highest, 5e3),
+        **({"full_scale": top} if top > full_scale else {}),
+    }
+    values = {"robot": robot, "chambers": [[i] for i in range(1, count + 1)], "units": f"[{', '.join(ascii_uppercase[:count])}]",
+              **{key: written([float(f"{value:.6g}")], "Pa")[0] for key, value in pressures.items()}}  # fmt: skip
+    line = rf"(?m)^( *({'|'.join(values)}): )[^#\n]*(#?)"
+    return re.sub(line, lambda m: (f"{m[1]}{values[m[2]]} ".ljust(COMMENTS) + m[3]).rstrip(), text)
 
 
 def init(a: argparse.Namespace) -> Result:
@@ -102,12 +128,13 @@ def init(a: argparse.Namespace) -> Result:
         if count is not None and not 1 <= count <= 26:
             raise ConfigError(f"{name} {count}: must be 1 to 26")
     text = robot_text(a)
-    check(parse_yaml(text, str(a.out)), Robot)
+    robot = check(parse_yaml(text, str(a.out)), Robot)
     rig = ""
     if a.rig is not None:
         pairs = (one.strip().partition("=") for one in (a.instruments or "pressure,mocap").split(","))
         named = {role: driver or USUAL.get(role, "") for role, _, driver in pairs}
-        rig = rig_text(named, a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve()), a.chambers)
+        place = a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve())
+        rig = rig_text(named, place, a.chambers, robot.max_pressure)
         check(parse_yaml(rig, str(a.rig)), RigFile)
     for path, content in ((a.out, text), (a.rig, rig)):
         if path is not None:
@@ -122,10 +149,8 @@ VERBS = (
         "init",
         init,
         options=(
-            OneOf((
-                option("--chambers", type=int, metavar="N", help="chambers about the axis, evenly spaced"),
-                option("--tendons", type=int, metavar="N", help="tendons instead"),
-            ), required=True),
+            OneOf(option("--chambers", type=int, metavar="N", help="chambers about the axis, evenly spaced"),
+                  option("--tendons", type=int, metavar="N", help="tendons instead"), required=True),
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
             option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),

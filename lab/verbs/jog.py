@@ -7,7 +7,7 @@ import queue
 import re
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +27,9 @@ from ..files.units import UnitError, shown, to_si
 from ..guard.messages import SafeReport
 from ..options import Result, Verb, option, rig
 from ..rig.assembly import Rig
-from ..rig.by_hand import by_hand, demand_limit
+from ..rig.by_hand import by_hand
 from ..rig.keys import Keys, Line
+from ..rig.limits import unlimited
 from .run import connect
 
 JOGGED, SEEN = ("pressure", "spine", "valve", "gauge"), ("mocap", "force")
@@ -76,22 +77,20 @@ def commands(screen: Screen) -> Iterator[queue.SimpleQueue[str]]:
 
 def readings(bench: Bench) -> str:
     """The newest reading of each instrument, in the units in which people read them."""
-    parts, since = [], bench.clock.now() - RECENT
+    first = [group[0] - 1 for group in bench.chambers.channels]
 
-    def newest(topic: str) -> np.void | None:
-        rows = bench.recorder.buffers.window(topic, since, np.inf)
-        return rows[-1] if len(rows) else None
+    def numbers(values: Iterable[float]) -> str:
+        return " ".join(f"{value:.1f}" for value in values)
 
-    if (row := newest("/pressure")) is not None:
-        kpa = [f"{row['measured'][group[0] - 1] / 1e3:.1f}" for group in bench.chambers.channels]
-        parts.append(f"pressures {' '.join(kpa)} kPa")
-    if bench.spine is not None and (row := newest("/spine")) is not None:
-        parts.append(f"spine {row['length'] * 1e3:.1f} mm")
-    if bench.gauge is not None and (row := newest("/vacuum")) is not None:
-        parts.append(f"gauge {row['absolute'] / 1e3:.1f} kPa absolute")
-    if bench.mocap is not None and (row := newest("/tip")) is not None:
-        parts.append(f"tip {' '.join(f'{x * 1e3:.1f}' for x in row['position'])} mm" if row["valid"] else "tip hidden")
-    return ", ".join(parts) or "no reading"
+    said: dict[str, Callable[[np.void], str]] = {
+        "/pressure": lambda row: f"pressures {numbers(1e-3 * row['measured'][first])} kPa",
+        "/spine": lambda row: f"spine {row['length'] * 1e3:.1f} mm",
+        "/vacuum": lambda row: f"gauge {row['absolute'] / 1e3:.1f} kPa absolute",
+        "/tip": lambda row: f"tip {numbers(1e3 * row['position'])} mm" if row["valid"] else "tip hidden",
+    }
+    since = bench.clock.now() - RECENT
+    newest = {topic: bench.recorder.buffers.window(topic, since, np.inf)[-1:] for topic in said if bench.has_topic(topic)}
+    return ", ".join(said[topic](row) for topic, rows in newest.items() for row in rows) or "no reading"
 
 
 def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
@@ -132,13 +131,15 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
 def known(file: RigFile) -> str:
     """The commands that this rig can carry out."""
     spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
-    return f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent | help | q; Ctrl-C vents and ends"
+    moves = f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent"
+    return f"{moves} | help | q; numbers without a unit are in Pa{' or m' * spine}; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:
     """Do what is typed until q or Ctrl-C, and land the rig. Raises ConfigError, and what an instrument raised."""
     file = load_rig(rig_path)
-    demand_limit(file)
+    if missing := unlimited(file, file.body):
+        raise ConfigError(*missing)
     try:
         speed = to_si(rate, "Pa/s")
     except UnitError as e:
@@ -192,7 +193,7 @@ VERBS = (
         lambda a: jog(a.rig, a.rate),
         options=(
             rig(),
-            option("--rate", default="10 kPa/s", metavar="RATE", help="of pressures (default 10 kPa/s)"),
+            option("--rate", default="10 kPa/s", metavar="RATE", help="of pressures (default 10 kPa/s), in Pa/s without a unit"),
         ),
         examples=("lab jog --rig rig/rig.yaml", "lab jog --rig rig/rig.yaml --rate '2 kPa/s'"),
         page="docs/tutorials/your-rig.md",

@@ -351,20 +351,18 @@ def _predict_verb(a: argparse.Namespace) -> Result:
 
 
 GIVEN = OneOf(
-    (
-        option("--protocol", help="predict the states of a protocol: its name or its file (.yaml, .py)"),
-        option(
-            "--table",
-            type=Path,
-            metavar="STATES.csv",
-            help="predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
-        ),
-        option(
-            "--inverse",
-            type=Path,
-            metavar="TARGETS.csv",
-            help="find pressures for these tips: x, y, z in m; an empty cell is free",
-        ),
+    option("--protocol", help="predict the states of a protocol: its name or its file (.yaml, .py)"),
+    option(
+        "--table",
+        type=Path,
+        metavar="STATES.csv",
+        help="predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+    ),
+    option(
+        "--inverse",
+        type=Path,
+        metavar="TARGETS.csv",
+        help="find pressures for these tips: x, y, z in m; an empty cell is free",
     ),
     required=True,
 )

@@ -40,6 +40,7 @@ from recordings.events import Request
 from recordings.file.journal import Journal
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from recordings.numbers import NUMBER
 from recordings.trials import INTEGERS, TEXTS, Table, column_order, counted
 
 from ..console import Screen, clock, err, note, out, warn
@@ -50,6 +51,7 @@ from ..files.inputs import marked_notes, same_body
 from ..files.packages import told_at
 from ..files.resume import Broken, find
 from ..files.rig_file import RigFile, load_rig
+from ..files.units import shown
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
 from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
@@ -100,14 +102,15 @@ def job(
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
-    experiment, parameters, plan = protocol_plan(protocol, settings, facts, source, of_file)
+    given = _with(source or source_of(protocol), settings)
+    experiment, parameters, plan = protocol_plan(protocol, [], facts, given, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
         raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
     on_rig = (rig, rig_path, robot)
-    keeping = partial(settings_within, parameters, lambda tried: excesses(_planned(experiment, tried), *on_rig))
+    keeping = partial(settings_within, parameters, given.table, lambda tried: excesses(_planned(experiment, tried), *on_rig))
     if beyond := problems(plan, *on_rig, keeping):
         raise ConfigError(*beyond)
     return Job(experiment, parameters, plan, rig, rig_path)
@@ -255,6 +258,9 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     if not any(m.name in ACTIVE for m in margins_asked):
         keys_of = "check its parameters, such as chambers: `lab plan PROTOCOL --keys` lists them"
         note([f"{p.protocol}: no step asks for a pressure, a spine length or a push; {keys_of}"])
+    if {reading.repeat for step in p.steps for reading in step.reads} == {1}:
+        more = "add --set repeats=3" if "repeats" in type(j.parameters).model_fields else "plan each state several times"
+        note([f"{p.protocol}: each state is read once, so that repeatability (the noise floor) cannot be estimated; {more}"])
     done = _rehearsed(j) if rehearsing else None
     largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
@@ -320,21 +326,29 @@ def keys(protocol: str, rig_path: Path | None) -> Result:
     """What can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
     source = source_of(protocol)
     experiment = _experiment(source.table.get("protocol", protocol), None, source.name)
-    defaults: dict[str, Any] = {}
+    defaults, allowed = dict[str, Any](), list[str]()
     if rig_path is not None:
         rig = load_rig(rig_path)
-        defaults = _defaults(experiment, robot_facts(rig.body, rig))
+        defaults = _defaults(experiment, facts := robot_facts(rig.body, rig))
+        with contextlib.suppress(ConfigError):  # a key without a default
+            planned = protocol_plan(protocol, [], facts, source)[2]
+            bounds = [f"{m.name} {shown(m.limit, m.unit)}" for m in margins(planned, rig, rig.body) if m.limit is not None]
+            allowed = [*bounds, f"chambers 1 to {facts.chambers}"]
     listed = protocol_keys(experiment.parameters, defaults)
+    quantity = next((key for key in listed if key.unit and re.fullmatch(NUMBER, key.default)), None)
 
     def show() -> None:
-        out.print(f"Keys of {experiment.name}: unit, default, what is allowed, meaning")
+        out.print(f"Keys of {experiment.name}: unit, default, what the protocol allows, meaning")
+        if allowed:
+            out.print(f"This rig allows at most: {', '.join(allowed)}", soft_wrap=True)
         for key in listed:
             out.print(str(key), soft_wrap=True)
             if key.meaning:
                 out.print(Padding(key.meaning, (0, 0, 0, 4), expand=False))
-        out.print("Write numbers with their unit: --set 'average=2 s'. A number without one is in SI units.", soft_wrap=True)
+        example = "" if quantity is None else ": " + typed("--set", f"{quantity.name}={quantity.default} {quantity.unit}")
+        out.print(f"Write numbers with their unit{example}. A number without one is in SI units.", soft_wrap=True)
 
-    return Result({"protocol": experiment.name, "keys": [asdict(key) for key in listed]}, show)
+    return Result({"protocol": experiment.name, "keys": [asdict(key) for key in listed], "allowed": allowed}, show)
 
 
 def plan_dict(p: Plan) -> dict[str, Any]:

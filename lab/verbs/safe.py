@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from ..files.rig_file import RigFile
     from ..guard.latch import Latch
 
-BY_HAND = "make it safe by hand"
-
 
 @dataclass
 class RigLanding:
@@ -194,7 +192,7 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
     file, speed_note = at_real_speed(_without(readable.rig, result.names))
     result.notes += [speed_note] if speed_note else []
     actuators = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
-    unusable = [SafeStep(n, False, f"{why}; {BY_HAND}") for n, why in readable.missing.items() if n in ACTUATORS]
+    unusable = [SafeStep(n, False, f"{why}; make it safe by hand") for n, why in readable.missing.items() if n in ACTUATORS]
     if actuators or not result.names:
         unlock = clear and not unusable
         report = make_safe_with_new_guard(file, RigClock(file.clock.speed), actuators, "lab safe", unlock)
@@ -224,10 +222,8 @@ VERBS = (
         options=(
             JSON,
             OneOf(
-                (
-                    option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
-                    option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
-                ),
+                option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
+                option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
                 required=True,
             ),
             option("--clear", action="store_true", help="unlock the rig when everything is confirmed safe"),

@@ -17,6 +17,7 @@ import json
 import os
 import threading
 import uuid
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,7 +53,7 @@ class Progress:
         return count
 
 
-class Journal:
+class Journal(AbstractContextManager["Journal"]):
     """A journal that is being written. Its lines are also kept in memory, so that a journal whose file is lost can be
     written anew; any thread may do that."""
 
@@ -153,9 +154,6 @@ class Journal:
     def close(self) -> None:
         """No more lines."""
         os.close(self._fd)
-
-    def __enter__(self) -> Journal:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ def ended(path: str | os.PathLike[str]) -> bool:
         return file.tell() > len(MAGIC) and file.read() == MAGIC
 
 
-class Tail:
+class Tail(AbstractContextManager["Tail"]):
     """Follows one file; `read` gives what has come. Raises `NotARecording`, and in `read` any other `RecordingError`."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -141,9 +142,6 @@ class Tail:
         fd, self._fd = self._fd, -1
         if fd >= 0:
             os.close(fd)
-
-    def __enter__(self) -> Tail:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -25,6 +25,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ _Item = tuple[str, int, bytes]
 """Topic, rig time (ns), payload. A plain tuple, because one is made for every message."""
 
 
-class Recorder:
+class Recorder(AbstractContextManager["Recorder"]):
     """One recording in progress.
 
     `start_wall_ns`: wall time (ns since the epoch) of rig time 0; log time = it + rig time. `attachments`: name -> bytes.
@@ -511,9 +512,6 @@ class Recorder:
         if self._failure is not None:
             self.check()
         return self.counts()
-
-    def __enter__(self) -> Recorder:
-        return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if error is None:

@@ -14,7 +14,7 @@ import lab
 from diagnosis.edits.edit import Variants
 from diagnosis.edits.listed import FRAMES
 from diagnosis.edits.reading import Reading, read
-from diagnosis.edits.remedies import AXES, named, of_frame
+from diagnosis.edits.remedies import named, of_frame
 from lab.files.robot_numbers import doubts
 from model.actuators import Chambers
 from model.condition import conditions
@@ -22,7 +22,7 @@ from model.robot import Robot, load_robot
 from model.rods import FINE, solve
 from model.section import rods_of
 from model.stated import Stated
-from recordings.trials import Mapped, Table, TrialRow
+from recordings.trials import AXES, Mapped, Table, TrialRow
 
 ROBOT = load_robot(Path(__file__).parents[2] / "examples/paper/robot.yaml")
 LEVELS = (0.0, 60e3, 120e3, 180e3, 240e3)

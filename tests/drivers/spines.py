@@ -50,6 +50,13 @@ def homed(unit: Any) -> Any:
     return unit
 
 
+def under_way(unit: Any) -> Any:
+    """The unit, homed and then on its way to 30 cm."""
+    homed(unit).move_to(0.3, 0.02)
+    watch(unit, lambda sample: sample.length > 0.02)
+    return unit
+
+
 def fault_of(unit: Any, words: str) -> str:
     """Poll until the unit reports a fault with these words; its message."""
     with pytest.raises(DeviceFault, match=words) as caught:

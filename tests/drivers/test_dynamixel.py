@@ -11,7 +11,7 @@ from drivers.dynamixel.table import PRESENT_POSITION
 from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDevice
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
-from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, watch
+from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, under_way, watch
 from tests.simulated.bench import Bench, wait_until
 
 TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
@@ -150,9 +150,7 @@ def test_positions_that_look_like_a_packet_header_are_read_right(make: Make) -> 
 
 def test_overload_drops_the_torque_and_homing_restarts_the_servo(make: Make, plant: Plant) -> None:
     spine, servo = make(stall_time=8.0)
-    homed(spine)
-    spine.move_to(0.3, 0.02)
-    watch(spine, lambda s: s.length > 0.02)
+    under_way(spine)
     plant.spine_blocked = True
     fault_of(spine, "overload")
     assert servo.motor.get(TORQUE) == 0
@@ -189,9 +187,7 @@ def test_every_bit_of_a_hardware_error_is_named(make: Make) -> None:
 
 def test_a_supply_that_sags_ends_the_motion_although_the_torque_stays_on(make: Make, plant: Plant) -> None:
     spine, servo = make()
-    homed(spine)
-    spine.move_to(0.3, 0.02)
-    watch(spine, lambda s: s.length > 0.02)
+    under_way(spine)
     servo.faults.extra["hardware_error"] = 1
     assert "stopped and holds" in fault_of(spine, "supply voltage")
     timing.sleep(0.5)

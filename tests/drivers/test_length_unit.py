@@ -9,7 +9,7 @@ import pytest
 from drivers.dynamixel.driver import StallWatch
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
-from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, watch
+from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, under_way, watch
 from tests.simulated.bench import Bench
 
 pytestmark = pytest.mark.speed(5.0)  # at a speed at which motions are seen
@@ -82,9 +82,7 @@ def test_what_is_no_motion_is_refused_before_anything_is_sent(make: Make, length
 
 def test_stop_holds_where_it_is(bench: Bench, make: Make) -> None:
     unit, _ = make()
-    homed(unit)
-    unit.move_to(0.3, 0.02)
-    watch(unit, lambda s: s.length > 0.02)
+    under_way(unit)
     unit.stop()
     arrive(unit)
     held = unit.read().length
@@ -105,9 +103,7 @@ def test_stop_ends_a_reference_run_without_result(bench: Bench, make: Make) -> N
 
 def test_a_jammed_spine_is_reported_as_a_stall_until_the_next_command(bench: Bench, make: Make) -> None:
     unit, _ = make()
-    homed(unit)
-    unit.move_to(0.3, 0.02)
-    watch(unit, lambda s: s.length > 0.02)
+    under_way(unit)
     bench.plant.spine_blocked = True
     fault_of(unit, "(?i)un-jam")
     with pytest.raises(DeviceFault):
@@ -139,9 +135,7 @@ def test_a_refusal_tells_the_units_reason(kind: str, make: Make) -> None:
 
 def test_close_stops_the_motion(bench: Bench, make: Make) -> None:
     unit, _ = make()
-    homed(unit)
-    unit.move_to(0.3, 0.02)
-    watch(unit, lambda s: s.length > 0.01)
+    under_way(unit)
     unit.close()
 
     def stands() -> bool:

@@ -23,7 +23,7 @@ UNASKED = "Enter when it is fixed"
 LAB = (sys.executable, "-m", "lab.cli")
 
 
-class Terminal:
+class Terminal(contextlib.AbstractContextManager["Terminal"]):
     """A program (`lab`) with these words, in a session of its own whose terminal this is. Use as a context."""
 
     def __init__(self, *words: object, program: Sequence[str] = LAB) -> None:
@@ -82,9 +82,6 @@ class Terminal:
         timing.wait(lambda: self.program.poll() is not None or UNASKED in self.shown, WITHIN)
         assert self.program.poll() is not None, self.shown[-3000:]
         return self.program.returncode
-
-    def __enter__(self) -> Terminal:
-        return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.program.kill()

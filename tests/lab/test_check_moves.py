@@ -212,10 +212,12 @@ def test_adapters_that_come_back_with_exchanged_names_are_refused_until_the_rig_
     cli("safe", "--rig", rig)  # which vents whatever is there
 
 
-def test_nothing_moves_where_nobody_can_be_asked(start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("option", ["--move", "--calibrate"])
+def test_nothing_moves_where_nobody_can_be_asked(option: str, start: Start, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     fakes, rig = start(FakeRegulators())
     monkeypatch.setattr("sys.stdin.isatty", lambda: False)
-    assert "--yes" in cli("check", "--move", "--rig", rig, code=2).err
+    told = cli("check", option, "--rig", rig, code=2).flat_err
+    assert f"{option}: no terminal on which to confirm that it inflates each channel to 5 kPa" in told and "--yes" in told
     assert not any(line.requests for line in fakes.lines.values())
 
 

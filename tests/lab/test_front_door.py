@@ -176,6 +176,7 @@ def test_an_unknown_option_is_answered_with_the_nearest(words: list[str], said: 
 def test_a_value_without_its_quotes_is_told(cli: Cli) -> None:
     told = cli("plan", "bending", "--set", "rate=20", "kPa/s", code=2).err
     assert "unrecognized arguments: kPa/s; quote a value with spaces: --set 'rate=20 kPa/s'" in told
+    assert cli("--sped", "plan", "bending", code=2).err.endswith("unrecognized arguments: --sped\n")
 
 
 @pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])

@@ -14,15 +14,17 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
-from lab.files.rig_file import RigFile
+from lab.files.rig_file import Limits, RigFile, Safe, load_rig
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
-from lab.verbs.fakes import PATIENT, left_out, played, rig_yaml
+from lab.verbs.fakes import PATIENT, beyond, left_out, played, rig_yaml
+from lab.verbs.init import OF
 from lab.verbs.jog import known
 from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot, robot_from_dict
 from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
+from sim_fakes.virtual_robot import RobotTruth
 
 
 # ------------------------------------------------------------------ a first robot and a first rig
@@ -32,31 +34,56 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
              "--max-pressure", "80 kPa", "--out", robot, "--rig", rig)  # fmt: skip
     told = cli(*words, "--instruments", "pressure=smc_itv,mocap").out
     made, bench = load(robot, Robot), load(rig, RigFile)
-    assert made.length == 0.18 and made.actuators.azimuths_deg == (0, 90, 180, 270) and made.chambers.path_radius == 0.0054
-    assert made.max_pressure == 80e3
+    assert (made.length, made.chambers.path_radius, made.max_pressure) == (0.18, 0.0054, 80e3)
+    assert made.actuators.azimuths_deg == (0, 90, 180, 270)
     assert "CHECK: guessed" in robot.read_text() and "lines marked CHECK" in told
     assert bench.instruments.pressure.chambers == ((1,), (2,), (3,), (4,)) and bench.instruments.arm is None  # type: ignore[union-attr]
-    assert "is there already" in cli(*words, code=2).err and known(bench) == "p2 20 kPa | vent | help | q; Ctrl-C vents and ends"
+    assert known(bench) == "p2 20 kPa | vent | help | q; numbers without a unit are in Pa; Ctrl-C vents and ends"
+    assert "is there already" in cli(*words, code=2).err
     tendons = tmp_path / "tendons.yaml"
     refused = cli("init", "--tendons", 4, "--length", "30 cm", "--out", tendons, "--rig", tmp_path / "new.yaml", code=2).flat_err
     assert "a rig can only drive chambers: measure elsewhere and `lab import` the table" in refused and not tendons.exists()
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
-    assert (
-        "did you mean 180 cm or 180 mm?" in cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
-    )
+    unclear = cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
+    assert "did you mean 180 cm or 180 mm?" in unclear
 
 
-def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for() -> None:
+@pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])
+@pytest.mark.parametrize(("most", "error"), [(3, 5), (60, 7.2), (450, 54), (1900, 120)])
+def test_a_first_rig_has_the_limits_of_its_robot_and_lines_of_its_instruments_alone(
+    most: float, error: float, instruments: str, tmp_path: Path, cli: Cli
+) -> None:
+    cli("init", "--chambers", 3, "--length", "12 cm", "--max-pressure", f"{most} kPa", "--out", tmp_path / "robot.yaml",
+        "--rig", path := tmp_path / "rig.yaml", "--instruments", instruments)  # fmt: skip
+    text, rig = path.read_text(), load_rig(path)
+    if (pressure := rig.instruments.pressure) is not None:
+        highest = min(most, 1000) * 1e3
+        limits = (pressure.max_pressure, rig.limits.max_total_pressure, rig.limits.pressure_error)
+        assert limits == (highest, 3 * highest, error * 1e3) and pressure.full_scale >= highest
+    lines = {"pressure": "pressure.*:|vented", "arm": "arm|stand:", "force": "force|moment", "spine": "spine",
+             "valve": "vacuum|valve", "gauge": "vacuum|gauge", "mocap": "hidden"}  # fmt: skip
+    for role in lines.keys() - {one.partition("=")[0] for one in instruments.split(",")}:
+        assert not re.search(rf"(?:\b|_)(?:{lines[role]})", text.partition("\nclock:")[2]), role
+    assert set(OF) < {*Limits.model_fields, *Safe.model_fields} and not re.search("see (below|above)|Copy this", text)
+
+
+def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp_path: Path) -> None:
     three = load(paper_robot().parents[1] / "three_chambers/robot.yaml", Robot)
     assert (
         left_out(None, three) == {"spine", "arm", "force"} and left_out(None, None) == set() and left_out("", three) == {"spine"}
     )
     solid = three.replace(inner_radius=0.0)
     assert played(solid).inner_radius == 0
-    table = FakeRig(truth=played(solid), without=left_out(None, solid)).rig_file()
+    fakes = FakeRig(truth=played(solid), without=left_out(None, solid))
+    table, file = fakes.rig_file(), tmp_path / "robot.yaml"
     assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
+    for stated, said in (("", ""), ("thrust: walls\n", "; not simulated: thrust"), ("thrust: cap\n", "")):
+        file.write_text(robot_yaml(solid) + stated)
+        assert beyond(fakes, {}, file) == f"Beyond the model of robot.yaml: no effect{said}"
+    whole = beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {"base_tilt": 0.02}, None)
+    assert whole.endswith(": base_tilt = 0.02 rad, errors of the arm's build (--arm-errors 2)")
     with pytest.raises(ConfigError, match="--without arms: is no instrument; give some of arm, force"):
         left_out("arms", three)
 

@@ -3,6 +3,7 @@
 import os
 import shlex
 import signal
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,20 +43,18 @@ def go_on(output: str) -> list[str]:
     return shlex.split(told.removeprefix("go on with: "))
 
 
-def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> None:
+def meanwhile(condition: Callable[[], object], *acts: Callable[[], object], within: float = 120.0) -> threading.Thread:
     """Do something to a command of this process as soon as a condition holds, host seconds."""
 
     def watch() -> None:
-        give_up = timing.now() + within
-        while not condition():
-            if timing.now() > give_up:
-                return
-            timing.sleep(0.02)
-        for act in acts:
-            act()
-            timing.sleep(0.3)
+        if timing.wait(lambda: bool(condition()), within):
+            for act in acts:
+                act()
+                timing.sleep(0.3)
 
-    timing.Thread(target=watch, name="meanwhile").start()
+    thread = timing.Thread(target=watch, name="meanwhile", daemon=True)
+    thread.start()
+    return thread
 
 
 def journal_says(text: str, folder: Path) -> bool:

@@ -3,8 +3,7 @@
 import contextlib
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,23 +12,22 @@ import yaml
 
 import timing
 from lab.cli import main
+from lab.driver_contract import until as until
 from lab.files.rig_file import load_rig
 from lab.rig.assembly import Rig
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.campaign.replay import compare
 from recordings.file.reader import Recording
-from sim_fakes.rig import FakeRig
+from tests.lab.virtual_lab import VirtualLab, meanwhile, settings
 
-BENDING = [word for setting in ("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]") for word in ("--set", setting)]
-STIFFNESS = [w for s in ("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20") for w in ("--set", s)]
+during = meanwhile
+BENDING = settings("spine_lengths=[0.05]", "pressures=[60 kPa, 120 kPa]")
+STIFFNESS = settings("spine_lengths=[0.1]", "steps=3", "min_samples=20", "zero_samples=20")
 
 
 @dataclass(frozen=True)
-class House:
-    """The fakes, and the rig.yaml that reaches them."""
-
-    fakes: FakeRig
-    rig: Path
+class House(VirtualLab):
+    """A virtual lab that is kept safe."""
 
     @property
     def latch(self) -> Path:
@@ -75,10 +73,10 @@ class House:
         assert self.lab(folder, protocol, *words) in (0, 3)
         return recorded(folder)
 
-    def start(self, folder: Path, *settings: str) -> subprocess.Popen[str]:
+    def start(self, folder: Path, *more: str) -> subprocess.Popen[str]:
         """A bending run in a process of its own, as soon as it has inflated the robot."""
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
-        command += [word for setting in (*PATIENT_SETTLE, *settings) for word in ("--set", setting)]
+        command += settings(*PATIENT_SETTLE, *more)
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         if not until(lambda: self.highest() > 40e3 or process.poll() is not None, 120) or process.poll() is not None:
             process.kill()
@@ -94,18 +92,6 @@ def recorded(folder: Path) -> Recording:
     return recording
 
 
-def during(condition: Callable[[], bool], act: Callable[[], object]) -> threading.Thread:
-    """Do something as soon as a condition of the plant holds."""
-
-    def watch() -> None:
-        if timing.wait(condition, 60.0):
-            act()
-
-    thread = timing.Thread(target=watch, daemon=True)
-    thread.start()
-    return thread
-
-
 def inflate(rig: Rig, house: House) -> None:
     """Something to land."""
     rig.actuators.valve.set(True)
@@ -113,13 +99,3 @@ def inflate(rig: Rig, house: House) -> None:
         rig.actuators.pressure.set((60e3, 60e3, 60e3))
         timing.sleep(0.02)
     assert until(lambda: house.highest() > 40e3)
-
-
-def until(condition: Callable[[], bool], within: float = 30.0) -> bool:
-    """Look until the condition holds, which may wait for the rig itself; False when it does not within `within` host seconds."""
-    deadline = timing.now() + within
-    while not condition():
-        if timing.now() > deadline:
-            return False
-        timing.sleep(0.005)
-    return True

@@ -325,19 +325,20 @@ def test_what_holds_instruments_comes_first_from_its_start_where_the_system_allo
         child.communicate()
 
 
-def test_a_rig_that_was_closed_leaves_no_file_open(small: House) -> None:
-    def pipes() -> int:
-        links = (os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if fd.isdigit() and valid(fd))
-        return sum(link.startswith("pipe:") for link in links)
+def test_a_rig_that_was_closed_or_has_no_guard_leaves_no_file_open(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    def channels() -> int:
+        links = [Path(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd")]
+        return sum(str(link.readlink()).startswith(("pipe:", "socket:")) for link in links if os.path.lexists(link))
 
-    def valid(fd: str) -> bool:
-        return os.path.lexists(f"/proc/self/fd/{fd}")
-
-    before = pipes()
+    before = channels()
     for _ in range(2):
         rig = Rig(load_rig(small.rig))
         rig.close()
-        assert until(lambda: pipes() == before)
+        assert until(lambda: channels() == before)
+    monkeypatch.setattr("lab.rig.actuators.start_child", lambda *_: os.posix_spawn("/none", ["/none"], {}))
+    with pytest.raises(FileNotFoundError) as caught:
+        Rig(load_rig(small.rig))
+    assert caught.tb is not None and channels() == before  # the traceback keeps what was made
 
 
 @pytest.mark.real
