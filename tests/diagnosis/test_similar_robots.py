@@ -35,9 +35,9 @@ def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_sa
         rows = [replace(r, t=slower * r.t, hold=slower * r.hold, rate=(r.rate or 0.0) / slower) for r in campaign.table]
         return diagnose(Measured(campaign.robot, Table.of(rows)), quick(some)).attribute
 
-    given, *timed = (cause(slower) for slower in (1.0, 0.1, 10.0))
-    assert all(found.effects == ("viscoelastic",) for found in (given, *timed))
-    assert [found.probability for found in timed] == pytest.approx([given.probability] * 2, abs=0.02)
+    faster, slower = cause(0.1), cause(10.0)
+    assert faster.effects == slower.effects == ("viscoelastic",)
+    assert faster.probability == pytest.approx(slower.probability, abs=0.02)
 
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
