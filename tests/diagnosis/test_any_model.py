@@ -151,8 +151,10 @@ def of_arm(data: pd.DataFrame, **keys: Any) -> Answer:
     return lab.diagnose_model(**{**given, "data": data, **keys})
 
 
-@pytest.mark.parametrize(("key", "cause", "true"), [("zero", "elbow", -0.013), ("longer", "link", 2.2e-3), ("gear", "gear", 0.008),
-                                                   ("tilt", "base", -0.007)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "cause", "true"),
+    [("zero", "elbow", -0.013), ("longer", "link", 2.2e-3), ("gear", "gear", 0.008), ("tilt", "base", -0.007)],
+)
 def test_the_cause_of_an_arm_is_named_with_its_size(key: str, cause: str, true: float) -> None:
     answer = of_arm(posed(0, **{key: true}))
     assert answer.effects == (cause,) and answer.certain and answer.probability > 0.9
