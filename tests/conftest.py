@@ -103,7 +103,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "real_rig" in getattr(item, "fixturenames", ()):
             item.add_marker("real")
     items.sort(key=lambda item: group(item.nodeid) != REAL)
-    gc.freeze()  # what is loaded by now stays to the end, and is looked through no more
 
 
 @pytest.fixture
