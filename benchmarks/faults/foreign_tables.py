@@ -13,22 +13,22 @@ Row = Sequence[float]
 Change = Callable[[int, list[str]], list[str]]
 
 
-def bent(chamber: int, level: float) -> tuple[float, float, float]:
-    """mm, where the tip of 150 mm stands with one chamber at a level (kPa)."""
-    azimuth, turn = math.radians(120 * chamber), 0.013 * level or 1e-9
-    across, along = 150 * (1 - math.cos(turn)) / turn, 150 * math.sin(turn) / turn
+def bent(chamber: int, level: float, turn: float) -> tuple[float, float, float]:
+    """mm, where the tip of 150 mm stands with one chamber at a level (kPa), for a turn of rad/kPa."""
+    azimuth, angle = math.radians(120 * chamber), turn * level or 1e-9
+    across, along = 150 * (1 - math.cos(angle)) / angle, 150 * math.sin(angle) / angle
     return -across * math.cos(azimuth), -across * math.sin(azimuth), along
 
 
-def sweep(each: int = 1, step: float = 0.04) -> list[list[float]]:
-    """s, kPa, mm: three chambers one after the other, twice; `each` rows of every level."""
+def sweep(each: int = 1, step: float = 0.04, turn: float = 0.005) -> list[list[float]]:
+    """s, kPa, mm: three chambers one after the other, twice; `each` rows of every level; it turns about as the rod does."""
     out: list[list[float]] = []
     for chamber in (0, 1, 2, 0, 1, 2):
         for level in LEVELS:
             for _ in range(each):
                 jitter = 0.02 * math.sin(5.3 * len(out))
                 pressures = [level * (k == chamber) + jitter for k in range(3)]
-                tip = [v + jitter for v in bent(chamber, level)]
+                tip = [v + jitter for v in bent(chamber, level, turn)]
                 out.append([len(out) * (4.0 if each == 1 else step), *pressures, *tip])
     return out
 

@@ -37,7 +37,7 @@ from .run import run
 WITHHELD = ("area_moment", "spine_shear", "chamber_azimuth", "chamber_twist", "chamber_ballooning")
 """Effects that a demo may hide: at half their scale at least four noise floors remain after a calibration with its tolerances "
 "(of a tilted base or a precurved body none would), and the cause can be repaired."""
-STIFFNESS = ["steps=6", "min_samples=20"]
+STIFFNESS = ["steps=6", "min_samples=20", "zero_samples=20"]
 SEALED = "sealed.sha256"
 """File that marks a folder as a demo's: the digest of the hidden effect."""
 BENDING = [

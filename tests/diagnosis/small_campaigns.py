@@ -46,8 +46,13 @@ def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **ef
     return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
 
 
+def campaign() -> Measured:
+    """Chambers 8 deg from where they should be."""
+    return measured(3, 1, chamber_azimuth__angle=np.radians(8))
+
+
 def answer(catalogue: Catalogue) -> Diagnosis:
-    """All that a diagnosis computes, of chambers 8 deg from where they should be; once for each catalogue."""
+    """All that a diagnosis computes of that campaign; once for each catalogue."""
     return _answer(catalogue is CATALOGUE)
 
 
@@ -65,4 +70,4 @@ def examined_once(case: CaseLike, options: Options) -> Examined:
 @cache
 def _answer(every: bool) -> Diagnosis:
     wanted = Options(catalogue=CATALOGUE if every else SOME)
-    return diagnose(measured(3, 1, chamber_azimuth__angle=np.radians(8)), wanted)
+    return diagnose(campaign(), wanted)

@@ -22,7 +22,7 @@ from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Uncertainty
-from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, few_and_all, measured, quick
+from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT, case, row, states
 
 
@@ -63,14 +63,14 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
 
 @few_and_all
 def test_the_same_campaign_gives_the_same_text_and_linear_algebra_has_one_thread_meanwhile(catalogue: Catalogue) -> None:
-    small, threads = measured(3, 2, FEW), set[int]()
+    threads = set[int]()
 
     def progress(_step: str, _share: float) -> None:
         threads.update(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
 
-    watched = diagnose(small, replace(quick(catalogue), executor=Executor(progress=progress)))
+    watched = diagnose(campaign(), Options(executor=Executor(progress=progress), catalogue=catalogue))
     assert threads == {1}
-    assert diagnose(small, quick(catalogue)).to_json() == watched.to_json()
+    assert answer(catalogue).to_json() == watched.to_json()
 
 
 @few_and_all

@@ -247,11 +247,11 @@ GROUPS = {
 TILT = Rotation.from_euler("y", 20, degrees=True)
 
 
-def read(robot: Robot, acting: Any = None, turn: Rotation | None = None) -> Table:
-    """What the rod does, three times over, with 0.3 mm of noise; `acting` changes what the pressures (n, k) Pa do to the body."""
+def read(robot: Robot, acting: Any = None, turn: Rotation | None = None, repeats: int = 2) -> Table:
+    """What the rod does, some times over, with 0.3 mm of noise; `acting` changes what the pressures (n, k) Pa do to the body."""
     count, rng = len(robot.actuators.azimuths_deg), np.random.default_rng(1)
     spines, top = ((0.0, 0.2), 200e3) if robot.spine else ((0.0,), 90e3)
-    sweeps = [(repeat, spine, group) for repeat in (1, 2, 3) for spine in spines for group in GROUPS[count]]
+    sweeps = [(repeat, spine, group) for repeat in range(1, 1 + repeats) for spine in spines for group in GROUPS[count]]
     plan = [
         (trial, step, repeat, branch, spine, tuple(top * level * (k in group) for k in range(count)))
         for trial, (repeat, spine, group) in enumerate(sweeps, 1)
@@ -335,7 +335,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
     "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
-    "cameras moved": (lambda r: (r, moved_at(read(r), 8)), ("frame moved by 4.0 mm at trial 8",)),
+    "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("positions must be 0.01 times as large", "cm")),
     "pressures in psi": (lambda r: (r, with_pressures(read(r), read(r).pressures / 6894.757)), ("6895 times as large", "psi")),
@@ -391,8 +391,8 @@ def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_fro
 
 def test_an_edit_that_stiffens_all_motion_away_is_no_mistake() -> None:
     told, table = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), read(HANGING)
-    aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 3, 3))
-    odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (3, 1)))
+    aside = 0.2 * np.random.default_rng(3).uniform(-1, 1, (len(table) // 2, 3))
+    odd = placed(table, lambda tip: tip.mean(axis=0) + np.tile(aside, (2, 1)))
     judged = judge(told, campaign(attitudes(odd, lambda q: np.nan * q)))
     assert judged is not None and judged.chosen is None, judged.findings
 

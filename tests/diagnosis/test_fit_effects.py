@@ -15,16 +15,15 @@ from lab.files.robot_file import write_robot
 from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.robot import Robot
-from tests.diagnosis.small_campaigns import SOME, answer, measured, quick
+from tests.diagnosis.small_campaigns import SOME, answer, campaign, quick
 from tests.diagnosis.test_case import Measured, case, sweep
 
 ANGLE = np.radians(8)
 
 
-@pytest.fixture(scope="module")
-def campaign() -> Measured:
-    """That of `answer`."""
-    return measured(3, 1, chamber_azimuth__angle=ANGLE)
+@pytest.fixture(scope="module", name="campaign")
+def that_of_answer() -> Measured:
+    return campaign()
 
 
 @pytest.fixture(scope="module")

@@ -35,13 +35,13 @@ def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_sa
         rows = [replace(r, t=slower * r.t, hold=slower * r.hold, rate=(r.rate or 0.0) / slower) for r in campaign.table]
         return diagnose(Measured(campaign.robot, Table.of(rows)), quick(some)).attribute
 
-    given, *timed = (cause(slower) for slower in (1.0, 0.1, 10.0))
-    assert all(found.effects == ("viscoelastic",) for found in (given, *timed))
-    assert [found.probability for found in timed] == pytest.approx([given.probability] * 2, abs=0.02)
+    faster, slower = cause(0.1), cause(10.0)
+    assert faster.effects == slower.effects == ("viscoelastic",)
+    assert faster.probability == pytest.approx(slower.probability, abs=0.02)
 
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
-    campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.3)
+    campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.12)
     rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
     given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
 

@@ -89,7 +89,8 @@ def test_an_effect_is_named_with_its_size(effect: str, size: float, parameter: s
 def test_a_probe_5_mm_off_is_no_cause_where_the_stand_states_its_error(stated: float | None, effects: tuple[str, ...]) -> None:
     rows = [replace(r, force=(r.force or 0.0) * (r.spine_length / (r.spine_length + 5e-3)) ** 3) for r in pushes()]
     robot = ROBOT.model_copy(update={"uncertainty": Uncertainty(push_place=stated)})
-    d = diagnose(Measured(robot, Table.of(rows)), Options(experiments=False))
+    rivals = RIVALS | {"spine_length_offset": CATALOGUE["spine_length_offset"]}
+    d = diagnose(Measured(robot, Table.of(rows)), Options(experiments=False, catalogue=rivals))
     assert d.attribute.effects == effects and d.locate.significant == bool(effects)
 
 
@@ -164,6 +165,6 @@ def test_rows_that_no_trial_gives_are_refused(change: dict[str, float], said: st
 
 def test_few_repeats_name_nothing() -> None:
     rows = [r for r in pushes("force_bias", 0.15, 2) if r.repeat == 1]
-    d = diagnose(case(rows), Options(quantify=False, experiments=False))
+    d = diagnose(case(rows), Options(quantify=False, experiments=False, catalogue=RIVALS))
     assert d.attribute.verdict == "unknown"
     assert any("no deflection was repeated" in c for c in d.concerns)

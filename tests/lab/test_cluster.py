@@ -164,16 +164,6 @@ def square(x: int) -> int:
     return x * x
 
 
-def dies_once(mark: str) -> str:
-    """Takes its worker with it the first time it is called."""
-    place = Path(mark)
-    if not place.exists():
-        place.write_text("was here")
-        os._exit(1)
-    timing.sleep(0.05)
-    return mark
-
-
 @pytest.mark.parametrize("loses", ["nothing", pytest.param("a worker", marks=pytest.mark.long)])
 def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str, loses: str) -> None:
     told: list[str] = []
@@ -190,15 +180,6 @@ def test_the_fits_of_a_diagnosis_give_the_same_answer_there(scheduler: str, lose
     assert [c.named for c in there] == [c.named for c in here]
     assert [c.log_evidence for c in there] == pytest.approx([c.log_evidence for c in here], abs=1e-6)
     assert told == sorted(told)
-
-
-@pytest.mark.long
-def test_a_lost_worker_loses_no_case(scheduler: str, tmp_path: Path) -> None:
-    marks = [str(tmp_path / f"{i}") for i in range(3)]
-    (tmp_path / "0").write_text("already")
-    (tmp_path / "2").write_text("already")
-    with cluster(scheduler) as workers:
-        assert list(workers.in_order(dies_once, marks)) == marks
 
 
 class DiesOnce:

@@ -24,6 +24,7 @@ from lab.cli import GROUPS, declared, main, parser
 from lab.files.robot_file import paper_robot
 from lab.version import strangers
 from sim_fakes.alicat import UNITS
+from tests.diagnosis.small_campaigns import SOME
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
@@ -86,7 +87,7 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     found = fitted.robot.predict(case.table.pressures, intervals=True)
     assert np.array_equal(np.asarray(found), found.tip) and len([*found]) == 14 and found[:, 2].shape == (14,)
     reached = robot.inverse([[-0.05, float("nan"), float("nan")]], spine_length=0.1)
-    answer = lab.diagnose(case, Options(quantify=False, experiments=False))
+    answer = lab.diagnose(case, Options(quantify=False, experiments=False, catalogue=SOME))
     shown = [(case, "x [m]"), (lab.compare(case), "measured x [mm]"), (lab.fit(case), "unit"), (fitted, "unit"), (robot, "unit"),
              (found, "sd of a reading of z [mm]"), (reached, "p9 [kPa]"), (answer, "probability")]  # fmt: skip
     for result, heading in shown:

@@ -37,14 +37,14 @@ LEVELS = (0.0, 30e3, 60e3, 30e3)
 
 
 def sweep(repeats: int = 2) -> list[tuple[int, float, tuple[float, ...], np.ndarray, str]]:
-    """Trial, s, Pa, m and branch of a sweep of three chambers, one after the other; the tip bends away from them."""
+    """Trial, s, Pa, m and branch of a sweep of three chambers, one after the other; the tip goes where the rod has it."""
     rows = []
     for trial in range(3 * repeats):
         for step, level in enumerate(LEVELS):
             pressure = [0.0, 0.0, 0.0]
             pressure[trial % 3] = level
-            away = -np.array([np.cos(AZIMUTHS[trial % 3]), np.sin(AZIMUTHS[trial % 3])]) * level * 4.5e-7
-            tip = np.array([*away, LENGTH - 5 * float(away @ away) / LENGTH])
+            away = -np.array([np.cos(AZIMUTHS[trial % 3]), np.sin(AZIMUTHS[trial % 3])]) * level * (2.8e-7 + 4.6e-12 * level)
+            tip = np.array([*away, LENGTH - 0.5 * float(away @ away) / LENGTH])
             rows.append((trial + 1, 10.0 * len(rows), tuple(pressure), tip, "auf" if step < 3 else "ab"))
     return rows
 

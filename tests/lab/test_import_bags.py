@@ -59,7 +59,7 @@ def sweep() -> Iterator[tuple[int, dict[str, float], list[float]]]:
     for chamber in (0, 1, 2, 0, 1, 2):
         for level in (0, 20, 40, 20, 0):
             for _ in range(60):
-                azimuth, bend = math.radians(120 * chamber), 0.012 * level or 1e-9
+                azimuth, bend = math.radians(120 * chamber), 0.005 * level or 1e-9
                 across, along = 0.15 * (1 - math.cos(bend)) / bend, 0.15 * math.sin(bend) / bend
                 tip = {"x": -across * math.cos(azimuth), "y": -across * math.sin(azimuth), "z": along}
                 yield BEGIN + i * PERIOD, tip, [level * (k == chamber) * 1.0 for k in range(3)]

@@ -45,7 +45,7 @@ def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def little(place: Path) -> Path:
     """A case that names nothing: one noisy pressure on the way up, of a robot whose chambers balloon."""
-    rows = campaign({"chamber_ballooning.growth": 0.3}, repeats=2, lengths=(0.0, 0.2), pressures=(0.0, 120e3, 240e3))
+    rows = campaign({"chamber_ballooning.growth": 0.12}, repeats=2, lengths=(0.0, 0.2), pressures=(0.0, 120e3, 240e3))
     return folder(place, [r for r in rows if r.branch == "load"])
 
 
