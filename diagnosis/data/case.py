@@ -166,6 +166,8 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
             yield finding("not_repeated" if tips.repeats < 2 else "repeated_once", words)
         if not (tips.branch < 0).any():
             yield finding("no_unload", words)
+        if straight := s.trials.moved_to_model:
+            yield finding("moved_to_model", words, straight=straight)
     elif len(pushes):
         yield finding("only_stiffness_trials", words)
         yield finding("probabilities_not_calibrated")
