@@ -76,6 +76,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "no state was repeated: the noise floor is that of typical instruments, without differences between trials, so no "
             "cause is named; repeat the sweep three times"
         ),
+        "repeated_within_trials": (
+            "states were repeated within a trial, but hardly in others, so differences between trials are unknown. If the robot "
+            "was driven anew for each repeat, {remedy}"
+        ),
         "repeated_once": (
             "the median state was read in only two trials: the noise floor is uncertain, and so are the probabilities; repeat "
             "the sweep three times"
