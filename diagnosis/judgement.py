@@ -63,6 +63,10 @@ MEMORY, MEMORY_LOG_SD, LONGEST_MEMORY = 1.25, 1.0, 37.5
 """Time over which lasting errors are forgotten, paces of the campaign, prior standard deviation of its logarithm, and the
 longest: beyond is drift."""
 
+RESTING_SHIFT, RESTING_TURN = 0.1, 0.2
+"""Robot lengths and rad by which points that were moved to where the model rests may have been elsewhere: farther than any mount
+tilts them, or the sag under the weight is off, so that a body at rest tells nothing."""
+
 # ------------------------------------------------------------------ edits before the diagnosis
 EDIT_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])
 """Prior standard deviations of the calibration beside an edit: logarithms of area factor and modulus, rad of azimuth and of
@@ -101,7 +105,7 @@ EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
 a table in another frame is refused, as nothing can be said of its robot."""
 EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
-EDIT_REFINED, EDIT_FOLLOWED = 6, 3
+EDIT_REFINED, EDIT_FOLLOWED = 7, 3
 """Edits fitted to convergence, and those that others are tried beside."""
 EDIT_SAMPLES = 16
 """Tables whose judgement is remembered: each is judged when it is read, and again by what is done with it."""

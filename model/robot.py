@@ -132,6 +132,10 @@ class Uncertainty(BaseModel):
     """Of the cameras' frame about each axis; usual 0.1 deg."""
     frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of its origin along each axis; usual 0.4 % of the length."""
+    tracked_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
+    """Of the body of markers on the tip, about each axis; usual 0."""
+    marker_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Of each marker, along each axis; usual 0."""
     push_place: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of where the stand's probe pushes, along the specimen; usual 0, or `stand.position_sd` of rig.yaml."""
 

@@ -247,10 +247,12 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
 
 @dataclass(frozen=True)
 class Mapped:
-    """How columns of another program became those of a table: the axis of the file for each axis of the base, whether keys of
-    lab.case state it (else map.yaml), the headings of p1 .. in a call, and whether nothing says their unit, so that it is Pa."""
+    """How columns of another program became those of a table: the axis of the file for each axis of the base, the readings from
+    which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), the headings of p1 .. in
+    a call, and whether nothing says their unit, so that it is Pa."""
 
     frame: tuple[str, ...] = ("x", "y", "z")
+    straight: str = "as recorded"
     call: bool = False
     headings: tuple[str, ...] = ()
     no_unit: bool = False
@@ -383,6 +385,11 @@ class Table:
     def with_tip(self) -> NDArray[np.bool_]:
         """(n,) states of the robot with a tip."""
         return np.asarray(~self.pushed & np.isnan(self.get("joint1")) & ~np.isnan(self.tip).all(axis=1))
+
+    @property
+    def moved_to_model(self) -> str:
+        """The readings from which the map moved all points to the model; empty where it did not."""
+        return "" if self.mapped is None or self.mapped.straight == Mapped.straight else self.mapped.straight
 
     @property
     def spine_length(self) -> NDArray[np.float64]:

@@ -44,6 +44,16 @@ class Decision:
     """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
 
     @property
+    def limited(self) -> bool:
+        """Whether the probability is the largest that is stated of a cause in doubt, and no result."""
+        return self.probability == judgement.DOUBTED_PROBABILITY
+
+    @property
+    def p(self) -> str:
+        """The probability as a headline states it."""
+        return f"p {'≤' if self.limited else '='} {self.probability:.2f}"
+
+    @property
     def within(self) -> float:
         """Probability of a cause of the catalogue, or of none, given that it is not outside."""
         return self.probability / (1 - self.outside)

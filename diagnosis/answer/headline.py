@@ -12,7 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
-from ..judgement import CAUSE_PROBABILITY, LIKELY, TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, DOUBTED_PROBABILITY, LIKELY, TIE_STATED
 from .result import Attribute, Diagnosis, Value
 from .size import by_actuator
 from .verdict import stage
@@ -78,12 +78,14 @@ LEAST_STATED = 0.005
 
 
 def stated(probability: float) -> str:
-    """A probability as every table shows it.
+    """A probability as every table shows it; the largest of a cause in doubt is no result.
 
-    >>> stated(0.876), stated(1e-4)
-    ('0.88', '< 0.01')
+    >>> stated(0.876), stated(1e-4), stated(0.8)
+    ('0.88', '< 0.01', '≤ 0.80')
     """
-    return "< 0.01" if probability < LEAST_STATED else f"{probability:.2f}"
+    if probability < LEAST_STATED:
+        return "< 0.01"
+    return f"{'≤ ' * (probability == DOUBTED_PROBABILITY)}{probability:.2f}"
 
 
 def percent(share: float) -> str:
@@ -128,7 +130,7 @@ def headline(
     """
     a, speech = d.attribute, Speech(d, catalogue, robot)
     closed = None if d.shrink is None else d.shrink.share_closed
-    p = f"(p = {a.probability:.2f})"
+    p = f"({a.p})"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
@@ -178,16 +180,18 @@ class Speech:
 
 
 def _tied(a: Attribute, speech: Speech) -> str:
-    """The named effects and the next hypothesis, if it is nearly as probable and both fit; else empty. Sizes are given only for
-    what is likely."""
-    second = max((r for r in a.ranking if r.effects != a.effects), key=lambda r: r.probability, default=None)
-    if second is None or second.probability < a.probability - TIE_STATED:
+    """The named effects and the next hypothesis, if both fit and it is nearly as probable, or one of those that the rest shape
+    would tell apart; else empty. Sizes are given only for what is likely."""
+    hidden = any(f.code == "cause_hidden_at_rest" for f in speech.d.findings)
+    others = (r for r in a.ranking if r.effects != a.effects and (not hidden or set(r.effects) & set(a.rivals)))
+    second = max(others, key=lambda r: r.probability, default=None)
+    if second is None or not (hidden or second.probability >= a.probability - TIE_STATED):
         return ""
     both = (a.effects, second.effects)
     in_full = (_says_all(effects, _sizes(a, effects), speech, spread=False) for effects in both)
     by_name = (_name_all(effects, speech) for effects in both)
     for first, other in (in_full, by_name) if a.probability >= LIKELY else (by_name,):
-        text = f"{first} or {other} (p = {a.probability:.2f}, {second.probability:.2f})."
+        text = f"{first} or {other} ({a.p}, {second.probability:.2f})."
         if len(text.split()) <= MOST_WORDS:
             return text
     return ""

@@ -377,6 +377,11 @@ class Diagnosis(Shown):
     def __repr__(self) -> str:
         return f"<Diagnosis: {self.headline or self.statement}>"
 
+    def __str__(self) -> str:
+        from .sentences import summary  # which are about answers
+
+        return summary(self)
+
     def _columns(self) -> dict[str, Any]:
         ranking = self.attribute.ranking
         return {

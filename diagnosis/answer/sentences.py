@@ -14,7 +14,7 @@ from model.robot import Robot
 from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
-from ..findings import Finding, finding
+from ..findings import UNCERTAIN, Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
@@ -34,6 +34,13 @@ def statement(d: Diagnosis) -> str:
     return " ".join(filter(None, parts))
 
 
+def summary(d: Diagnosis) -> str:
+    """The answer in a few lines: the conclusion, its size with an interval, what speaks against it, and the next step."""
+    against = (f"- {text}" for text in d.texts("critical", "warning"))
+    following = (f"Next: {x.do} ({x.cost_min:.0f} min)." for x in d.next_experiment[:1])
+    return "\n".join(filter(None, (d.headline or d.statement, _moved(d), _closing(d), *against, *following)))
+
+
 def _named(effects: Iterable[str], d: Diagnosis, joint: str = " and ") -> str:
     return joint.join(with_id(e, d.names) for e in effects)
 
@@ -46,9 +53,9 @@ def _what(d: Diagnosis) -> tuple[str, int]:
 def _verdict(d: Diagnosis) -> str:
     """The conclusion: cause, candidates or none, with its probability; the stage in error if outside the catalogue."""
     a, named = d.attribute, _named(d.attribute.effects, d)
-    open_ended = a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED
-    given = f"; {a.within:.2f} if it is in the catalogue" if open_ended else ""
-    sure = f"p = {a.probability:.2f}{given}; {judgement.BENCHMARK}"
+    sure = f"p is at most {a.probability:.2f}, as {reason}" if (reason := limited_by(d)) else f"{a.p}; {judgement.BENCHMARK}"
+    if not reason and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
+        sure = f"{a.p}; {a.within:.2f} if it is in the catalogue; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
     second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
     if a.conclusion == "cause":
@@ -76,6 +83,13 @@ def _verdict(d: Diagnosis) -> str:
             f"{leading_error.gain:.1f}{runner_up}), but a cause in another stage may look the same in these states."
         )
     return f"The cause is not in the catalogue ({sure}).{stage_clause}{_relatives(d)}"
+
+
+def limited_by(d: Diagnosis) -> str:
+    """The first doubt that limits the probability of the cause; empty where none does."""
+    if not d.attribute.limited:
+        return ""
+    return next((why.removeprefix(UNCERTAIN) for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
 
 
 def _relatives(d: Diagnosis) -> str:
@@ -287,8 +301,8 @@ def _simulator_acts(d: Diagnosis) -> str:
 def _moved(d: Diagnosis) -> str:
     what, digits = _what(d)
     shares = [
-        f"{plain_name(c.effect, d.names)} moves {what} by {c.mm:.{digits}f} mm (95 %: {c.low95_mm:.{digits}f} to "
-        f"{c.high95_mm:.{digits}f} mm)"
+        f"{plain_name(c.effect, d.names)} moves {what} by {c.mm:.{digits}f} mm (95 % over all "
+        f"hypotheses: {c.low95_mm:.{digits}f} to {c.high95_mm:.{digits}f} mm)"
         for c in d.budget
         if c.role == "named"
     ]

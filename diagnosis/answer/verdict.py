@@ -80,7 +80,7 @@ def attribute_section(
         cannot_tell_apart=f.cannot_tell_apart,
         stage_errors=f.asking,
         conclusion=conclude(d, significant, f.asking, doubtful or bool(why)),
-        rivals=rivals(d, f.posterior),
+        rivals=rivals(d, f.posterior) if d.probability < judgement.CAUSE_PROBABILITY else (),
         doubts=tuple(map(str, why)),
         missing=tuple(map(f.prepared.robot.actuators.words.fill, lacking(f.prepared.states))),
     )
@@ -118,8 +118,8 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
 
 
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
-    """Return the effects of the 95 % set that are not named, most probable first; only if the named effect is uncertain."""
-    if d.verdict != "effect" or d.probability >= judgement.CAUSE_PROBABILITY:
+    """Return the effects of the 95 % set that are not named, most probable first; none where no effect is named."""
+    if d.verdict != "effect":
         return ()
     others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
@@ -143,7 +143,7 @@ def doubts(
         if any(s.impossible for s in sizes if s.effect == effect):
             yield finding("cause_impossible", effect=name)
         elif low.get(effect, math.inf) < judgement.LEAST_NAMED_FLOORS * floor_mm:
-            yield finding("cause_undetermined", effect=name)
+            yield finding("cause_undetermined", effect=name, low_mm=low[effect], floor_mm=floor_mm)
     yield from (finding("cause_or_calibration", effect=name) for name in alone[:1])
     partial = {s.effect for s in sizes if s.mean < s.least}
     if other_forms := [name for effect, name in effects.items() if effect in partial or not follows_law]:
@@ -155,7 +155,8 @@ def doubts(
     by_itself = None if fitted is None else share_closed(fitted.calibrated_mm, fitted.left_mm, floor_mm)
     promised = unseen.share_closed or 0.0
     if fitted is not None and by_itself is not None and by_itself < judgement.EXPLAINS * promised:
-        yield finding("fit_not_reached", effect=" and ".join(effects.values()), mm=fitted.left_mm, promised_mm=unseen.after_mm)
+        effect = " and ".join(effects.values())
+        yield finding("fit_not_reached", effect=effect, alone=max(by_itself, 0.0), together=promised)
 
 
 def conclude(d: Decision, gap: bool, asking: Sequence[StageError], tense: bool = False) -> Conclusion:

@@ -136,7 +136,7 @@ class Answer(Decision, Shown):
     @property
     def headline(self) -> str:
         """The conclusion in one short sentence."""
-        p = f"(p = {self.probability:.2f})"
+        p = f"({self.p})"
         if self.verdict == "effect":
             return f"{'Cause: ' if self.certain else 'Most like: '}{' and '.join(self.says)} {p}"
         return f"No cause: nothing stands out of the noise {p}" if self.verdict == "none" else f"A cause outside of the list {p}"

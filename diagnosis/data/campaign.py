@@ -123,6 +123,11 @@ class Campaign:
         pairs = np.unique(np.column_stack([self.condition, self.trial])[self.main], axis=0)
         return int(np.median(np.unique(pairs[:, 0], return_counts=True)[1]))
 
+    @property
+    def within_trials(self) -> bool:
+        """Whether conditions were read again in one trial that were hardly read in others, as if it were several."""
+        return self.repeats < 3 and int(np.median(np.unique(self.condition[self.main], return_counts=True)[1])) > self.repeats
+
 
 def spread_over(count: int, most: int) -> Ints:
     """Numbers 0 .. `count` - 1, or as many of them as `most`, evenly spread."""

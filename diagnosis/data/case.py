@@ -20,6 +20,7 @@ from ..errors import BadCase
 from ..findings import Finding, finding
 from . import levels as gaps
 from .campaign import Campaign
+from ..edits.remedies import of_trials
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, of_body, require_plausible, require_plausible_pushes
 
@@ -146,6 +147,8 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     if not (len(own) and own.repeats >= 2):
         if _pushes_name_cause(s.take(s.pushed)):
             return ()
+        if own.within_trials:
+            return ("states were repeated, but all in one trial",)
         return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
     if own.highest.max() <= s.pressure_gap:
         return ("no state is bent",)
@@ -162,10 +165,14 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
             yield finding("one_pressure", words)
         if tips.highest.max() < s.pressure_gap:
             yield finding("not_bent", words)
-        if tips.repeats < 3:
+        if tips.within_trials:
+            yield finding("repeated_within_trials", remedy=of_trials(tips.trials))
+        elif tips.repeats < 3:
             yield finding("not_repeated" if tips.repeats < 2 else "repeated_once", words)
         if not (tips.branch < 0).any():
             yield finding("no_unload", words)
+        if straight := s.trials.moved_to_model:
+            yield finding("moved_to_model", words, straight=straight)
     elif len(pushes):
         yield finding("only_stiffness_trials", words)
         yield finding("probabilities_not_calibrated")

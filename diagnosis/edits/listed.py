@@ -48,6 +48,8 @@ FRAMES = [
     np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
 ]
 """Each way in which axes of a file can be those of the base."""
+MIRROR = ("mirror", 6e-4)
+"""Kind and prior of a frame of the other hand: cameras have none, only columns that were swapped or changed in sign."""
 
 
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
@@ -188,7 +190,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         if not np.array_equal(axes, np.eye(3)):
             sign = np.array([1.0, 1.0, handed])
             quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
-            yield Edit("frame", 0.006, axes_say(axes, mapped), partial(_axes, quaternion, sign))
+            kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
+            yield Edit(kind, prior, axes_say(axes, mapped), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
     yield Edit("frame", 0.02, partial(_turn_says, mapped), _turn, (start,), ((-4.0, 4.0),) * 3)
     for factor, unit in LENGTHS.items():

@@ -20,7 +20,7 @@ from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
 from ..findings import Finding
 from .edit import Edit, Says, Variants, stating
-from .listed import FRAMES, axes_say, gravity_says
+from .listed import FRAMES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 from .remedies import named, of_unit
 
@@ -59,9 +59,10 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
-            kind, says = ("frame", axes_say(axes, table.mapped)) if whole else ("points", _axes_of_one_say(bodies[0], axes))
+            kind, prior = ("points", 0.02) if not whole else ("frame", 0.02) if handed == (1,) else MIRROR
+            says = axes_say(axes, table.mapped) if whole else _axes_of_one_say(bodies[0], axes)
             turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
-            yield Edit(kind, 0.02 / len(every), says, partial(_about_rest, axes, bodies, turn))
+            yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
 def _at_rest(table: Table) -> Mask:

@@ -163,9 +163,11 @@ def _weighed(sample: Sample, edits: list[Edit], near: Fit, pairs: bool) -> list[
 
 
 def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:
-    """The fit of most merit whose last edit is of each kind, the best first."""
-    ordered = sorted(fits, key=merit, reverse=True)
-    return [f for i, f in enumerate(ordered) if f.edits[-1].kind not in {g.edits[-1].kind for g in ordered[:i]}]
+    """The fit of most merit whose last edit is of each kind, with parameters of its own or without, the best first."""
+    best: dict[tuple[str, bool], Fit] = {}
+    for f in sorted(fits, key=merit, reverse=True):
+        best.setdefault((f.edits[-1].kind, bool(f.edits[-1].bounds)), f)
+    return [*best.values()]
 
 
 def _beyond_usual(fit: Fit) -> Array:

@@ -24,7 +24,7 @@ from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
-from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR
+from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR, RESTING_SHIFT, RESTING_TURN
 from .budget import BudgetPart
 from .discrepancy import SmoothErrors, settings, smooth_errors
 from .jacobian import Columns
@@ -135,7 +135,7 @@ def prepare(
     of the noise where they are known, else they are estimated from repeats. `sized`: scales of effects, where they are not
     those of these states alone.
     """
-    table = table_columns(states)
+    robot, table = _as_placed(robot, states), table_columns(states)
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
@@ -174,6 +174,15 @@ def prepare(
         _smooth_errors(robot, states, labels, unit, pushes),
     )
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
+
+
+def _as_placed(robot: Robot, states: Campaign) -> Robot:
+    """The robot with places of tip and markers that nobody knows, where the map moved them to the model at rest."""
+    if not states.trials.moved_to_model:
+        return robot
+    shift = RESTING_SHIFT * robot.length
+    unknown = {"frame_shift": shift, "marker_shift": shift, "tracked_turn": RESTING_TURN}
+    return robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
 
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:

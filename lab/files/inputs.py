@@ -92,11 +92,12 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
 def _mapped(path: Path) -> Mapped | None:
     """How the map.yaml of a case made its table; None where there is none, or one that is not of this program."""
     try:
-        frame = {"x": "x", "y": "y", "z": "z"} | (read_yaml(path).table.get("frame") or {})
+        stated = read_yaml(path).table
+        frame = {"x": "x", "y": "y", "z": "z"} | (stated.get("frame") or {})
     except (ConfigError, TypeError):
         return None
-    axes = tuple(str(frame[axis]) for axis in "xyz")
-    return Mapped(axes) if AXES.keys() >= set(axes) else None
+    axes, straight = tuple(str(frame[axis]) for axis in "xyz"), str(stated.get("straight", Mapped.straight))
+    return Mapped(axes, straight) if AXES.keys() >= set(axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

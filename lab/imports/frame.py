@@ -56,13 +56,13 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)
     table = replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
-    return _of_call(table, wanted.columns, Mapped(wanted.frame.axes, no_unit=quantities.no_unit))
+    return _of_call(table, wanted.columns)
 
 
-def _of_call(table: Table, columns: Mapping[str, Column], mapped: Mapped) -> Table:
+def _of_call(table: Table, columns: Mapping[str, Column]) -> Table:
     """The table, with the headings of its pressures, for messages that name an argument."""
     headings = tuple(str(columns[name].column) for name in pressure_columns(len(columns)) if name in columns)
-    return replace(table, mapped=replace(mapped, call=True, headings=headings))
+    return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings))
 
 
 class _Columns(FileTable):
@@ -92,7 +92,8 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    return _of_call(replace(table, warnings=(*left_out_notes, *table.warnings)), columns, Mapped(no_unit=file.no_unit))
+    mapped = Mapped(no_unit=file.no_unit)
+    return _of_call(replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped), columns)
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -238,7 +238,7 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
-        table = replace(table, mapped=Mapped(wanted.frame.axes, no_unit=any(q.no_unit for _, q, _ in every)))
+        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, no_unit=any(q.no_unit for _, q, _ in every)))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]

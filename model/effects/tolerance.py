@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from model.condition import States
+from model.effects.design import TURN
 from model.effects.laws.measurement import frame_misalignment
 from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
@@ -21,6 +22,7 @@ from model.effects.readings import Readings
 from model.effects.scales import STANDARD, Scales, scales
 from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
 from model.robot import Robot
+from model.rotation import from_vector, multiply
 
 Scope = Literal["all", "trial", "spine_length", "push", "mount", "repeat", "campaign"]
 """push: each stiffness trial, of any specimen; trial: each trial with spine; mount: each roll and sitting but the most usual;
@@ -70,6 +72,16 @@ def _frame_shift(r: Readings, v: Values) -> None:
     r.tip = r.tip + shift
     if r.markers.shape[2]:
         r.markers = r.markers + shift[..., None, :]
+
+
+def _tracked_turn(r: Readings, v: Values) -> None:
+    r.orientation = multiply(r.orientation, from_vector(vector(v["x"], v["y"], v["z"])))
+
+
+def _marker_shift(r: Readings, v: Values) -> None:
+    count = r.design.markers
+    if r.markers.shape[2] == count:  # else they are other points of the shape
+        r.markers = r.markers + np.stack([vector(*(v[f"m{k}{a}"] for a in "xyz")) for k in range(1, count + 1)], axis=-2)
 
 
 def _spine_length(q: Quantities, v: Values) -> None:
@@ -136,6 +148,8 @@ BY_PUSH = (
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_xyz("m", 1e-3, ("along",)))
 """The same of all pushes, where robot.yaml states its standard deviation: the arm's error at the stand."""
+TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_xyz("rad", ANGLE))
+"""How the body of markers sits on the tip, where robot.yaml states its standard deviation."""
 MOUNT = (
     _tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE), scope="mount"),
     _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3), scope="mount"),
@@ -206,6 +220,11 @@ def sources(
         chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
+    if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:
+        chosen.append(_as_stated(TRACKED_TURN, sized, uncertainty))
+    if design.markers and "marker_shift" in uncertainty:
+        by_marker = _xyz("m", uncertainty["marker_shift"], [f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"])
+        chosen.append(_tolerance("marker_shift", "measurement", Law(after=_marker_shift), *by_marker))
     if len(mounts(design)) > 1:
         chosen += MOUNT
     if len(np.unique(design.repeat[~design.stiffness])) > 1:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,13 @@ from foreign import ROBOT, by_map
 
 import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
+from diagnosis.data.case import states
+from diagnosis.diagnose import Options, diagnose
+from diagnosis.edits.remedies import AXES
 from lab.files.config import ConfigError
+from model.effects import CATALOGUE
+from model.stated import Stated
+from recordings.table_file import csv_text
 
 COLUMNS = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
 
@@ -128,3 +134,80 @@ def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
                                 ((FRAME, ROBOT), {"files": {"*": {}}}, "files: does not apply")):  # fmt: skip
         with pytest.raises(ConfigError, match=match):
             lab.case(*inputs, **keys)
+
+
+# ------------------------------------------------------------------ what a call leaves out
+FINGER = ROBOT.parents[1] / "own_table" / "robot.yaml"
+RISING = ("-x", "-z", "-y")
+"""Axes of the cameras along x, y and z of the base."""
+
+
+def seen(effect: str, axis: str, value: float, unit: str, axes: Sequence[str] = RISING, groups: int = 6) -> pd.DataFrame:
+    """Three sweeps of the finger with an effect, by cameras with these axes that stand 0.4 m aside."""
+    finger, dice = lab.load_robot(FINGER), np.random.default_rng(3)
+    inflated = ((1,), (2,), (3,), (1, 2), (2, 3), (3, 1))[:groups]
+    pressures = [[2e4 * k if c in group else 0.0 for c in (1, 2, 3)]
+                 for _ in range(3) for group in inflated for k in (0, 1, 2, 3, 2, 1, 0)]  # fmt: skip
+    true = finger.model_copy(update={"effects": {effect: {axis: Stated(value=value, unit=unit)}}})
+    tips = true.predict(pressures).tip @ np.array([AXES[a] for a in axes]) + [0.0, 0.4, 0.0]
+    tips += dice.normal(0, 0.15e-3, tips.shape)
+    columns = {f"p{c}": dice.normal(np.array(pressures)[:, c - 1], 50.0) for c in (1, 2, 3)}
+    return pd.DataFrame({"t": 12.0 * np.arange(len(tips)), **columns, **dict(zip("xyz", tips.T, strict=True))})
+
+
+BY_REST: dict[str, Any] = {"trials": {"begin": "rest"}}
+AT_REST: dict[str, Any] = {"frame": dict(zip("xyz", RISING, strict=True)), "straight": "at rest"}
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [("base_tilt", "x", 0.05, "rad"), ("frame_misalignment", "x", 0.05, "rad"), ("marker_offset", "y", 3e-3, "m"),
+     ("chamber_azimuth", "angle", 0.14, "rad")],
+)  # fmt: skip
+def test_a_tip_that_a_map_moved_to_the_model_says_nothing_of_where_it_was(effect: tuple[str, str, float, str]) -> None:
+    case = lab.case(seen(*effect), FINGER, **AT_REST, **BY_REST)
+    weighed = ("base_tilt", "frame_misalignment", "marker_offset", "chamber_azimuth", "tether_load")
+    answer = diagnose(case, Options(False, False, {id: CATALOGUE[id] for id in weighed}))
+    said = answer.attribute
+    assert said.effects == effect[:1] and "frame_shift" not in str(answer)
+    assert "`straight: at rest` moved tip and markers to the model" in str(answer) and "as `zero` of columns" in str(answer)
+    sizes = next(r.parameters for r in said.ranking if r.effects == said.effects)
+    assert sizes[".".join(effect[:2])].value == pytest.approx(effect[2], rel=0.15)
+    if said.rivals:
+        assert f" or {answer.names[said.rivals[0]].split()[0]}" in answer.headline or " or the " in answer.headline
+        assert said.probability <= 0.8 and "`straight: at rest` hides" in said.doubts[0]
+
+
+def test_a_case_knows_what_its_map_moved(tmp_path: Path) -> None:
+    case = lab.case(seen("base_tilt", "x", 0.05, "rad", groups=1), FINGER, **AT_REST, **BY_REST)
+    (tmp_path / "robot.yaml").write_text(FINGER.read_text())
+    (tmp_path / "trials.csv").write_text(
+        csv_text([case.table.columns, *zip(*map(case.table.get, case.table.columns), strict=True)])
+    )
+    for line, moved in (("straight: at rest", "at rest"), ("straight: as recorded", ""), ("frame: {}", "")):
+        (tmp_path / "map.yaml").write_text(f"{line}\n")
+        assert lab.case(tmp_path).table.moved_to_model == moved
+
+
+def test_repeats_that_are_one_trial_are_several_once_the_remedy_is_written() -> None:
+    frame = seen("chamber_azimuth", "angle", 0.14, "rad", groups=2)
+    for table in (frame, frame[frame[["p1", "p2", "p3"]].max(axis=1) > 5e3]):
+        (found,) = (f for f in states(lab.case(table, FINGER, **AT_REST))[1] if f.code == "repeated_within_trials")
+        remedy = json.loads(re.search("write trials=({.*}) in lab.case", found.text)[1])  # type: ignore[index]
+        campaign, left = states(lab.case(table, FINGER, **AT_REST, trials=remedy))
+        assert campaign.repeats >= 3 and not {"repeated_within_trials", "not_repeated"} & {f.code for f in left}
+
+
+@pytest.mark.parametrize(
+    ("axes", "groups"), [(RISING, 6), (RISING, 3), (RISING, 1), (("z", "-y", "x"), 6), (("-z", "-x", "y"), 1)]
+)
+def test_a_frame_that_a_turn_explains_is_no_mirror_image(axes: Sequence[str], groups: int) -> None:
+    frame = seen("chamber_azimuth", "angle", 0.14, "rad", axes, groups)
+    with pytest.raises(ConfigError) as refused:
+        lab.case(frame, FINGER, **BY_REST)
+    said = str(refused.value)
+    certain = [float(p) for p in re.findall(r"mirror image of the base's \(p = ([\d.]+)\)", said)]
+    assert max(certain, default=0.0) < 0.5 and 'straight="at rest"' in said, said
+    if (written := re.search("write frame=({.*?}) in lab.case", said)) is not None and groups > 1:
+        case = lab.case(frame, FINGER, frame=json.loads(written[1]), straight="at rest", **BY_REST)
+        assert case.table.warnings == (), said
