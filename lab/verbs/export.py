@@ -24,14 +24,15 @@ from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
 from recordings.own_files import copied, replaced
 from recordings.table_file import read_csv, write_csv
-from recordings.trials import Table, unit_of
+from recordings.trials import Table, counted, unit_of
 
 from ..console import note, out
 from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Result, Verb, inputs, option
+from ..lerobot_dataset import write_dataset
+from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Option, Result, Verb, inputs, option
 from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
@@ -150,13 +151,17 @@ IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", 
 """Files of a case folder that go into a crate beside the robot and the table."""
 
 
-Form = Literal["streams", "case", "crate"]
+Form = Literal["streams", "case", "crate", "lerobot"]
+FASTEST = 1000
+"""Frames per second of a LeRobot dataset."""
 
 
-def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False) -> Result:
-    """Files of each stream, one case folder, or an RO-Crate; raises ConfigError."""
+def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False, rate: int = 10) -> Result:
+    """Files of each stream, one case folder, an RO-Crate, or a LeRobot dataset of `rate` Hz; raises ConfigError."""
+    if not 1 <= rate <= FASTEST:
+        raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
     with whole(folder, replace=replace, inputs=inputs) as place:
-        written, table = _export(without_torn(inputs), place, form, folder.resolve().name)
+        written, table, dataset = _export(without_torn(inputs), place, form, folder.resolve().name, rate)
     files = [str(folder / path.relative_to(place)) for path in written]
 
     def show() -> None:
@@ -165,34 +170,51 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
             out.print(file)
         if form == "crate":
             note([f"{folder / METADATA}: license: {NO_LICENSE}"])
+        if dataset:
+            out.print(f"{counted(dataset['episodes'], 'episode')}, {dataset['frames']} frames at {rate} Hz")
+            gaps = (f"{name} in {share:.1%}" for shares in dataset["missing"].values() for name, share in shares.items() if share)
+            note([f"missing (NaN) in a share of the frames: {text}"] if (text := ", ".join(gaps)) else ())
 
     clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
-    return Result({"files": files, **clipped}, show)
+    return Result({"files": files, **clipped, **dataset}, show)
 
 
-def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """Write the inputs in a format; return the files and, if the format has one, the table of trials. Raises ConfigError."""
+def _export(
+    inputs: Sequence[Path], folder: Path, form: Form, name: str, rate: int
+) -> tuple[list[Path], Table | None, dict[str, Any]]:
+    """Write the inputs in a format; return the files, the table of trials, and facts of the dataset, if the format has them.
+    Raises ConfigError."""
     cases = [p for p in inputs if p.is_dir()]
     if form == "crate":
-        return _crate(inputs, folder, name)
+        return *_crate(inputs, folder, name), {}
     if cases:
         why = "is already a case; --case is for recordings" if form == "case" else "has no streams; use --crate"
         raise ConfigError(f"{cases[0]}: {why}")
     names, recordings = names_apart(inputs), [Recording.open(path) for path in inputs]
     if form == "case":
-        return [folder / "robot.yaml", folder / "trials.csv"], _joined_case(recordings, folder)
+        return [folder / "robot.yaml", folder / "trials.csv"], _joined_case(recordings, folder), {}
+    if form == "lerobot":
+        _demand_one_robot(recordings)
+        dataset = write_dataset(recordings, folder, rate)
+        return sorted(path for path in folder.rglob("*") if path.is_file()), None, dataset
     places = [folder / name if len(names) > 1 else folder for name in names]
-    return [file for recording, place in zip(recordings, places, strict=True) for file in export_streams(recording, place)], None
+    written = [file for recording, place in zip(recordings, places, strict=True) for file in export_streams(recording, place)]
+    return written, None, {}
 
 
-def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
-    """robot.yaml and trials.csv of recordings of one robot."""
+def _demand_one_robot(recordings: Sequence[Recording]) -> None:
+    """Raise ConfigError for a recording of a different robot."""
     first = recordings[0]
     for other in recordings[1:]:
         if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
             raise ConfigError(f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately")
+
+
+def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
+    """robot.yaml and trials.csv of recordings of one robot."""
+    _demand_one_robot(recordings)
     table = Table.joined(tables(recordings))
-    export_case(first, folder, table)
+    export_case(recordings[0], folder, table)
     return table
 
 
@@ -221,10 +243,15 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     return [metadata, *(folder / p.name for p in contents)], table
 
 
+def _form(name: Form, text: str) -> Option:
+    """Return the option of a format."""
+    return option(f"--{name}", dest="form", action="store_const", const=name, default="streams", help=text)
+
+
 VERBS = (
     Verb(
         "export",
-        lambda a: export(a.inputs, a.out, "case" if a.case else "crate" if a.crate else "streams", a.replace),
+        lambda a: export(a.inputs, a.out, a.form, a.replace, a.rate),
         options=(
             JSON,
             ANY_SIZE,
@@ -233,10 +260,12 @@ VERBS = (
             REPLACE,
             OneOf(
                 (
-                    option("--case", action="store_true", help="write a case for other tools: robot.yaml and trials.csv"),
-                    option("--crate", action="store_true", help="write one described folder, as a paper's supplement"),
+                    _form("case", "write a case for other tools: robot.yaml and trials.csv"),
+                    _form("crate", "write one described folder, as a paper's supplement"),
+                    _form("lerobot", "write a dataset for LeRobot: one episode per trial, frames at a fixed rate"),
                 )
             ),
+            option("--rate", type=int, default=10, metavar="HZ", help="frames per second of --lerobot (default 10)"),
         ),
         examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),
         page="docs/explanations/recordings.md",
