@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas
-from numpy.typing import NDArray
+import pandas as pd
 
 from recordings.campaign.replay import campaigns, first_trial
 from recordings.file.budget import Cost, ReadingBudget
@@ -29,28 +28,23 @@ from recordings.states.rules import LARGEST
 
 from .files.config import ConfigError
 
-OBSERVED = (
+Fields = tuple[tuple[str, str, tuple[str, ...]], ...]
+"""Stream, field, and names of its components with their unit; `{}` is the number of the chamber, marker or joint."""
+OBSERVED: Fields = (
     ("/pressure", "measured", ("p{} [Pa]",)),
     ("/tip", "position", ("x [m]", "y [m]", "z [m]")),
     ("/tip", "orientation", ("qw [1]", "qx [1]", "qy [1]", "qz [1]")),
     ("/tip", "markers", ("m{}x [m]", "m{}y [m]", "m{}z [m]")),
     ("/force", "raw", ("fx [N]", "fy [N]", "fz [N]", "mx [N m]", "my [N m]", "mz [N m]")),
     ("/arm", "joints", ("joint{} [rad]",)),
-    ("/arm", "tcp_pose", ("tcp_x [m]", "tcp_y [m]", "tcp_z [m]")),
+    ("/arm", "tcp_pose", ("tcp_x [m]", "tcp_y [m]", "tcp_z [m]")),  # not its rotation vector, which jumps
     ("/spine", "length", ("spine_length [m]",)),
     ("/vacuum", "absolute", ("spine_pressure_absolute [Pa]",)),
     ("/valve", "on", ("spine_vacuum_on [1]",)),
 )
-"""Stream, field, and names of its components with their unit; `{}` is the number of the chamber, marker or joint. Rotation
-vectors are left out, because they jump."""
-COMMANDED = (("/pressure", "setpoint", ("p{} [Pa]",)), ("/spine", "goal", ("spine_length [m]",)))
-STATE, ACTION = "observation.state", "action"
-DATA, EPISODES, TASKS = (
-    "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-    "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-    "meta/tasks.parquet",
-)
-FIRST = {"chunk_index": 0, "file_index": 0}
+COMMANDED: Fields = (("/pressure", "setpoint", ("p{} [Pa]",)), ("/spine", "goal", ("spine_length [m]",)))
+FIRST = "chunk-000/file-000.parquet"
+PLACES = ("data", "meta/episodes")
 
 
 class Episode(NamedTuple):
@@ -59,66 +53,63 @@ class Episode(NamedTuple):
     recording: Recording
     trial: int
     task: str
-    times: NDArray[np.float64]
-
-    def values(self, fields: Sequence[tuple[str, str, tuple[str, ...]]]) -> dict[str, NDArray[np.float32]]:
-        """Return the values of each component that was measured in some frame, by name."""
-        out: dict[str, NDArray[np.float32]] = {}
-        for topic, field, names in fields:
-            if topic not in self.recording.streams or len(samples := self.recording.stream(topic)) < 2:
-                continue
-            values = samples[field].reshape(len(samples), -1).astype(np.float64)
-            if field == "raw":
-                values -= samples["zero"]
-            if field in ("position", "orientation"):
-                values[~samples["valid"]] = np.nan
-            if field == "orientation":
-                values *= np.where(values[:, :1] < 0, -1.0, 1.0)  # q and -q are one attitude
-            values[~(np.abs(values) < LARGEST)] = np.nan
-            numbered = (name.replace("{}", str(k)) for k in count(1) for name in names)
-            columns = self._held(topic, values).T
-            own = zip(numbered if "{}" in names[0] else names, columns, strict=False)
-            out |= {name: column for name, column in own if not np.isnan(column).all()}
-        return out
-
-    def _held(self, topic: str, values: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the newest of a stream's values at each frame."""
-        t = aligned(self.recording, topic) if has_stamp(topic) else self.recording.stream(topic)["t"]
-        order = np.argsort(t, kind="stable")
-        t = t[order]
-        newest = np.searchsorted(t, self.times, side="right") - 1
-        fresh = (newest >= 0) & (self.times - t[newest] <= GAP * np.median(np.diff(t)))
-        return np.where(fresh[:, None], values[order[newest]], np.nan).astype(np.float32)
+    times: np.ndarray
 
 
 def episodes(recordings: Sequence[Recording], rate: int) -> Iterator[Episode]:
-    """Yield the episodes: no trial that a person skipped, and of one that was begun again in a later recording only the last."""
+    """Yield the trials, each from the begin of its first state to its last reading, as a table of trials has them: none that a
+    person skipped, and of one that was begun again in a later recording the last."""
     for group in campaigns(recordings):
         parts = sorted(group, key=lambda recording: (first_trial(recording), recording.start_wall_ns))
         for recording, again in zip(parts, [*map(first_trial, parts[1:]), None], strict=True):
-            yield from (e for e in _of_recording(recording, rate) if again is None or e.trial < again)
+            if not recording.streams:
+                recording.need(*STREAMS)
+            stamps = np.concatenate([recording.stream(topic)["t"] for topic in recording.streams])
+            stamps = stamps[np.abs(stamps) < LARGEST]
+            first, last = (stamps.min(), stamps.max()) if len(stamps) else (0.0, -1.0)
+            spans, tasks = dict[int, list[float]](), dict[int, str]()
+            for asked in recording.states:
+                spans.setdefault(asked.state.trial, []).extend((asked.state.t_start, asked.t))
+                tasks[asked.state.trial] = ", ".join(filter(None, (asked.state.protocol, asked.state.specimen)))
+            for read in recording.trials:
+                spans.setdefault(read.row.trial, []).append(read.t)
+            skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
+            budget = ReadingBudget(str(recording.path), recording.contents.size)
+            for trial, times in (spans or {0: [first, last]}).items():
+                begin = max(first, min(times))
+                frames = int((min(last, max(times)) - begin) * rate + 1)
+                if frames > 0 and trial not in skipped and (again is None or trial < again):
+                    budget.take(Cost.LOOKED_AT, 10 * frames)  # a frame costs about as much as ten samples
+                    yield Episode(recording, trial, tasks.get(trial, "no protocol"), begin + np.arange(frames) / rate)
 
 
-def _of_recording(recording: Recording, rate: int) -> Iterator[Episode]:
-    """Yield its trials, each from the begin of its first state to its last reading."""
-    if not recording.streams:
-        recording.need(*STREAMS)
-    stamps = np.concatenate([recording.stream(topic)["t"] for topic in recording.streams])
-    stamps, budget = stamps[np.abs(stamps) < LARGEST], ReadingBudget(str(recording.path), recording.contents.size)
-    first, last = (stamps.min(), stamps.max()) if len(stamps) else (0.0, -1.0)
-    spans, tasks = dict[int, list[float]](), {0: "no protocol"}
-    for state in recording.states:
-        spans.setdefault(state.state.trial, []).extend((state.state.t_start, state.t))
-        tasks[state.state.trial] = ", ".join(filter(None, (state.state.protocol, state.state.specimen)))
-    for event in recording.trials:
-        spans.setdefault(event.row.trial, []).append(event.t)
-    skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
-    for trial, times in (spans or {0: [first, last]}).items():
-        begin = max(first, min(times))
-        frames = int((min(last, max(times)) - begin) * rate + 1)
-        if trial not in skipped and frames > 0:
-            budget.take(Cost.LOOKED_AT, 10 * frames)  # a frame costs about as much as ten samples
-            yield Episode(recording, trial, tasks.get(trial, tasks[0]), begin + np.arange(frames) / rate)
+def held(episode: Episode, fields: Fields) -> pd.DataFrame:
+    """Return the newest values of fields in each frame, a column for each component."""
+    recording, frames = episode.recording, pd.DataFrame({"t": episode.times})
+    for topic, field, names in fields:
+        if topic not in recording.streams or len(samples := recording.stream(topic)) < 2:
+            continue
+        values = samples[field].reshape(len(samples), -1).astype(float)
+        if topic == "/force":
+            values -= samples["zero"]
+        if topic == "/tip" and field != "markers":
+            values[~samples["valid"]] = np.nan
+        if field == "orientation":
+            values *= np.where(values[:, :1] < 0, -1.0, 1.0)  # q and -q are one attitude
+        values[~(np.abs(values) < LARGEST)] = np.nan
+        numbered = (name.replace("{}", str(k)) for k in count(1) for name in names)
+        columns = dict(zip(numbered if "{}" in names[0] else names, values.T, strict=False))
+        columns["t"] = aligned(recording, topic) if has_stamp(topic) else samples["t"]
+        stream = pd.DataFrame(columns).dropna(subset="t").sort_values("t", kind="stable")
+        frames = pd.merge_asof(frames, stream, on="t", tolerance=GAP * float(np.median(np.diff(stream["t"]))))
+    return frames.drop(columns="t").astype(np.float32)
+
+
+def _observed(recording: Recording) -> Fields:
+    """Return `OBSERVED` and all quantities of sensors of the lab's own."""
+    units = {topic: recording.units(topic) for topic in recording.streams if of_sensor(topic)}
+    quantities = [(topic, name) for topic in units for name in units[topic] if name != "t"]
+    return OBSERVED + tuple((t, name, (f"{sensor_column(t, name)} [{units[t][name]}]",)) for t, name in quantities)
 
 
 def write_dataset(recordings: Sequence[Recording], folder: Path, rate: int) -> dict[str, Any]:
@@ -126,89 +117,59 @@ def write_dataset(recordings: Sequence[Recording], folder: Path, rate: int) -> d
     try:
         import pyarrow as pa
         from pyarrow import parquet
-    except ImportError as e:
-        raise ConfigError("--lerobot: needs pyarrow, which is not installed; pip install 'softlab[import]'") from e
+    except ImportError as error:
+        raise ConfigError("--lerobot: needs pyarrow, which is not installed; pip install 'softlab[import]'") from error
     found = list(episodes(recordings, rate))
     if not found:
         raise ConfigError(f"{recordings[0].path}: has no samples in a trial that was not skipped, so there is no episode")
-    tasks = list(dict.fromkeys(episode.task for episode in found))
-    names, data = _frames(found, tasks, rate)
-    whole = {key: np.concatenate([part[key] for part in data]) for key in data[0]}
-    statistics = {key: _statistics(values) for key, values in whole.items()}
-    rows: list[dict[str, Any]] = [
-        {
-            "episode_index": number, "tasks": [episode.task], "length": len(episode.times), "data/chunk_index": 0,
-            "data/file_index": 0, "dataset_from_index": int(part["index"][0]), "dataset_to_index": int(part["index"][-1]) + 1,
-            "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
-            **{f"stats/{key}/{n}": value for key, values in part.items() for n, value in _statistics(values).items()},
-            "recording": episode.recording.path.name, "trial": episode.trial, "begin": float(episode.times[0]),
-        }
-        for number, (episode, part) in enumerate(zip(found, data, strict=True))
-    ]  # fmt: skip
+    frame = np.concatenate([np.arange(len(e.times)) for e in found])
+    episode, tasks = np.cumsum(frame == 0) - 1, pd.Index(dict.fromkeys(e.task for e in found), name="task")
+    parts = {"observation.state": [held(e, _observed(e.recording)) for e in found], "action": [held(e, COMMANDED) for e in found]}
+    signals = {key: pd.concat(tables, ignore_index=True).dropna(axis=1, how="all") for key, tables in parts.items()}
+    counted = {
+        "timestamp": (frame / rate).astype(np.float32), "frame_index": frame, "episode_index": episode,
+        "index": np.arange(len(frame)), "task_index": tasks.get_indexer([e.task for e in found])[episode],
+    }  # fmt: skip
+    data = {key: table for key, table in signals.items() if len(table.columns)} | {k: pd.DataFrame(v) for k, v in counted.items()}
+    arrays = {key: table.to_numpy() for key, table in data.items()}
     features = {
-        key: {"dtype": str(values.dtype), "shape": [len(names.get(key, "1"))], "names": names.get(key)}
-        for key, values in whole.items()
+        key: {"dtype": str(values.dtype), "shape": [values.shape[1]], "names": list(data[key]) if key in signals else None}
+        for key, values in arrays.items()
     }
     info = {
-        "codebase_version": "v3.0", "robot_type": None, "total_episodes": len(found), "total_frames": len(whole["index"]),
+        "codebase_version": "v3.0", "robot_type": None, "total_episodes": len(found), "total_frames": len(frame),
         "total_tasks": len(tasks), "chunks_size": 1000, "data_files_size_in_mb": 100, "video_files_size_in_mb": 200, "fps": rate,
-        "splits": {"train": f"0:{len(found)}"}, "data_path": DATA, "video_path": None, "features": features,
+        "splits": {"train": f"0:{len(found)}"}, "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None, "features": features,
     }  # fmt: skip
-    for place in (DATA, EPISODES):
-        (folder / place.format(**FIRST)).parent.mkdir(parents=True)
-    parquet.write_table(pa.Table.from_pylist(rows), folder / EPISODES.format(**FIRST))
-    pandas.DataFrame({"task_index": range(len(tasks))}, pandas.Index(tasks, name="task")).to_parquet(folder / TASKS)
-    tables = [
-        pa.table(
-            {
-                key: values.ravel()
-                if features[key]["shape"] == [1]
-                else pa.FixedSizeListArray.from_arrays(values.ravel(), values.shape[1])
-                for key, values in part.items()
-            }
-        )
-        for part in data
-    ]
-    with parquet.ParquetWriter(folder / DATA.format(**FIRST), tables[0].schema) as file:
-        for table in tables:  # a row group for each episode
-            file.write_table(table)
-    for name, content in (("info", info), ("stats", statistics)):
-        replaced(folder / "meta" / f"{name}.json", json.dumps(content, indent=1) + "\n")
-    missing = {
-        key: {n: round(float(np.isnan(column).mean()), 4) for n, column in zip(named, whole[key].T, strict=True)}
-        for key, named in names.items()
-    }
-    return {"episodes": len(found), "frames": len(whole["index"]), "missing": missing}
+    for place in PLACES:
+        (folder / place / FIRST).parent.mkdir(parents=True)
+    for name, content in (("info", info), ("stats", {key: _statistics(table) for key, table in data.items()})):
+        replaced(folder / f"meta/{name}.json", json.dumps(content, indent=1) + "\n")
+    pd.DataFrame({"task_index": range(len(tasks))}, tasks).to_parquet(folder / "meta/tasks.parquet")
+    table = pa.table({  # a list of one number is a number
+        key: pa.FixedSizeListArray.from_arrays(values.ravel(), values.shape[1]) if values.shape[1] > 1 else values[:, 0]
+        for key, values in arrays.items()
+    })  # fmt: skip
+    rows = []
+    with parquet.ParquetWriter(folder / "data" / FIRST, table.schema) as file:
+        for k, e in enumerate(found):
+            begin, end = np.searchsorted(episode, (k, k + 1)).tolist()
+            file.write_table(table.slice(begin, end - begin))  # a row group for each episode
+            rows.append({
+                "episode_index": k, "tasks": [e.task], "length": end - begin, "dataset_from_index": begin,
+                "dataset_to_index": end, **{f"{place}/{part}_index": 0 for place in PLACES for part in ("chunk", "file")},
+                **{f"stats/{key}/{name}": v for key in data for name, v in _statistics(data[key][begin:end]).items()},
+                "recording": e.recording.path.name, "trial": e.trial, "begin": float(e.times[0]),
+            })  # fmt: skip
+    parquet.write_table(pa.Table.from_pylist(rows), folder / "meta/episodes" / FIRST)
+    missing = {key: table.isna().mean().round(4).to_dict() for key, table in signals.items()}
+    return {"episodes": len(found), "frames": len(frame), "missing": missing}
 
 
-def _frames(
-    found: Sequence[Episode], tasks: Sequence[str], rate: int
-) -> tuple[dict[str, list[str]], list[dict[str, NDArray[Any]]]]:
-    """Return the names of the components of state and action, and the frames of each episode by feature."""
-    sensors = tuple(
-        (topic, quantity, (f"{sensor_column(topic, quantity)} [{unit}]",))
-        for topic, units in {t: e.recording.units(t) for e in found for t in e.recording.streams if of_sensor(t)}.items()
-        for quantity, unit in units.items()
-        if quantity != "t"
-    )
-    measured = {key: [e.values(fields) for e in found] for key, fields in ((STATE, OBSERVED + sensors), (ACTION, COMMANDED))}
-    names = {key: list(dict.fromkeys(name for values in parts for name in values)) for key, parts in measured.items()}
-    data: list[dict[str, NDArray[Any]]] = []
-    begin = 0
-    for number, episode in enumerate(found):
-        frame = np.arange(len(episode.times))
-        missing = np.full(len(frame), np.nan, np.float32)
-        values = {key: [measured[key][number].get(name, missing) for name in names[key]] for key in names}
-        counted = {"timestamp": (frame / rate).astype(np.float32), "frame_index": frame, "episode_index": 0 * frame + number,
-                   "index": begin + frame, "task_index": 0 * frame + tasks.index(episode.task)}  # fmt: skip
-        data.append({key: np.column_stack(columns) for key, columns in values.items() if columns} | counted)
-        begin += len(frame)
-    return {key: named for key, named in names.items() if named}, data
-
-
-def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
-    """Return the statistics of each component that the format asks for, without missing values."""
-    table = pandas.DataFrame(values.astype(np.float64))
-    found = {"min": table.min(), "max": table.max(), "mean": table.mean(), "std": table.std(ddof=0)}
-    found |= {f"q{percent:02d}": table.quantile(percent / 100) for percent in (1, 10, 50, 90, 99)}
-    return {name: column.tolist() for name, column in found.items()} | {"count": [len(table)]}
+def _statistics(table: pd.DataFrame) -> dict[str, list[float]]:
+    """Return the statistics of each column that the format asks for, without missing values."""
+    values = table.astype(np.float64)
+    found = {"min": values.min(), "max": values.max(), "mean": values.mean(), "std": values.std(ddof=0)}
+    found |= {f"q{percent:02d}": values.quantile(percent / 100) for percent in (1, 10, 50, 90, 99)}
+    return {name: column.tolist() for name, column in found.items()} | {"count": [len(values)]}

@@ -31,7 +31,6 @@ from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..lerobot_dataset import write_dataset
 from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Option, Result, Verb, inputs, option
 from ..version import NAME, installed, source
 
@@ -194,6 +193,8 @@ def _export(
     if form == "case":
         return [folder / "robot.yaml", folder / "trials.csv"], _joined_case(recordings, folder), {}
     if form == "lerobot":
+        from ..lerobot_dataset import write_dataset  # with pandas, which no other format needs
+
         _demand_one_robot(recordings)
         dataset = write_dataset(recordings, folder, rate)
         return sorted(path for path in folder.rglob("*") if path.is_file()), None, dataset
