@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import secrets
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -92,19 +92,14 @@ class Stops:
         most = self.rules.max_scatter
         if most is None:
             return ""
-        worst, (cell, trial, step) = max(self._scatters(), default=(0.0, ((0, 0), 0, 0)))
+        scatters = {key: float(np.sqrt(np.var(tips, axis=0).sum())) for key, tips in self._tips.items()}
+        (cell, trial, step), worst = max(scatters.items(), key=lambda found: found[1], default=(((0, 0), 0, 0), 0.0))
         if worst <= most:
             return ""
         return (
             f"stop.max_scatter = {most * 1e3:g} mm: the tip of protocol {cell[0] + 1}, condition {cell[1] + 1}, trial {trial} "
             f"step {step} scatters by {worst * 1e3:.2f} mm (rms) between blocks; check mount, spine and hoses"
         )
-
-    def _scatters(self) -> Iterator[tuple[float, Key]]:
-        for key, tips in self._tips.items():
-            if len(tips) > 1:
-                away = np.array(tips) - np.mean(tips, axis=0)
-                yield float(np.sqrt((away**2).sum(axis=1).mean())), key
 
 
 WARM_UP = "warm-up"
