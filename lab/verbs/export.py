@@ -23,7 +23,7 @@ from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
 from recordings.own_files import copied, replaced
-from recordings.table_file import read_csv, write_csv
+from recordings.table_file import read_csv
 from recordings.trials import Table, counted, unit_of
 
 from ..console import note, out
@@ -54,8 +54,8 @@ UNIT_CODES = {"1": "C62", "m": "MTR", "Pa": "PAL", "s": "SEC", "kg": "KGM", "N":
 NO_LICENSE = "not stated: write a licence into this file before you publish"
 
 
-def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> Path:
-    """Copy files into a folder and describe them; `recordings` by file name. Returns the metadata file."""
+def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> None:
+    """Copy files into a folder and describe them; `recordings` by file name."""
     folder.mkdir(parents=True, exist_ok=True)
     graph: list[dict[str, Any]] = []
     for path in files:
@@ -81,7 +81,6 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
     crate = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
     whole = {"@context": CONTEXT, "@graph": [crate, root, *graph, *columns, *robot, *actions]}
     replaced(folder / METADATA, json.dumps(whole, indent=1) + "\n")
-    return folder / METADATA
 
 
 def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -146,8 +145,8 @@ def _actions(files: Collection[str], recordings: Mapping[str, Info]) -> list[dic
     return things
 
 
-IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
-"""Files of a case folder that go into a crate beside the robot and the table."""
+IN_A_CASE = ("robot.yaml", "trials.csv", "map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
+"""Files of a case folder that go into a crate."""
 
 
 Form = Literal["streams", "case", "crate", "lerobot"]
@@ -159,9 +158,22 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
     """Files of each stream, one case folder, an RO-Crate, or a LeRobot dataset of `rate` Hz; raises ConfigError."""
     if not 1 <= rate <= FASTEST:
         raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
+    table: Table | None = None
+    dataset: dict[str, Any] = {}
     with whole(folder, replace=replace, inputs=inputs) as place:
-        written, table, dataset = _export(without_torn(inputs), place, form, folder.resolve().name, rate)
-    files = [str(folder / path.relative_to(place)) for path in written]
+        given = without_torn(inputs)
+        if form == "crate":
+            table = _crate(given, place, folder.resolve().name)
+        elif form == "case":
+            table = _joined_case(_recordings(given, "is already a case; --case is for recordings"), place)
+        elif form == "lerobot":
+            from ..lerobot_dataset import write_dataset  # with pandas, which no other format needs
+
+            dataset = write_dataset(_of_one_robot(_recordings(given)), place, rate)
+        else:
+            for name, recording in zip(names_apart(given), _recordings(given), strict=True):
+                export_streams(recording, place / name if len(given) > 1 else place)
+        files = [str(folder / path.relative_to(place)) for path in sorted(place.rglob("*")) if path.is_file()]
 
     def show() -> None:
         note(marked_notes(table) if table is not None else ())
@@ -178,49 +190,32 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
     return Result({"files": files, **clipped, **dataset}, show)
 
 
-def _export(
-    inputs: Sequence[Path], folder: Path, form: Form, name: str, rate: int
-) -> tuple[list[Path], Table | None, dict[str, Any]]:
-    """Write the inputs in a format; return the files, the table of trials, and facts of the dataset, if the format has them.
-    Raises ConfigError."""
-    cases = [p for p in inputs if p.is_dir()]
-    if form == "crate":
-        return *_crate(inputs, folder, name), {}
-    if cases:
-        why = "is already a case; --case is for recordings" if form == "case" else "has no streams; use --crate"
-        raise ConfigError(f"{cases[0]}: {why}")
-    names, recordings = names_apart(inputs), [Recording.open(path) for path in inputs]
-    if form == "case":
-        return [folder / "robot.yaml", folder / "trials.csv"], _joined_case(recordings, folder), {}
-    if form == "lerobot":
-        from ..lerobot_dataset import write_dataset  # with pandas, which no other format needs
-
-        _demand_one_robot(recordings)
-        dataset = write_dataset(recordings, folder, rate)
-        return sorted(path for path in folder.rglob("*") if path.is_file()), None, dataset
-    places = [folder / name if len(names) > 1 else folder for name in names]
-    written = [file for recording, place in zip(recordings, places, strict=True) for file in export_streams(recording, place)]
-    return written, None, {}
+def _recordings(paths: Sequence[Path], why: str = "has no streams; use --crate") -> list[Recording]:
+    """Open recordings; raises ConfigError with the reason `why` a case will not do."""
+    for case in filter(Path.is_dir, paths):
+        raise ConfigError(f"{case}: {why}")
+    names_apart(paths)  # none is given twice
+    return [Recording.open(path) for path in paths]
 
 
-def _demand_one_robot(recordings: Sequence[Recording]) -> None:
-    """Raise ConfigError for a recording of a different robot."""
+def _of_one_robot(recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """Return recordings; raises ConfigError where they are of several robots."""
     first = recordings[0]
     for other in recordings[1:]:
         if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
             raise ConfigError(f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately")
+    return recordings
 
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     """robot.yaml and trials.csv of recordings of one robot."""
-    _demand_one_robot(recordings)
-    table = Table.joined(tables(recordings))
+    table = Table.joined(tables(_of_one_robot(recordings)))
     export_case(recordings[0], folder, table)
     return table
 
 
-def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """Copy a case or recordings, and further files, into a crate; return files and table. Raises ConfigError."""
+def _crate(inputs: Sequence[Path], folder: Path, name: str) -> Table:
+    """Copy a case or recordings, and further files, into a crate; return the table. Raises ConfigError."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
@@ -228,20 +223,16 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     if not cases and not recordings:
         raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; other files may follow")
     if cases:
-        table = read_csv(cases[0] / "trials.csv")
-        for file in ("robot.yaml", "trials.csv"):
-            copied(cases[0] / file, folder / file)
+        table, name = read_csv(cases[0] / "trials.csv"), cases[0].resolve().name
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
-        write_csv(table, folder / "trials.csv")
-    further = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    contents = [folder / "robot.yaml", folder / "trials.csv", *further, *files]
+    place = cases[0] if cases else folder
+    contents = [*(place / n for n in IN_A_CASE if (place / n).is_file()), *files]
     twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file in the crate has this name; rename one")
-    infos = {file: summary(path) for file, path in recordings.items()}
-    metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
-    return [metadata, *(folder / p.name for p in contents)], table
+    write_crate(folder, contents, table, {file: summary(path) for file, path in recordings.items()}, name)
+    return table
 
 
 def _form(name: Form, text: str) -> Option:
