@@ -39,7 +39,7 @@ from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
 from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
-from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
+from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
 
 Key = tuple[tuple[int, int], int, int]
 """Cell, trial in the run, step: a state that each block has once."""
@@ -389,7 +389,7 @@ def run(path: Path, rig_path: Path, folder: Path | None, labels: Mapping[str, st
 
 def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False) -> Result:
     """Go on with the campaign of a folder, or of a file in it. Raises ConfigError, BadJournal."""
-    folder = folder_of(place)
+    folder = place if place.is_dir() else place.parent
     with CampaignJournal.reopen(folder) as journal:
         c = _checked(folder / FILE, rig_path)
         demand_same(folder, c, journal.done.design)

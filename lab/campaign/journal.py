@@ -196,11 +196,6 @@ def fill(folder: Path, campaign: CampaignDesign) -> None:
     replaced(folder / ROBOT, campaign.runs[0].job.rig.texts[ROBOT].decode())
 
 
-def folder_of(place: Path) -> Path:
-    """The campaign's folder: itself, or the one that a file of it is in."""
-    return place if place.is_dir() else place.parent
-
-
 def demand_same(folder: Path, campaign: CampaignDesign, design: str) -> None:
     """Raises ConfigError when the campaign in the folder, or the robot, is not what it began with."""
     if campaign.digest != design:
