@@ -347,12 +347,8 @@ def _again(w: argparse.Namespace, inputs: Sequence[Path], unreadable: str = "") 
     return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.out}-2", *hands, *words)
 
 
-def _named(effects: Sequence[str]) -> str:
-    return " + ".join(effects) or "none"
-
-
 def _show(r: Round) -> None:
-    leading = ", ".join(f"{_named(x.effects)} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
+    leading = ", ".join(f"{' + '.join(x.effects) or 'none'} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
     out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
@@ -365,7 +361,9 @@ def _predicted(f: Predicted) -> None:
         return
     for rival in f.rivals:
         x, y, z = rival.tip_mm[state]
-        out.print(f"  state {state + 1}, by {_named(rival.effects)}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True)
+        out.print(
+            f"  state {state + 1}, by {' + '.join(rival.effects) or 'none'}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True
+        )
 
 
 def _minutes(text: str) -> float:

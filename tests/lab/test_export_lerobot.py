@@ -29,9 +29,11 @@ STATISTICS = ("min", "max", "mean", "std", "q01", "q10", "q50", "q90", "q99")
 
 def made(path: Path, *trials: Sequence[float], campaign: dict[str, dict[str, str]] | None = None, skip: int = 0) -> Path:
     """Ten seconds with two states of each trial (number, s of the first, s of the last). Pressures (Pa) are rig time (ms); the
-    tip is not seen from 3 to 4 s, the force sensor is silent from 5 s on."""
+    tip is not seen from 3 to 4 s, its marker never; the force sensor is silent from 5 s on."""
     palm = sensor("palm", {"grip": "N"})
-    with Recorder(path, start_wall_ns=1_700_000_000 * 10**9, metadata=campaign, chambers=2, sensors=(palm,)) as recorder:
+    with Recorder(
+        path, start_wall_ns=1_700_000_000 * 10**9, metadata=campaign, chambers=2, markers=1, sensors=[palm]
+    ) as recorder:
         for k in range(1, 1000):
             t = k / 100
             for trial, *at in trials:
@@ -40,7 +42,7 @@ def made(path: Path, *trials: Sequence[float], campaign: dict[str, dict[str, str
             if k % 5 == 0:
                 recorder.push("/pressure", t, ((t * 1e3 + 1,) * 2, (t * 1e3,) * 2))
                 recorder.push("/sensor/palm", t, (7.0,))
-            recorder.push("/tip", t, (t, k, (0.1, 0.2, 0.3), ((-1.0) ** k, 0.0, 0.0, 0.0), 0.0, not 3 <= t < 4, ()))
+            recorder.push("/tip", t, (t, k, (0.1, 0.2, 0.3), ((-1.0) ** k, 0.0, 0.0, 0.0), 0.0, not 3 <= t < 4, [(np.nan,) * 3]))
             if t < 5:
                 recorder.push("/force", t, ((3.0,) * 6, (1.0,) * 6))
         if skip:
