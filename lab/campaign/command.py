@@ -9,7 +9,7 @@ import argparse
 import contextlib
 import secrets
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
 from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
-from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, folder_of, found_of, mend
+from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
 
 Key = tuple[tuple[int, int], int, int]
 """Cell, trial in the run, step: a state that each block has once."""
@@ -92,19 +92,14 @@ class Stops:
         most = self.rules.max_scatter
         if most is None:
             return ""
-        worst, (cell, trial, step) = max(self._scatters(), default=(0.0, ((0, 0), 0, 0)))
+        scatters = {key: float(np.sqrt(np.var(tips, axis=0).sum())) for key, tips in self._tips.items()}
+        (cell, trial, step), worst = max(scatters.items(), key=lambda found: found[1], default=(((0, 0), 0, 0), 0.0))
         if worst <= most:
             return ""
         return (
             f"stop.max_scatter = {most * 1e3:g} mm: the tip of protocol {cell[0] + 1}, condition {cell[1] + 1}, trial {trial} "
             f"step {step} scatters by {worst * 1e3:.2f} mm (rms) between blocks; check mount, spine and hoses"
         )
-
-    def _scatters(self) -> Iterator[tuple[float, Key]]:
-        for key, tips in self._tips.items():
-            if len(tips) > 1:
-                away = np.array(tips) - np.mean(tips, axis=0)
-                yield float(np.sqrt((away**2).sum(axis=1).mean())), key
 
 
 WARM_UP = "warm-up"
@@ -389,7 +384,7 @@ def run(path: Path, rig_path: Path, folder: Path | None, labels: Mapping[str, st
 
 def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False) -> Result:
     """Go on with the campaign of a folder, or of a file in it. Raises ConfigError, BadJournal."""
-    folder = folder_of(place)
+    folder = place if place.is_dir() else place.parent
     with CampaignJournal.reopen(folder) as journal:
         c = _checked(folder / FILE, rig_path)
         demand_same(folder, c, journal.done.design)

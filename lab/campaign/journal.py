@@ -35,7 +35,7 @@ from recordings.own_files import opened, replaced
 
 from ..files.config import ConfigError
 from ..files.inputs import same_body
-from ..files.resume import Broken, find
+from ..files.resume import Broken, find, there
 from .design import CampaignDesign
 
 NAME, VERSION = "campaign.journal", 1
@@ -193,11 +193,6 @@ def fill(folder: Path, campaign: CampaignDesign) -> None:
     replaced(folder / ROBOT, campaign.runs[0].job.rig.texts[ROBOT].decode())
 
 
-def folder_of(place: Path) -> Path:
-    """The campaign's folder: itself, or the one that a file of it is in."""
-    return place if place.is_dir() else place.parent
-
-
 def demand_same(folder: Path, campaign: CampaignDesign, design: str) -> None:
     """Raises ConfigError when the campaign in the folder, or the robot, is not what it began with."""
     if campaign.digest != design:
@@ -226,24 +221,18 @@ def found_of(folder: Path) -> RunState:
     mend(folder)
     for journal in sorted(folder.glob("*.journal")):
         progress = read_run(journal)
-        if not any(_there(journal.parent / name) for name, _ in progress.recordings):
+        if not any(there(journal.parent / name) for name, _ in progress.recordings):
             if progress.done:
                 raise ConfigError(f"{journal}: its recordings are missing; put them back")
             journal.rename(journal.with_name(journal.name + TORN))  # the crash came before anything was written
             continue
         broken = find(journal)
-        last = _there(journal.parent / progress.recordings[-1][0])
+        last = there(journal.parent / progress.recordings[-1][0])
         metadata = {} if last is None else Recording.open(last, truncated=True).metadata
         counts = counted({"counts": metadata.get("counts", {})}).values()
         lost = sum((c.get("lost") or 0) + (c.get("dropped") or 0) for c in counts)
         return RunState(broken, metadata.get("outcome", {}).get("outcome") == "completed", lost)
     return RunState(None)
-
-
-def _there(file: Path) -> Path | None:
-    """A recording, or its recovered part."""
-    saved = file.with_name(f"{file.stem}-recovered.mcap")
-    return file if file.exists() else saved if saved.exists() else None
 
 
 def mend(folder: Path) -> None:

@@ -7,7 +7,6 @@ Each problem names the file and line, the key, the value with its unit, the limi
 from __future__ import annotations
 
 import operator
-import re
 import sys
 import types
 from collections.abc import Mapping
@@ -184,8 +183,10 @@ def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, proble
     for key, field in model.model_fields.items():
         if key not in raw:
             continue
-        value, spread = _number_and_spread(raw[key], field)
-        if spread is not None:
+        value, sign, spread = raw[key], "", ""
+        if isinstance(value, str) and _uncertain(field):
+            value, sign, spread = map(str.strip, value.replace("±", "+-").partition("+-"))
+        if sign:
             deviations[_uncertain(field)] = _spread(value, spread, field, model, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems)
     if deviations and isinstance(out.get("uncertainty", {}), dict):
@@ -197,15 +198,6 @@ def _uncertain(field: FieldInfo) -> str:
     """The entry of the table `uncertainty` in which a field's standard deviation stands; empty where there is none."""
     extra = field.json_schema_extra
     return str(extra.get("uncertainty", "")) if isinstance(extra, dict) else ""
-
-
-def _number_and_spread(value: Any, field: FieldInfo) -> tuple[Any, str | None]:
-    """A value and its +-, for fields with an uncertainty; None if there is none."""
-    if isinstance(value, str) and _uncertain(field):
-        number, *spread = re.split(r"\+-|±", value, maxsplit=1)
-        if spread:
-            return number.strip(), spread[0].strip()
-    return value, None
 
 
 def _spread(

@@ -82,7 +82,7 @@ def read_case(inputs: Sequence[Path], robot_path: Path | None = None) -> Case:
         sources = [read_yaml(robot_path)]
     source, robot = sources[0], check(sources[0], Robot)
     for other in sources[1:]:
-        if _body(check(other, Robot)) != _body(robot):
+        if not same_robot(check(other, Robot), robot):
             raise ConfigError(
                 f"{other.name}: was recorded with a different robot.yaml than {source.name}; give one for both with --robot"
             )
@@ -157,15 +157,10 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
     return out
 
 
-def _body(robot: Robot) -> Robot:
-    """The robot as the model uses it; max_pressure and the arm's error may have been added later."""
-    known = robot.uncertainty.model_copy(update={"push_place": None})
-    return robot.model_copy(update={"max_pressure": None, "uncertainty": known})
-
-
 def same_robot(a: Robot, b: Robot) -> bool:
-    """Whether two robots have the same body."""
-    return _body(a) == _body(b)
+    """Whether two robots have the same body; max_pressure and the arm's error may have been added to one later."""
+    known = b.uncertainty.model_copy(update={"push_place": a.uncertainty.push_place})
+    return a == b.model_copy(update={"max_pressure": a.max_pressure, "uncertainty": known})
 
 
 def same_body(a: bytes, b: bytes) -> bool:
@@ -176,7 +171,7 @@ def same_body(a: bytes, b: bytes) -> bool:
         one, other = (check(parse_yaml(text.decode("utf-8"), "robot.yaml"), Robot) for text in (a, b))
     except (ConfigError, UnicodeDecodeError):
         return False
-    return _body(one) == _body(other)
+    return same_robot(one, other)
 
 
 def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:

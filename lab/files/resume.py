@@ -92,12 +92,16 @@ def _beside(file: Path, name: str) -> Path:
     return file.parent / name
 
 
+def there(file: Path) -> Path | None:
+    """A recording, or its recovered part; None where neither exists."""
+    return next((path for path in (file, file.with_name(f"{file.stem}-recovered.mcap")) if path.exists()), None)
+
+
 def _open(path: Path, campaign: str) -> Recording:
     """One recording of the campaign, or its recovered file; an unfinished file is read to its end."""
-    saved = path.with_name(f"{path.stem}-recovered.mcap")
-    if not path.exists() and not saved.exists():
+    if (found := there(path)) is None:
         raise ConfigError(f"{path}: is named in the journal but missing; put it in the journal's folder")
-    recording = Recording.open(path if path.exists() else saved, truncated=True)
+    recording = Recording.open(found, truncated=True)
     if campaign_of(recording) != campaign:
         raise ConfigError(f"{recording.path}: belongs to a different campaign than the journal")
     return recording

@@ -8,9 +8,9 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -173,32 +173,12 @@ NEEDED = {"markers": "markers on the body, named in rig.yaml under instruments.m
 """What an experiment takes beyond instruments, by its id."""
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What a person asked for."""
-
-    inputs: tuple[Path, ...]
-    rig: Path
-    folder: Path
-    minutes: float
-    experiments: int
-    robot: Path | None = None
-    effects: Path | None = None
-    hands: bool = True
-    without: tuple[str, ...] = ()
-    """Experiments that are not to be done, by id."""
-    settings: tuple[str, ...] = ()
-    labels: Mapping[str, str] = field(default_factory=dict)
-    workers: int | None = None
-    watched: bool = False
-
-
 class RigLaboratory:
-    """Does experiments on a rig and keeps everything in a folder, one below it for each."""
+    """Does experiments on a rig, as the options of the verb say, and keeps everything in a folder, one below it for each."""
 
-    def __init__(self, wanted: Wanted, rig: RigFile, report: Callable[[Predicted], None]) -> None:
-        self._wanted, self._rig, self._report = wanted, rig, report
-        self._inputs = list(wanted.inputs)
+    def __init__(self, wanted: argparse.Namespace, rig: RigFile, report: Callable[[Predicted], None]) -> None:
+        self._wanted, self._rig, self._report, self._labels = wanted, rig, report, given_labels(wanted)
+        self._inputs: list[Path] = list(wanted.inputs)
         self._prepared = RememberingOperator()
         self._jobs: dict[str, Job | str] = {}
         self.begun = ""
@@ -217,7 +197,7 @@ class RigLaboratory:
         """See Laboratory."""
         if proposal.id in self._wanted.without:
             return "left out by --without"
-        if proposal.hands_min and not self._wanted.hands:
+        if proposal.hands_min and self._wanted.no_hands:
             return f"needs {proposal.hands_min:g} min of work by hand"
         if proposal.id not in self._jobs:
             self._jobs[proposal.id] = self._job(proposal)
@@ -228,12 +208,12 @@ class RigLaboratory:
         """The job to run, or why it cannot run."""
         try:
             given = Source(proposal.id, dict(proposal.protocol), {})
-            found = job(proposal.id, self._wanted.rig, list(self._wanted.settings), given, rig=self._rig)
+            found = job(proposal.id, self._wanted.rig, self._wanted.set, given, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
         if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
             return f"needs {NEEDED[proposal.id]}"
-        return replace(found, labels={"investigation": self._wanted.folder.name, **self._wanted.labels})
+        return replace(found, labels={"investigation": self._wanted.out.name, **self._labels})
 
     def perform(self, predicted: Predicted) -> Case:
         """See Laboratory. Raises what ended the run, `Stopped` when a person did."""
@@ -265,15 +245,15 @@ class RigLaboratory:
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed)
             if self.page is not None:
-                self.page.part(f"Investigation {self._wanted.folder.name}. Experiment {place.name}", more=True)
+                self.page.part(f"Investigation {self._wanted.out.name}. Experiment {place.name}", more=True)
             result = execute(rig, j, place, screen, page=self.page)
             warn(rig.notices)
         return result
 
     def _place(self, id: str) -> Path:
         """A folder for the next experiment: those there are numbered."""
-        there = [int(p.name[:2]) for p in self._wanted.folder.glob("[0-9][0-9]-*") if p.is_dir()]
-        return self._wanted.folder / f"{max(there, default=0) + 1:02d}-{id}"
+        there = [int(p.name[:2]) for p in self._wanted.out.glob("[0-9][0-9]-*") if p.is_dir()]
+        return self._wanted.out / f"{max(there, default=0) + 1:02d}-{id}"
 
 
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
@@ -297,18 +277,18 @@ class _Weighing:
             screen.__exit__(None, None, None)
 
 
-def run(w: Wanted) -> Result:
+def run(w: argparse.Namespace) -> Result:
     """Investigate; code 0: done, 3: samples lost, 1: failed or stopped. Raises ConfigError, RecordingError, InstrumentError."""
     case = read_case(w.inputs, w.robot)
     rig = load_rig(w.rig)
+    site = RigLaboratory(w, rig, _predicted)
     if not same_robot(rig.body, case.robot):
         raise ConfigError(f"{w.rig}: its robot.yaml describes another body than the campaign's; give the rig of this robot")
-    if (w.folder / STORY).exists():
-        raise ConfigError(f"{w.folder}: already holds an investigation; give another folder with --out")
-    w.folder.mkdir(parents=True, exist_ok=True)
+    if (w.out / STORY).exists():
+        raise ConfigError(f"{w.out}: already holds an investigation; give another folder with --out")
+    w.out.mkdir(parents=True, exist_ok=True)
     weighed, left_out = catalogue(case.robot, w.effects)
     note(f"not considered: {why}" for why in left_out)
-    site = RigLaboratory(w, rig, _predicted)
     rounds: list[Round] = []
     weighing = _Weighing()
     say = Screen("").say
@@ -322,14 +302,12 @@ def run(w: Wanted) -> Result:
     investigation: Investigation | None = None
     cores = w.workers if w.workers is not None else len(os.sched_getaffinity(0))
     try:
-        with for_case(cores) as processes_for, page_where(w.watched, say) as site.page:
+        with for_case(cores) as processes_for, page_where(w.watch, say) as site.page:
             if site.page is not None:
                 say(f"watch it at {site.page.address}")
             workers = processes_for(len(case.table))
             fits = Executor(progress=weighing.step, remote_map=None if workers is None else workers.in_order)
-            investigation = investigate(
-                case, site, Options(catalogue=weighed, executor=fits), w.minutes, w.experiments, diagnosed
-            )
+            investigation = investigate(case, site, Options(catalogue=weighed, executor=fits), w.budget, w.experiments, diagnosed)
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e
     finally:
@@ -338,43 +316,39 @@ def run(w: Wanted) -> Result:
         if not rounds:
             raise ended or Stopped("stopped by the operator")
         investigation = Investigation(tuple(rounds), f"stopped early: {ended or 'by the operator'}")
-    replaced(w.folder / STORY, json.dumps(investigation.to_dict(), indent=1) + "\n")
-    replaced(w.folder / ANSWER, investigation.answer.to_json() + "\n")
-    diagnosis_report.write(investigation.answer, read_case(site.inputs, w.robot), site.inputs, w.folder / ANSWER_PAGE)
-    write_page(investigation, w.folder / PAGE, str(w.folder), ANSWER_PAGE)
+    replaced(w.out / STORY, json.dumps(investigation.to_dict(), indent=1) + "\n")
+    replaced(w.out / ANSWER, investigation.answer.to_json() + "\n")
+    diagnosis_report.write(investigation.answer, read_case(site.inputs, w.robot), site.inputs, w.out / ANSWER_PAGE)
+    write_page(investigation, w.out / PAGE, str(w.out), ANSWER_PAGE)
     stopped = isinstance(ended, (Stopped, KeyboardInterrupt))
     unreadable = site.begun if isinstance(ended, (ProtocolError, RecordingError)) and not stopped else ""
     story = investigation
 
     def show() -> None:
         out.print(story.answer.statement)
-        out.print(f"{story.ended}; full report: {w.folder / PAGE}", soft_wrap=True)
+        out.print(f"{story.ended}; full report: {w.out / PAGE}", soft_wrap=True)
 
-    data = {**investigation.to_dict(), "folder": str(w.folder), "inputs": [str(p) for p in site.inputs], "lost": site.lost}
+    data = {**investigation.to_dict(), "folder": str(w.out), "inputs": [str(p) for p in site.inputs], "lost": site.lost}
     code = 1 if ended is not None or not site.safe else 3 if site.lost else 0
     again = None if ended is None else _again(w, site.inputs, unreadable)
     return Result(data, show, code, None if stopped else ended, safe=site.safe, again=again)
 
 
-def _again(w: Wanted, inputs: Sequence[Path], unreadable: str = "") -> str:
+def _again(w: argparse.Namespace, inputs: Sequence[Path], unreadable: str = "") -> str:
     """The command that continues with the data measured so far; `unreadable`: an experiment to leave out from now on."""
     several = (
         ("--without", (*w.without, unreadable)),
-        ("--set", w.settings),
+        ("--set", w.set),
         ("--robot", (w.robot,)),
         ("--effects", (w.effects,)),
     )
     words = [word for name, values in several for value in values if value for word in (name, value)]
-    hands = () if w.hands else ("--no-hands",)
-    return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.folder}-2", *hands, *words)
-
-
-def _named(effects: Sequence[str]) -> str:
-    return " + ".join(effects) or "none"
+    hands = ("--no-hands",) if w.no_hands else ()
+    return typed("lab", "investigate", *inputs, "--rig", w.rig, "--out", f"{w.out}-2", *hands, *words)
 
 
 def _show(r: Round) -> None:
-    leading = ", ".join(f"{_named(x.effects)} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
+    leading = ", ".join(f"{' + '.join(x.effects) or 'none'} {x.probability:.2f}" for x in r.diagnosis.attribute.ranking[:4])
     out.print(f"After {r.minutes:g} min of experiments: {leading}", soft_wrap=True)
 
 
@@ -387,7 +361,9 @@ def _predicted(f: Predicted) -> None:
         return
     for rival in f.rivals:
         x, y, z = rival.tip_mm[state]
-        out.print(f"  state {state + 1}, by {_named(rival.effects)}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True)
+        out.print(
+            f"  state {state + 1}, by {' + '.join(rival.effects) or 'none'}: ({x:.1f}, {y:.1f}, {z:.1f}) mm", soft_wrap=True
+        )
 
 
 def _minutes(text: str) -> float:
@@ -398,15 +374,10 @@ def _minutes(text: str) -> float:
         raise argparse.ArgumentTypeError(str(e)) from e
 
 
-def _investigate(a: argparse.Namespace) -> Result:
-    menu = not a.no_hands, tuple(a.without), tuple(a.set), given_labels(a)
-    return run(Wanted(tuple(a.inputs), a.rig, a.out, a.budget, a.experiments, a.robot, a.effects, *menu, a.workers, a.watch))
-
-
 VERBS = (
     Verb(
         "investigate",
-        _investigate,
+        run,
         options=(
             JSON,
             ANY_SIZE,

@@ -21,7 +21,7 @@ from recordings.json_text import read_json
 
 from ..guard.child import start_child
 from ..priority import BEHIND
-from .show import LOOPBACK, place
+from .show import place
 
 BY = "page"
 
@@ -29,14 +29,14 @@ Ask = Callable[[str, str, str], object]
 """Receives the requests of viewers, as `Steering.ask`."""
 
 
-class Page(contextlib.AbstractContextManager["Page"]):
-    """Shows a run, or runs that follow each other, one recording at a time. Use as a context.
+class Page:
+    """Shows a run, or runs that follow each other, one recording at a time, until it is closed.
 
     The socket listens at once, so that no run waits for the process that answers there. Raises OSError when it cannot.
     """
 
-    def __init__(self, bind: str = LOOPBACK, port: int = 0, browser: bool = False) -> None:
-        where = place(bind, port)
+    def __init__(self, browser: bool = False) -> None:
+        where = place()
         self.address = where.address
         self._part: tuple[str, bool] = ("", False)
         self._shown = 0
@@ -88,9 +88,6 @@ class Page(contextlib.AbstractContextManager["Page"]):
         with contextlib.suppress(OSError):
             self._pipe.close()
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
 
 @contextlib.contextmanager
 def page_where(wanted: bool, say: Callable[[str], None]) -> Iterator[Page | None]:
@@ -99,7 +96,7 @@ def page_where(wanted: bool, say: Callable[[str], None]) -> Iterator[Page | None
         page = None
         if wanted:
             try:
-                page = beside.enter_context(Page(browser=sys.stdout.isatty()))
+                page = beside.enter_context(contextlib.closing(Page(browser=sys.stdout.isatty())))
             except OSError as e:
                 say(f"no page: {e}")
         yield page

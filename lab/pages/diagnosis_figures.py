@@ -326,7 +326,9 @@ def sizes(found: Sequence[Mapping[str, Any]], folder: Path, words: Words) -> lis
 
 def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) -> list[Path]:
     """Draw the density of one parameter twice: over its possible range, and over four standard deviations."""
-    size, unit = _for_people(size, words)
+    one, unit = for_people(1.0, size["unit"], words)
+    factor = 1.0 if unit == FACTOR else one  # logarithms stay, with the unit of the factor
+    size = {key: factor * value if isinstance(value, float) else value for key, value in size.items()}
     mean, sd = size["mean"], max(size["sd"], 1e-300)
     ends = [x for x in (size["low"], size["high"], 0.0, size["median"]) if x is not None]
     pad = 0.04 * (max(ends) - min(ends))
@@ -345,13 +347,6 @@ def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) ->
             axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
             pictures.append(save(figure, folder / f"size-{number}-{name}.svg"))
     return pictures
-
-
-def _for_people(size: Mapping[str, Any], words: Words) -> tuple[dict[str, Any], str]:
-    """The numbers in the unit in which a person reads them; logarithms stay, with the unit of the factor."""
-    number, unit = for_people(1.0, size["unit"], words)
-    factor = 1.0 if unit == FACTOR else number
-    return {key: factor * value if isinstance(value, float) else value for key, value in size.items()}, unit
 
 
 def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:

@@ -28,32 +28,29 @@ NEAREST = "with the closest hypothesis"
 
 @dataclass(frozen=True)
 class Term:
-    """A term, words with the same meaning separated by commas, its unit, and what it means."""
+    """A term, words with the same meaning separated by commas, with its unit in square brackets, and what it means."""
 
-    text: str
-    unit: str
+    heading: str
     meaning: str
 
     @property
-    def heading(self) -> str:
-        """Term and unit."""
-        return f"{self.text} [{self.unit}]" if self.unit else self.text
+    def words(self) -> list[str]:
+        """What a reader may meet."""
+        return self.heading.partition(" [")[0].split(", ")
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """What a reader may meet."""
-        return tuple(self.text.split(", "))
+    def anchor(self) -> str:
+        """Name of its place at the end of the page."""
+        return f"term-{TERMS.index(self)}"
+
+    @property
+    def bare(self) -> str:
+        """Its meaning without Markdown."""
+        return re.sub("[`*]", "", self.meaning)
 
 
-def _terms() -> tuple[Term, ...]:
-    found: dict[str, str] = yaml.safe_load(Path(__file__).with_name("glossary.yaml").read_text(encoding="utf-8"))
-    parts = ((re.fullmatch(r"(.*?)(?: \[(.*)\])?", heading), meaning) for heading, meaning in found.items())
-    return tuple(Term(part[1], part[2] or "", meaning) for part, meaning in parts if part is not None)
-
-
-TERMS = _terms()
-
-
+_HEADINGS: dict[str, str] = yaml.safe_load(Path(__file__).with_name("glossary.yaml").read_text(encoding="utf-8"))
+TERMS = tuple(Term(heading, meaning) for heading, meaning in _HEADINGS.items())
 IMAGES = {".svg": "image/svg+xml", ".png": "image/png"}
 NUMBER = re.compile(r"|none|[-+]?\d\S*( \.\. ([-+]?\d\S*|unbounded))?( \S+)?")
 """A cell of a column of numbers: empty, a number or a range, with or without a unit."""
@@ -104,20 +101,10 @@ class Marks:
                 continue
             self._met.add(term)
             self.used.add(term)
-            link = Markup('<a class="term" href="#{}" title="{}">{}</a>').format(anchor(term), meaning(term), found[0])
+            link = Markup('<a class="term" href="#{}" title="{}">{}</a>').format(term.anchor, term.bare, found[0])
             made += Markup.escape(text[end : found.start()]) + link
             end = found.end()
         return made + Markup.escape(text[end:])
-
-
-def anchor(term: Term) -> str:
-    """Name of a term's place at the end of the page."""
-    return f"term-{TERMS.index(term)}"
-
-
-def meaning(term: Term) -> str:
-    """What a term means, without Markdown."""
-    return re.sub("[`*]", "", term.meaning)
 
 
 @dataclass(frozen=True)
@@ -204,8 +191,6 @@ class Report:
             sections=[vars(s) for s in self.sections],
             marks=marks,
             terms=TERMS,
-            anchor=anchor,
-            meaning=meaning,
         )
         replaced(path, page)
         return path

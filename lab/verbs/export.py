@@ -23,15 +23,15 @@ from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import tables
 from recordings.file.reader import Recording
 from recordings.own_files import copied, replaced
-from recordings.table_file import read_csv, write_csv
-from recordings.trials import Table, unit_of
+from recordings.table_file import read_csv
+from recordings.trials import Table, counted, unit_of
 
 from ..console import note, out
 from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Result, Verb, inputs, option
+from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Option, Result, Verb, inputs, option
 from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
@@ -54,8 +54,8 @@ UNIT_CODES = {"1": "C62", "m": "MTR", "Pa": "PAL", "s": "SEC", "kg": "KGM", "N":
 NO_LICENSE = "not stated: write a licence into this file before you publish"
 
 
-def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> Path:
-    """Copy files into a folder and describe them; `recordings` by file name. Returns the metadata file."""
+def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: Mapping[str, Info], name: str) -> None:
+    """Copy files into a folder and describe them; `recordings` by file name."""
     folder.mkdir(parents=True, exist_ok=True)
     graph: list[dict[str, Any]] = []
     for path in files:
@@ -81,7 +81,6 @@ def write_crate(folder: Path, files: Sequence[Path], table: Table, recordings: M
     crate = {"@id": METADATA, "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": PROFILE}}
     whole = {"@context": CONTEXT, "@graph": [crate, root, *graph, *columns, *robot, *actions]}
     replaced(folder / METADATA, json.dumps(whole, indent=1) + "\n")
-    return folder / METADATA
 
 
 def _ids(things: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -146,18 +145,35 @@ def _actions(files: Collection[str], recordings: Mapping[str, Info]) -> list[dic
     return things
 
 
-IN_A_CASE = ("map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
-"""Files of a case folder that go into a crate beside the robot and the table."""
+IN_A_CASE = ("robot.yaml", "trials.csv", "map.yaml", "states.png", DIAGNOSIS, "diagnosis.html", "rig.yaml", "predicted.csv")
+"""Files of a case folder that go into a crate."""
 
 
-Form = Literal["streams", "case", "crate"]
+Form = Literal["streams", "case", "crate", "lerobot"]
+FASTEST = 1000
+"""Frames per second of a LeRobot dataset."""
 
 
-def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False) -> Result:
-    """Files of each stream, one case folder, or an RO-Crate; raises ConfigError."""
+def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False, rate: int = 10) -> Result:
+    """Files of each stream, one case folder, an RO-Crate, or a LeRobot dataset of `rate` Hz; raises ConfigError."""
+    if not 1 <= rate <= FASTEST:
+        raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
+    table: Table | None = None
+    dataset: dict[str, Any] = {}
     with whole(folder, replace=replace, inputs=inputs) as place:
-        written, table = _export(without_torn(inputs), place, form, folder.resolve().name)
-    files = [str(folder / path.relative_to(place)) for path in written]
+        given = without_torn(inputs)
+        if form == "crate":
+            table = _crate(given, place, folder.resolve().name)
+        elif form == "case":
+            table = _joined_case(_recordings(given, "is already a case; --case is for recordings"), place)
+        elif form == "lerobot":
+            from ..lerobot_dataset import write_dataset  # with pandas, which no other format needs
+
+            dataset = write_dataset(_of_one_robot(_recordings(given)), place, rate)
+        else:
+            for name, recording in zip(names_apart(given), _recordings(given), strict=True):
+                export_streams(recording, place / name if len(given) > 1 else place)
+        files = [str(folder / path.relative_to(place)) for path in sorted(place.rglob("*")) if path.is_file()]
 
     def show() -> None:
         note(marked_notes(table) if table is not None else ())
@@ -165,39 +181,41 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = Fal
             out.print(file)
         if form == "crate":
             note([f"{folder / METADATA}: license: {NO_LICENSE}"])
+        if dataset:
+            out.print(f"{counted(dataset['episodes'], 'episode')}, {dataset['frames']} frames at {rate} Hz")
+            gaps = (f"{name} in {share:.1%}" for shares in dataset["missing"].values() for name, share in shares.items() if share)
+            note([f"missing (NaN) in a share of the frames: {text}"] if (text := ", ".join(gaps)) else ())
 
     clipped = {} if table is None else {"clipped": int(table.clipped.sum())}
-    return Result({"files": files, **clipped}, show)
+    return Result({"files": files, **clipped, **dataset}, show)
 
 
-def _export(inputs: Sequence[Path], folder: Path, form: Form, name: str) -> tuple[list[Path], Table | None]:
-    """Write the inputs in a format; return the files and, if the format has one, the table of trials. Raises ConfigError."""
-    cases = [p for p in inputs if p.is_dir()]
-    if form == "crate":
-        return _crate(inputs, folder, name)
-    if cases:
-        why = "is already a case; --case is for recordings" if form == "case" else "has no streams; use --crate"
-        raise ConfigError(f"{cases[0]}: {why}")
-    names, recordings = names_apart(inputs), [Recording.open(path) for path in inputs]
-    if form == "case":
-        return [folder / "robot.yaml", folder / "trials.csv"], _joined_case(recordings, folder)
-    places = [folder / name if len(names) > 1 else folder for name in names]
-    return [file for recording, place in zip(recordings, places, strict=True) for file in export_streams(recording, place)], None
+def _recordings(paths: Sequence[Path], why: str = "has no streams; use --crate") -> list[Recording]:
+    """Open recordings; raises ConfigError with the reason `why` a case will not do."""
+    for case in filter(Path.is_dir, paths):
+        raise ConfigError(f"{case}: {why}")
+    names_apart(paths)  # none is given twice
+    return [Recording.open(path) for path in paths]
 
 
-def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
-    """robot.yaml and trials.csv of recordings of one robot."""
+def _of_one_robot(recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """Return recordings; raises ConfigError where they are of several robots."""
     first = recordings[0]
     for other in recordings[1:]:
         if not same_body(other.attachments.get("robot.yaml", b""), first.attachments.get("robot.yaml", b"")):
             raise ConfigError(f"{other.path}: was recorded with a different robot.yaml than {first.path}; export them separately")
-    table = Table.joined(tables(recordings))
-    export_case(first, folder, table)
+    return recordings
+
+
+def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
+    """robot.yaml and trials.csv of recordings of one robot."""
+    table = Table.joined(tables(_of_one_robot(recordings)))
+    export_case(recordings[0], folder, table)
     return table
 
 
-def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path], Table]:
-    """Copy a case or recordings, and further files, into a crate; return files and table. Raises ConfigError."""
+def _crate(inputs: Sequence[Path], folder: Path, name: str) -> Table:
+    """Copy a case or recordings, and further files, into a crate; return the table. Raises ConfigError."""
     cases, files = [p for p in inputs if p.is_dir()], [p for p in inputs if not p.is_dir()]
     if len(cases) > 1:
         raise ConfigError(f"{cases[1]}: a crate holds one case; export them separately")
@@ -205,26 +223,27 @@ def _crate(inputs: Sequence[Path], folder: Path, name: str) -> tuple[list[Path],
     if not cases and not recordings:
         raise ConfigError("--crate: give recordings (.mcap), a case folder, or both; other files may follow")
     if cases:
-        table = read_csv(cases[0] / "trials.csv")
-        for file in ("robot.yaml", "trials.csv"):
-            copied(cases[0] / file, folder / file)
+        table, name = read_csv(cases[0] / "trials.csv"), cases[0].resolve().name
     else:
         table = _joined_case([Recording.open(p) for p in recordings.values()], folder)
-        write_csv(table, folder / "trials.csv")
-    further = [cases[0] / n for n in IN_A_CASE if (cases[0] / n).is_file()] if cases else []
-    contents = [folder / "robot.yaml", folder / "trials.csv", *further, *files]
+    place = cases[0] if cases else folder
+    contents = [*(place / n for n in IN_A_CASE if (place / n).is_file()), *files]
     twice = next((p for i, p in enumerate(contents) if any(p.name == q.name for q in contents[:i])), None)
     if twice is not None:
         raise ConfigError(f"{twice}: another file in the crate has this name; rename one")
-    infos = {file: summary(path) for file, path in recordings.items()}
-    metadata = write_crate(folder, contents, table, infos, cases[0].resolve().name if cases else name)
-    return [metadata, *(folder / p.name for p in contents)], table
+    write_crate(folder, contents, table, {file: summary(path) for file, path in recordings.items()}, name)
+    return table
+
+
+def _form(name: Form, text: str) -> Option:
+    """Return the option of a format."""
+    return option(f"--{name}", dest="form", action="store_const", const=name, default="streams", help=text)
 
 
 VERBS = (
     Verb(
         "export",
-        lambda a: export(a.inputs, a.out, "case" if a.case else "crate" if a.crate else "streams", a.replace),
+        lambda a: export(a.inputs, a.out, a.form, a.replace, a.rate),
         options=(
             JSON,
             ANY_SIZE,
@@ -232,9 +251,11 @@ VERBS = (
             option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
             REPLACE,
             OneOf(
-                option("--case", action="store_true", help="write a case for other tools: robot.yaml and trials.csv"),
-                option("--crate", action="store_true", help="write one described folder, as a paper's supplement"),
+                _form("case", "write a case for other tools: robot.yaml and trials.csv"),
+                _form("crate", "write one described folder, as a paper's supplement"),
+                _form("lerobot", "write a dataset for LeRobot: one episode per trial, frames at a fixed rate"),
             ),
+            option("--rate", type=int, default=10, metavar="HZ", help="frames per second of --lerobot (default 10)"),
         ),
         examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),
         page="docs/explanations/recordings.md",

@@ -151,7 +151,7 @@ def test_the_first_use_of_a_term_in_a_section_is_linked_to_its_meaning(tmp_path:
     page = report.write(tmp_path / "page.html").read_text()
     links = re.findall(r'<a class="term" href="#(term-\d+)" title="([^"]+)">([^<]+)</a>', page)
     assert [word for _, _, word in links] == ["noise floor", "trial", "trial", "Reducible gap", "gap"]
-    meaning = {term.text.partition(",")[0]: term.meaning for term in TERMS}
+    meaning = {term.words[0]: term.meaning for term in TERMS}
     assert [title for _, title, _ in links] == [
         meaning[word] for word in ("noise floor", "trial", "trial", "reducible gap", "gap")
     ]
