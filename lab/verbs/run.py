@@ -330,7 +330,7 @@ def keys(protocol: str, rig_path: Path | None) -> Result:
     if rig_path is not None:
         rig = load_rig(rig_path)
         defaults = _defaults(experiment, facts := robot_facts(rig.body, rig))
-        with contextlib.suppress(ConfigError):  # a key without a default
+        with contextlib.suppress(ConfigError, BadProtocol):  # a key has no default
             planned = protocol_plan(protocol, [], facts, source)[2]
             bounds = [f"{m.name} {shown(m.limit, m.unit)}" for m in margins(planned, rig, rig.body) if m.limit is not None]
             allowed = [*bounds, f"chambers 1 to {facts.chambers}"]
