@@ -16,13 +16,12 @@ MOST_NAMED = 4
 """Number of obstructing files that are named."""
 
 
-def demand_free(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
-    """Raise ConfigError if a folder holds files that would be mixed with the output or lost.
+def demand_free(folder: Path | None, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> None:
+    """Raise ConfigError if a folder holds files that would be mixed with the output or lost. None: no folder is wanted.
 
     `rewritten`: names that the same command writes again, whatever its inputs. `replace`: it may be replaced as a whole, unless
     it holds `inputs`, other recordings, or the folder in which the command runs."""
-    path = folder.resolve()
-    if not path.exists():
+    if folder is None or not (path := folder.resolve()).exists():
         return
     if not path.is_dir():
         raise ConfigError(f"{folder}: is a file, not a folder; give another folder")

@@ -23,8 +23,7 @@ OWN = ("compare.png", "sensors.png")
 
 def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
     """The error table; with a folder also draw the curves."""
-    if folder is not None:
-        demand_free(folder, OWN, replace, inputs)
+    demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     c = comparison(case, stated_by(case.robot))

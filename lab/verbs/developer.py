@@ -13,7 +13,6 @@ from pydantic import BaseModel
 from model.arm import Arm
 from model.effects import CATALOGUE
 from model.robot import Robot
-from sim_fakes.virtual_robot import list_effects
 
 from ..files.all_protocols import found_protocols, protocol_keys
 from ..files.campaign_file import CampaignFile
@@ -21,6 +20,7 @@ from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..imports.map_file import Map
 from ..options import Result, Verb, option
+from .fakes import effect_names
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -94,7 +94,7 @@ def completion(shell: str, top: argparse.ArgumentParser) -> Result:
     """Print the script with which a shell completes the arguments of `top`, effects, protocols and keys included."""
     protocols = found_protocols().usable
     keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
-    words = {"with_effects": list(CATALOGUE), "effect": [effect.id for effect in list_effects()]}
+    words = {"with_effects": list(CATALOGUE), "effect": list(effect_names())}
     for action in arguments(top):
         if action.dest in words:
             action.choices = words[action.dest]

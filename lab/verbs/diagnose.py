@@ -81,8 +81,7 @@ def diagnose(
     """Diagnose recordings or a case, here or (`scheduler`) on a Dask cluster. Raises ConfigError, BadEffect, RecordingError."""
     comparisons = comparisons or Comparisons()
     demand_writable(outputs.json, outputs.report)
-    if outputs.protocols is not None:
-        demand_free(outputs.protocols, replace=outputs.replace, inputs=inputs)
+    demand_free(outputs.protocols, replace=outputs.replace, inputs=inputs)
     cores = workers if workers is not None else len(os.sched_getaffinity(0))
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")

@@ -61,8 +61,7 @@ def fit(
         raise ConfigError(f"--samples {samples}: must be at least 1")
     if samples and folder is None:
         raise ConfigError(f"--samples {samples}: needs --out FOLDER to write the robots into")
-    if folder is not None:
-        demand_free(folder, OWN, replace, inputs)
+    demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     note(case.table.warnings)
     effects: Mapping[str, EffectSpec] = {}

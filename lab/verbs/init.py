@@ -104,12 +104,10 @@ def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float
 
     highest, error, full_scale = (to_si(re.findall(rf" {key}: (.*?) +#", example)[0], "Pa") for key in SCALED)
     top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's own
-    pressures = {
-        "max_pressure": top,
-        "max_total_pressure": min(count * top, 3e6),
-        "pressure_error": max(error * top / highest, 5e3),
-        **({"full_scale": top} if top > full_scale else {}),
-    }
+    least, total = max(error * top / highest, 5e3), min(count * top, 3e6)
+    pressures = {"max_pressure": top, "max_total_pressure": total, "pressure_error": least}
+    if top > full_scale:
+        pressures["full_scale"] = top
     values = {"robot": robot, "chambers": [[i] for i in range(1, count + 1)], "units": f"[{', '.join(ascii_uppercase[:count])}]",
               **{key: written([float(f"{value:.6g}")], "Pa")[0] for key, value in pressures.items()}}  # fmt: skip
     line = rf"(?m)^( *({'|'.join(values)}): )[^#\n]*(#?)"

@@ -258,10 +258,10 @@ def plan(protocol: str, rig_path: Path, settings: list[str], whole: bool, rehear
     if not any(m.name in ACTIVE for m in margins_asked):
         keys_of = "check its parameters, such as chambers: `lab plan PROTOCOL --keys` lists them"
         note([f"{p.protocol}: no step asks for a pressure, a spine length or a push; {keys_of}"])
+    done = _rehearsed(j) if rehearsing else None
     if {reading.repeat for step in p.steps for reading in step.reads} == {1}:
         more = "add --set repeats=3" if "repeats" in type(j.parameters).model_fields else "plan each state several times"
         note([f"{p.protocol}: each state is read once, so that repeatability (the noise floor) cannot be estimated; {more}"])
-    done = _rehearsed(j) if rehearsing else None
     largest = [asdict(m) for m in margins_asked]
     data = {**plan_dict(p), "largest": largest, "clock_speed": speed, "host_seconds": p.seconds / speed}
     return Result(data | ({} if done is None else {"rehearsal": done}), lambda: _show_plan(p, speed, margins_asked, whole, done))
@@ -330,7 +330,7 @@ def keys(protocol: str, rig_path: Path | None) -> Result:
     if rig_path is not None:
         rig = load_rig(rig_path)
         defaults = _defaults(experiment, facts := robot_facts(rig.body, rig))
-        with contextlib.suppress(ConfigError):  # a key without a default
+        with contextlib.suppress(ConfigError, BadProtocol):  # a key has no default
             planned = protocol_plan(protocol, [], facts, source)[2]
             bounds = [f"{m.name} {shown(m.limit, m.unit)}" for m in margins(planned, rig, rig.body) if m.limit is not None]
             allowed = [*bounds, f"chambers 1 to {facts.chambers}"]

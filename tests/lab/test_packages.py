@@ -130,7 +130,7 @@ def test_protocols(install: Install, cli: Cli) -> None:
     install("packaged", CREEP, protocols={"creep": "", "bending": ""})
     install("odd", "import nothing_of_this_name", protocols={"odd": ""})
     assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "arm_accuracy", "creep"}
-    assert "note" not in cli("plan", "elongation", "--rig", RIG).err
+    assert "note" not in cli("plan", "elongation", "--rig", RIG, "--set", "repeats=2").err
     assert "package packaged 1.0: entry point bending" in cli("plan", "bending", "--rig", RIG).flat_err
     assert (
         "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'"
