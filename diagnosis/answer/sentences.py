@@ -14,7 +14,7 @@ from model.robot import Robot
 from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
-from ..findings import UNCERTAIN, Finding, finding
+from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
@@ -89,7 +89,7 @@ def limited_by(d: Diagnosis) -> str:
     """The first doubt that limits the probability of the cause; empty where none does."""
     if not d.attribute.limited:
         return ""
-    return next((why.removeprefix(UNCERTAIN) for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
+    return next((why.partition(": ")[2] for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
 
 
 def _relatives(d: Diagnosis) -> str:

@@ -16,11 +16,11 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask, rows_by
+from ..edits.remedies import of_trials
 from ..errors import BadCase
 from ..findings import Finding, finding
 from . import levels as gaps
 from .campaign import Campaign
-from ..edits.remedies import of_trials
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, of_body, require_plausible, require_plausible_pushes
 
