@@ -34,13 +34,6 @@ def statement(d: Diagnosis) -> str:
     return " ".join(filter(None, parts))
 
 
-def summary(d: Diagnosis) -> str:
-    """The answer in a few lines: the conclusion, its size with an interval, what speaks against it, and the next step."""
-    against = (f"- {text}" for text in d.texts("critical", "warning"))
-    following = (f"Next: {x.do} ({x.cost_min:.0f} min)." for x in d.next_experiment[:1])
-    return "\n".join(filter(None, (d.headline or d.statement, _moved(d), _closing(d), *against, *following)))
-
-
 def _named(effects: Iterable[str], d: Diagnosis, joint: str = " and ") -> str:
     return joint.join(with_id(e, d.names) for e in effects)
 

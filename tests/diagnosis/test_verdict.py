@@ -324,7 +324,9 @@ def test_a_probability_at_its_limit_says_so_and_why() -> None:
     assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
     assert "(p = 0.97" in headline(sure, CATALOGUE) + statement(sure)
     lines = str(found).splitlines()
-    assert lines[0] == found.headline and "moves the tip by 2.50 mm (95 % over all" in lines[1] and f"- {doubt}" in lines
+    assert (
+        lines[0] == found.headline and lines[1] == "tilt of the base: 2.50 mm (95 %: 2.00 to 3.00 mm)" and f"- {doubt}" in lines
+    )
 
 
 def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_another_form() -> None:
