@@ -6,9 +6,7 @@ broadcast. Laws replace attributes, never change arrays in place: `q.pressure = 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,18 +16,7 @@ from model.body import Body
 from model.condition import States
 from model.effects.layout import Layout
 from model.effects.scales import STANDARD, Scales
-from model.effects.spec import Values
 from model.robot import Robot
-
-
-def _add(names: Mapping[str, str], q: Quantities, v: Values) -> None:
-    for quantity, parameter in names.items():
-        setattr(q, quantity, getattr(q, quantity) + v[parameter])
-
-
-def adding(**names: str) -> Callable[[Quantities, Values], None]:
-    """The law that adds to each of some quantities a parameter: quantity=parameter."""
-    return partial(_add, names)
 
 
 def constant(value: float) -> Any:

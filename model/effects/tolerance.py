@@ -17,10 +17,10 @@ from model.condition import States
 from model.effects.design import TURN
 from model.effects.laws.measurement import frame_misalignment
 from model.effects.laws.surroundings import base_tilt
-from model.effects.quantities import Quantities, adding
+from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.scales import STANDARD, Scales, scales
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, vector
 from model.robot import Robot
 from model.rotation import from_vector, multiply
 

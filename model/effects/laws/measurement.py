@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from model.effects.quantities import adding
 from model.effects.readings import Readings
 from model.effects.shows import pushes
-from model.effects.spec import EffectSpec, Law, Parameter, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding, vector
 from model.rotation import rolled, to_base
 
 TURN = math.radians(1.5) / math.sqrt(3)

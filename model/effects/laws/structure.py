@@ -6,9 +6,9 @@ import numpy as np
 
 from model.arrays import Array
 from model.effects.history import DRIVES, History
-from model.effects.quantities import Quantities, adding
+from model.effects.quantities import Quantities
 from model.effects.shows import returns, with_spine
-from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
