@@ -100,12 +100,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
         ),
         "deflections_not_repeated": (
-            "stiffness trials: no deflection was repeated, so the default scatter of touch point, zero and jamming is "
+            "stiffness trials: deflections {how}, so the default scatter of touch point, zero and jamming is "
             "assumed; repeat them three times"
-        ),
-        "deflections_repeated_once": (
-            "stiffness trials: deflections were repeated only once, so the default scatter of touch point, zero and jamming "
-            "is assumed; repeat them three times"
         ),
         "one_stiffness_length": (
             "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be distinguished; measure"
