@@ -41,7 +41,6 @@ def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Findi
     return Finding(code, severity, words.fill(TEMPLATES[severity][code], **shown), values)
 
 
-UNCERTAIN = "the cause is not certain: "
 TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
     "critical": {
         "refitted_first": (
@@ -77,15 +76,15 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "cause is named; repeat the sweep three times"
         ),
         "repeated_within_trials": (
-            "states were repeated within a trial, but hardly in others, so differences between trials are unknown. If the robot "
-            "was driven anew for each repeat, {remedy}"
+            "states were repeated within one trial only, so differences between trials are unknown. If the robot was driven anew "
+            "for each repeat, {remedy}"
         ),
         "repeated_once": (
             "the median state was read in only two trials: the noise floor is uncertain, and so are the probabilities; repeat "
             "the sweep three times"
         ),
         "moved_to_model": (
-            "`straight: {straight}` moved tip and markers to the model. So a shift of base or origin cannot show; a tilted base, a "
+            "`straight: {straight}` moved tip and markers to the model. A shift of base or origin cannot show; a tilted base, a "
             "turned frame, a tip marker off its place and a wrong weight show only by what changes with the {pressure}. To tell "
             "them apart, measure the base's place in the cameras' frame, give it as `zero` of columns x, y, z, and leave out "
             "`straight`"
@@ -101,12 +100,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "only stiffness trials: probabilities were calibrated on bending campaigns, not on such data"
         ),
         "deflections_not_repeated": (
-            "stiffness trials: no deflection was repeated, so the default scatter of touch point, zero and jamming is "
+            "stiffness trials: deflections {how}, so the default scatter of touch point, zero and jamming is "
             "assumed; repeat them three times"
-        ),
-        "deflections_repeated_once": (
-            "stiffness trials: deflections were repeated only once, so the default scatter of touch point, zero and jamming "
-            "is assumed; repeat them three times"
         ),
         "one_stiffness_length": (
             "stiffness trials at only one spine length: modulus, sensor zero and touch point cannot be distinguished; measure"
@@ -121,21 +116,21 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "an additional free-form error in the {stage} that {varies} would gain {gain:.1f} in log evidence: the named cause "
             "may not be the only one"
         ),
-        "cause_impossible": UNCERTAIN + "the fitted size of {effect} is impossible",
-        "cause_undetermined": UNCERTAIN + (
-            "over all hypotheses {effect} moves the tip by {low_mm:.2f} mm at the lower end of its 95 % interval, less than the "
-            "noise floor of {floor_mm:.2f} mm"
+        "cause_impossible": "the cause is not certain: the fitted size of {effect} is impossible",
+        "cause_undetermined": (
+            "the cause is not certain: over all hypotheses {effect} moves the tip by {low_mm:.2f} mm at the lower end of its "
+            "95 % interval, less than the noise floor of {floor_mm:.2f} mm"
         ),
-        "cause_hidden_at_rest": UNCERTAIN + (
-            "{others} would look nearly the same, as `straight: {straight}` hides where the robot rests"
+        "cause_hidden_at_rest": (
+            "the cause is not certain: {others} would look nearly the same, as `straight: {straight}` hides where the robot rests"
         ),
-        "fit_not_reached": UNCERTAIN + (
-            "{effect} alone closes {alone:.0%} of the reducible gap (in-sample); only with tolerances of other effects "
-            "{together:.0%} (unseen states)"
+        "fit_not_reached": (
+            "the cause is not certain: {effect} alone closes {alone:.0%} of the reducible gap (in-sample), with tolerances of "
+            "other effects {together:.0%} (unseen states)"
         ),
-        "cause_or_calibration": UNCERTAIN + "{effect} alone would explain the data without calibration",
-        "law_of_another_form": UNCERTAIN + "known laws of {effect} fit only roughly; another cause may fit better",
-        "gap_remains": UNCERTAIN + "{mm:.2g} mm remain on unseen states",
+        "cause_or_calibration": "the cause is not certain: {effect} alone would explain the data without calibration",
+        "law_of_another_form": "the cause is not certain: known laws of {effect} fit only roughly; another cause may fit better",
+        "gap_remains": "the cause is not certain: {mm:.2g} mm remain on unseen states",
     },
     "note": {
         "states_not_finite": "{left_out} of {states} states have values that are not finite and are ignored",

@@ -63,9 +63,9 @@ MEMORY, MEMORY_LOG_SD, LONGEST_MEMORY = 1.25, 1.0, 37.5
 """Time over which lasting errors are forgotten, paces of the campaign, prior standard deviation of its logarithm, and the
 longest: beyond is drift."""
 
-RESTING_SHIFT, RESTING_TURN = 0.1, 0.2
-"""Robot lengths and rad by which points that were moved to where the model rests may have been elsewhere: farther than any mount
-tilts them, or the sag under the weight is off, so that a body at rest tells nothing."""
+OF_MOVED = 0.2
+"""Robot lengths, and rad, by which points that a map moved to the model may have been elsewhere: farther than any mount tilts
+them, or the sag under the weight is off, so that a body at rest tells nothing."""
 
 # ------------------------------------------------------------------ edits before the diagnosis
 EDIT_SD = np.array([10.0, np.log(2), np.radians(30), np.radians(3), np.radians(3), 0.05, 0.05, 0.05])

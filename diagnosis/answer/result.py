@@ -378,9 +378,11 @@ class Diagnosis(Shown):
         return f"<Diagnosis: {self.headline or self.statement}>"
 
     def __str__(self) -> str:
-        from .sentences import summary  # which are about answers
-
-        return summary(self)
+        named = [c for c in self.budget if c.role == "named"]
+        sizes = [f"{self.names[c.effect]}: {c.mm:.2f} mm (95 %: {c.low95_mm:.2f} to {c.high95_mm:.2f} mm)" for c in named]
+        against = [f"- {text}" for text in self.texts("critical", "warning")]
+        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1]]
+        return "\n".join([self.headline or self.statement, *sizes, *against, *following])
 
     def _columns(self) -> dict[str, Any]:
         ranking = self.attribute.ranking

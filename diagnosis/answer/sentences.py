@@ -14,7 +14,7 @@ from model.robot import Robot
 from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
-from ..findings import UNCERTAIN, Finding, finding
+from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
@@ -32,13 +32,6 @@ def statement(d: Diagnosis) -> str:
         _pushed(d), held_out(d),
     )  # fmt: skip
     return " ".join(filter(None, parts))
-
-
-def summary(d: Diagnosis) -> str:
-    """The answer in a few lines: the conclusion, its size with an interval, what speaks against it, and the next step."""
-    against = (f"- {text}" for text in d.texts("critical", "warning"))
-    following = (f"Next: {x.do} ({x.cost_min:.0f} min)." for x in d.next_experiment[:1])
-    return "\n".join(filter(None, (d.headline or d.statement, _moved(d), _closing(d), *against, *following)))
 
 
 def _named(effects: Iterable[str], d: Diagnosis, joint: str = " and ") -> str:
@@ -89,7 +82,7 @@ def limited_by(d: Diagnosis) -> str:
     """The first doubt that limits the probability of the cause; empty where none does."""
     if not d.attribute.limited:
         return ""
-    return next((why.removeprefix(UNCERTAIN) for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
+    return next((why.partition(": ")[2] for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
 
 
 def _relatives(d: Diagnosis) -> str:

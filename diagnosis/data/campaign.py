@@ -125,8 +125,8 @@ class Campaign:
 
     @property
     def within_trials(self) -> bool:
-        """Whether conditions were read again in one trial that were hardly read in others, as if it were several."""
-        return self.repeats < 3 and int(np.median(np.unique(self.condition[self.main], return_counts=True)[1])) > self.repeats
+        """Whether most conditions were read again, but in one trial only, as if it were several."""
+        return self.repeats < 2 and float(np.median(np.unique(self.condition[self.main], return_counts=True)[1])) >= 2
 
 
 def spread_over(count: int, most: int) -> Ints:

@@ -16,11 +16,11 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask, rows_by
+from ..edits.remedies import of_trials
 from ..errors import BadCase
 from ..findings import Finding, finding
 from . import levels as gaps
 from .campaign import Campaign
-from ..edits.remedies import of_trials
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
 from .plausible import complete, of_body, require_plausible, require_plausible_pushes
 
@@ -147,9 +147,9 @@ def lacking(s: Campaign) -> tuple[str, ...]:
     if not (len(own) and own.repeats >= 2):
         if _pushes_name_cause(s.take(s.pushed)):
             return ()
-        if own.within_trials:
-            return ("states were repeated, but all in one trial",)
-        return ("no state was repeated",) if len(own) else ("no repeated pushes to two deflections at two lengths",)
+        if not len(own):
+            return ("no repeated pushes to two deflections at two lengths",)
+        return ("states were repeated, but all in one trial" if own.within_trials else "no state was repeated",)
     if own.highest.max() <= s.pressure_gap:
         return ("no state is bent",)
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one {pressure}",)
@@ -178,7 +178,9 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
         yield finding("probabilities_not_calibrated")
     if len(pushes):
         if pushes.repeats < 3:
-            yield finding("deflections_not_repeated" if pushes.repeats < 2 else "deflections_repeated_once")
+            yield finding(
+                "deflections_not_repeated", how="were not repeated" if pushes.repeats < 2 else "were repeated only once"
+            )
         if len(np.unique(levels(pushes.spine_length, gaps.SPINE_GAP))) < 2:
             yield finding("one_stiffness_length")
 

@@ -24,7 +24,7 @@ from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
 from ..errors import BadCase
-from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR, RESTING_SHIFT, RESTING_TURN
+from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR, OF_MOVED
 from .budget import BudgetPart
 from .discrepancy import SmoothErrors, settings, smooth_errors
 from .jacobian import Columns
@@ -180,8 +180,8 @@ def _as_placed(robot: Robot, states: Campaign) -> Robot:
     """The robot with places of tip and markers that nobody knows, where the map moved them to the model at rest."""
     if not states.trials.moved_to_model:
         return robot
-    shift = RESTING_SHIFT * robot.length
-    unknown = {"frame_shift": shift, "marker_shift": shift, "tracked_turn": RESTING_TURN}
+    scale = {"frame_shift": robot.length, "marker_shift": robot.length, "tracked_turn": 1.0}
+    unknown = {name: OF_MOVED * unit for name, unit in scale.items()}
     return robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -35,6 +36,16 @@ STAGES: tuple[Stage, ...] = ("actuation", "material", "structure", "load", "boun
 """The chain from pressure to reading; beside it stands a simulator of the lab's own that takes the rod's place."""
 Sign = Literal["both", "positive", "blend"]
 """both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
+
+
+def _add(names: Mapping[str, str], q: Quantities, v: Values) -> None:
+    for quantity, parameter in names.items():
+        setattr(q, quantity, getattr(q, quantity) + v[parameter])
+
+
+def adding(**names: str) -> Callable[[Quantities, Values], None]:
+    """The law that adds to each of some quantities a parameter: quantity=parameter."""
+    return partial(_add, names)
 
 
 def vector(x: Array, y: Array, z: Array | None = None) -> Array:

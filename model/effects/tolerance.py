@@ -20,7 +20,7 @@ from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.scales import STANDARD, Scales, scales
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, vector
 from model.robot import Robot
 from model.rotation import from_vector, multiply
 
@@ -58,10 +58,6 @@ def _density(q: Quantities, v: Values) -> None:
     q.density = q.density + q.robot.density * v["excess"]
 
 
-def _length(q: Quantities, v: Values) -> None:
-    q.length = q.length + v["excess"]
-
-
 def _mount(q: Quantities, v: Values) -> None:
     base_tilt(q, v)
     q.azimuth = q.azimuth + v["z"][..., None]
@@ -91,14 +87,6 @@ def _spine_length(q: Quantities, v: Values) -> None:
 
 def _spine_stiffness(q: Quantities, v: Values) -> None:
     q.spine_stiffness = q.spine_stiffness * (1 + v["excess"])
-
-
-def _jamming(q: Quantities, v: Values) -> None:
-    q.jamming_exponent = q.jamming_exponent + v["exponent"]
-
-
-def _touch(q: Quantities, v: Values) -> None:
-    q.contact_offset = q.contact_offset + v["late"]
 
 
 def _push_place(q: Quantities, v: Values) -> None:
@@ -134,7 +122,7 @@ ALWAYS = (
     _tolerance("tilt", "boundary", Law(before=base_tilt), *_xyz("rad", ANGLE, "xy")),
     _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_xyz("rad", ANGLE)),
     _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 1.6e-3), standard=True),
-    _tolerance("length", "boundary", Law(before=_length), _excess("m", 1.6e-3), standard=True),
+    _tolerance("length", "boundary", Law(before=adding(length="excess")), _excess("m", 1.6e-3), standard=True),
 )
 """Where a soft body begins at its clamp, and the cameras' origin beside it, is known to 0.4 % of its length."""
 BY_TRIAL = (
@@ -142,7 +130,13 @@ BY_TRIAL = (
     _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), _excess("1", 0.02), scope="trial"),
 )
 BY_PUSH = (
-    _tolerance("touch", "measurement", Law(before=_touch), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3), scope="push"),
+    _tolerance(
+        "touch",
+        "measurement",
+        Law(before=adding(contact_offset="late")),
+        Parameter("late", "m", 0.3e-3, -3e-3, 3e-3),
+        scope="push",
+    ),
     _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
@@ -171,7 +165,9 @@ DRIFT = _tolerance(
 """Silicone softens as it is worked, and is as warm as the room."""
 VACUUM_SWEEP = 0.05
 """Spread of the vacuum, in nominal vacuums, above which its exponent shows."""
-JAMMING = _tolerance("jamming", "structure", Law(before=_jamming), Parameter("exponent", "1", 0.15, -0.4, 0.5))
+JAMMING = _tolerance(
+    "jamming", "structure", Law(before=adding(jamming_exponent="exponent")), Parameter("exponent", "1", 0.15, -0.4, 0.5)
+)
 
 
 def _as_stated(source: VariationSource, sized: Scales, uncertainty: Mapping[str, float]) -> VariationSource:

@@ -167,4 +167,4 @@ def test_few_repeats_name_nothing() -> None:
     rows = [r for r in pushes("force_bias", 0.15, 2) if r.repeat == 1]
     d = diagnose(case(rows), Options(quantify=False, experiments=False, catalogue=RIVALS))
     assert d.attribute.verdict == "unknown"
-    assert any("no deflection was repeated" in c for c in d.concerns)
+    assert any("deflections were not repeated" in c for c in d.concerns)

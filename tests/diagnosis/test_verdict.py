@@ -316,6 +316,19 @@ def test_a_doubt_leaves_room_for_other_causes() -> None:
     assert capped.outside == pytest.approx(0.005 + 0.17) and conclude(capped, True, ()) == "one of several"
 
 
+def test_a_probability_at_its_limit_says_so_and_why() -> None:
+    doubt = finding("gap_remains", mm=1.0)
+    sure = facts(SURE)
+    found = attributed(sure, **vars(doubted(decide(SURE, True), [doubt], 0)), conclusion="one of several", doubts=(doubt.text,))
+    found = replace(found, findings=(doubt,), headline=headline(found, CATALOGUE))
+    assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
+    assert "(p = 0.97" in headline(sure, CATALOGUE) + statement(sure)
+    lines = str(found).splitlines()
+    assert (
+        lines[0] == found.headline and lines[1] == "tilt of the base: 2.50 mm (95 %: 2.00 to 3.00 mm)" and f"- {doubt}" in lines
+    )
+
+
 def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_another_form() -> None:
     unknown, most = decide(OUTSIDE, True), Shrink("", 16.3, 1.6, 0.4, 0.99, None, ())
     named = behaves_like(unknown, ("base_tilt",), OUTSIDE, most.share_closed)

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.shows import pushes
-from model.effects.spec import EffectSpec, Law, Parameter, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding, vector
 from model.rotation import rolled, to_base
 
 TURN = math.radians(1.5) / math.sqrt(3)
@@ -27,15 +26,6 @@ def _marker_offset(r: Readings, v: Values) -> None:
 
 def _force_bias(r: Readings, v: Values) -> None:
     r.force = r.force + np.where(r.design.stiffness, v["bias"], 0.0)
-
-
-def _arm_compliance(q: Quantities, v: Values) -> None:
-    q.arm_compliance = q.arm_compliance + v["give"]
-
-
-def _contact_offset(q: Quantities, v: Values) -> None:
-    q.contact_offset = q.contact_offset + v["offset"]
-    q.contact_layer = q.contact_layer + v["layer"]
 
 
 SPECS = (
@@ -82,7 +72,7 @@ SPECS = (
         stage="measurement",
         equation="1/k = 1/k_specimen + c",
         parameters=(Parameter("give", "m/N", 5e-5, 0.0, 2e-3, sign="positive"),),
-        law=Law(before=_arm_compliance),
+        law=Law(before=adding(arm_compliance="give")),
         citation="springs in series",
         shown=pushes,
         seen_best_in="stiffness trials: the modulus falls with the specimen's stiffness",
@@ -97,7 +87,7 @@ SPECS = (
             Parameter("offset", "m", 1e-3, -5e-3, 5e-3, starts=(0.0, 5e-4, 1e-3, -1e-3)),
             Parameter("layer", "N/m", 200.0, 0.0, 2e3, role="shape", starts=(0.0, 100.0)),
         ),
-        law=Law(before=_contact_offset),
+        law=Law(before=adding(contact_offset="offset", contact_layer="layer")),
         citation="delayed contact; springs in series",
         shown=pushes,
         seen_best_in="stiffness trials: the first points",

@@ -8,7 +8,7 @@ from model.arrays import Array
 from model.effects.history import DRIVES, History
 from model.effects.quantities import Quantities
 from model.effects.shows import returns, with_spine
-from model.effects.spec import EffectSpec, Law, Parameter, Values
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
@@ -51,25 +51,8 @@ def _rest_shape(h: History, v: Values) -> None:
     h.add(v["kept"][..., None] * h.silicone * h.extremes(v["recovery"]))
 
 
-def _hyperelastic(q: Quantities, v: Values) -> None:
-    q.bend_softening = q.bend_softening + v["curvature"]
-    q.strain_softening = q.strain_softening + v["strain"]
-    q.spine_softening = q.spine_softening + v["spine"]
-
-
 def _body_modulus(q: Quantities, v: Values) -> None:
     q.body_modulus = q.body_modulus * (1 + v["excess"])
-
-
-def _area_moment(q: Quantities, v: Values) -> None:
-    q.area_moments = q.area_moments + v["blend"]
-    q.spine_sliding = q.spine_sliding + v["sliding"]
-
-
-def _spine_shear(q: Quantities, v: Values) -> None:
-    q.shear_blend = q.shear_blend + v["blend"]
-    q.shear_lag = q.shear_lag + v["lag"]
-    q.shear_mix = q.shear_mix + v["mix"]
 
 
 def _grown(q: Quantities, length: Array, power: Array) -> Array:
@@ -113,7 +96,7 @@ SPECS = (
             Parameter("strain", "1", 2.0, -6.0, 6.0),
             Parameter("spine", "1", 0.5, 0.0, 1.0, role="shape"),
         ),
-        law=Law(before=_hyperelastic),
+        law=Law(before=adding(bend_softening="curvature", strain_softening="strain", spine_softening="spine")),
         citation="series of the section integral of a Yeoh law, Rubber Chem. Technol. 66 (1993); neo-Hookean: b = -2",
         seen_best_in="high pressure at zero spine; elongation",
     ),
@@ -194,7 +177,7 @@ SPECS = (
             Parameter("sliding", "1", 0.5, 0.0, 1.0, role="shape", starts=(0.0, 0.75)),
         ),
         shown=with_spine,
-        law=Law(before=_area_moment),
+        law=Law(before=adding(area_moments="blend", spine_sliding="sliding")),
         citation="composite beam theory; the baseline mixes moduli by volume, eq. 10",
         seen_best_in="tip over spine length with one A_eff for all",
     ),
@@ -211,7 +194,7 @@ SPECS = (
             Parameter("mix", "1", 1.0, -0.5, 2.5, role="shape", starts=(0.0, 2.0)),
         ),
         shown=with_spine,
-        law=Law(before=_spine_shear),
+        law=Law(before=adding(shear_blend="blend", shear_lag="lag", shear_mix="mix")),
         citation="Timoshenko, Phil. Mag. 41 (1921)",
         seen_best_in="stiffness trials; tip over spine length",
     ),
