@@ -422,8 +422,8 @@ def bounded(curvature: Array, slope: Array, low: Array, high: Array) -> Array:
     x, inside = np.zeros(len(slope)), np.ones(len(slope), bool)
     regular = curvature + (1e-9 * np.diag(np.diag(curvature)) + 1e-12 * np.eye(len(slope)))
     while inside.any():
-        rest = slope[inside] - curvature[np.ix_(inside, ~inside)] @ x[~inside]
-        x[inside] = np.linalg.solve(regular[np.ix_(inside, inside)], rest)
+        rest = slope[inside] - curvature.compress(inside, 0).compress(~inside, 1) @ x[~inside]
+        x[inside] = np.linalg.solve(regular.compress(inside, 0).compress(inside, 1), rest)
         beyond: Mask = inside & ((x < low) | (x > high))
         if not beyond.any():
             break

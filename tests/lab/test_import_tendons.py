@@ -69,14 +69,13 @@ class Trunk:
         folder.mkdir()
         self.robot.write_text(ROBOT)
         head = ["Zeit [s]", *(f"{word}{k} [N]" for k in (1, 2, 3)), *TIP, *MIDDLE]
-        rows, pulls = [], itertools.product(range(2), range(3), (0.0, 2.0, 4.0, 2.0, 0.0))
-        for n, (_, k, pull) in enumerate(pulls):
-            turn, towards = 0.22 * pull, np.radians(120.0 * k)
-            aside, along = 180 * (1 - np.cos(turn)) / max(turn, 1e-9), 180 * np.sinc(turn / np.pi)
-            body = np.array([aside * np.cos(towards), aside * np.sin(towards), along])
-            half = np.array([aside * np.cos(towards) / 4, aside * np.sin(towards) / 4, along / 2 + 0.01 * pull])
-            seen = [v for b in (body, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])]  # 14 mm: on the skin
-            rows.append([cell(v) for v in (3.0 * n, *(pull * (k == j) for j in range(3)), *seen)])
+        plan = itertools.product(range(2), np.eye(3), (0.0, 2.0, 4.0, 2.0, 0.0))
+        pulls = np.array([pull * tendon for _, tendon, pull in plan])
+        robot, rows = lab.load_robot(self.robot), []
+        rod = Predictor(robot)(pulls * robot.actuators.words.pascal)
+        for n, (pull, tip, (half,)) in enumerate(zip(pulls, 1e3 * rod.tip, 1e3 * rod.shape, strict=True)):
+            seen = [v for b in (tip, half + [14, 0, 0]) for v in (700 + b[0], -b[2], 40 + b[1])]  # 14 mm: on the skin
+            rows.append([cell(v) for v in (3.0 * n, *pull, *seen)])
         self.write(head, rows)
 
     def write(self, head: list[str], rows: list[list[str]]) -> None:
@@ -237,9 +236,9 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Tr
     places = {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
     trunk.mapped(COLUMNS | places, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
     trunk.imported()
-    (first, *_) = trunk.case().rows
-    assert first.tip == pytest.approx((0.0, 0.0, 0.18), abs=1e-6)
-    assert first.markers[0] == pytest.approx((0.014, 0.0, 0.09), abs=1e-6)
+    (first, *_), rest = trunk.case().rows, Predictor(lab.load_robot(trunk.robot))(np.zeros(3))
+    assert first.tip == pytest.approx(rest.tip[0], abs=1e-6)
+    assert first.markers[0] == pytest.approx(rest.shape[0, 0] + [0.014, 0.0, 0.0], abs=1e-6)
 
 
 def test_tensions_ten_times_too_large_are_asked_about(known: Trunk) -> None:
