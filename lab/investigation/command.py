@@ -13,7 +13,6 @@ from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
@@ -52,7 +51,7 @@ from ..options import (
 )
 from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis
-from ..pages.figures import GREY, STYLE, colours, save
+from ..pages.figures import GREY, colours, drawing
 from ..pages.report import PageSection, Report
 from ..plain import typed
 from ..processes import for_case
@@ -149,8 +148,7 @@ def _drawn(story: Investigation, path: Path) -> Path:
     highest = {h: max(p.get(h, 0.0) for p in probability) for h in {h for p in probability for h in p}}
     shown = sorted((h for h in highest if highest[h] > 0.01), key=lambda h: -highest[h])[:6]
     minutes = [r.minutes for r in story.rounds]
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 3.4 + 0.2 * len(shown)), layout="constrained")
+    with drawing(path, (5.2, 3.4 + 0.2 * len(shown))) as (_, axis):
         for h, colour, mark in zip(shown, colours(len(shown)), "os^Dv*", strict=False):
             y = [p.get(h, 0.0) for p in probability]
             axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, story))
@@ -160,12 +158,9 @@ def _drawn(story: Investigation, path: Path) -> Path:
                 axis.annotate(r.predicted.proposal.id, (middle, 1.03), ha="center", fontsize=8, annotation_clip=False)
                 axis.axvspan(r.minutes, minutes_after, color=GREY, alpha=0.12, lw=0)
         axis.axhline(0.95, color="0.4", lw=0.8, ls="--")
-        axis.set_ylim(0, 1)
-        axis.set_yticks(np.linspace(0, 1, 6))
-        axis.set_xlabel("minutes of experiments")
-        axis.set_ylabel("probability")
+        axis.set(ylim=(0, 1), yticks=np.linspace(0, 1, 6), xlabel="minutes of experiments", ylabel="probability")
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
-        return save(figure, path)
+    return path
 
 
 PREDICTED, PROTOCOL = "predicted.json", "protocol.yaml"
