@@ -9,7 +9,6 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -234,8 +233,7 @@ class RigLaboratory:
         return read_case(self._inputs, self._wanted.robot)
 
     def _run(self, j: Job, place: Path) -> Outcome:
-        with ExitStack() as open_:
-            rig = open_.enter_context(Rig(j.rig))
+        with Rig(j.rig) as rig:
             rig.operator = self._prepared.over(rig.operator)
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed)
@@ -254,24 +252,6 @@ class RigLaboratory:
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
 
-class _Weighing:
-    """Progress of one diagnosis after the other; a run in between has its own."""
-
-    _screen: Screen | None = None
-
-    def step(self, name: str, share: float) -> None:
-        """See Screen.step."""
-        if self._screen is None:
-            self._screen = Screen("weighing hypotheses").__enter__()
-        self._screen.step(name, share)
-
-    def stop(self) -> None:
-        """None is going on."""
-        screen, self._screen = self._screen, None
-        if screen is not None:
-            screen.__exit__(None, None, None)
-
-
 def run(w: argparse.Namespace) -> Result:
     """Investigate; code 0: done, 3: samples lost, 1: failed or stopped. Raises ConfigError, RecordingError, InstrumentError."""
     case = read_case(w.inputs, w.robot)
@@ -285,7 +265,7 @@ def run(w: argparse.Namespace) -> Result:
     weighed, left_out = catalogue(case.robot, w.effects)
     note(f"not considered: {why}" for why in left_out)
     rounds: list[Round] = []
-    weighing = _Weighing()
+    weighing = Screen("weighing hypotheses")  # shown but for the runs, which have their own
     say = Screen("").say
 
     def diagnosed(r: Round) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from rich.table import Table
+from rich.table import Column, Table
 
 from diagnosis.answer.headline import for_people
 from model.actuators import Words
@@ -210,12 +210,9 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
 def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
     """Effects by stage, with plausible size, how far each moves the tip, and what calibration would hide of it."""
     words = robot.actuators.words
-    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot.name}", title_justify="left")
-    table.add_column("effect", no_wrap=True)
-    table.add_column("plausible size")
-    table.add_column("moves", justify="right", no_wrap=True)
-    table.add_column("hidden*", justify="right", no_wrap=True)
-    table.add_column("best seen in")
+    numbers = (Column(name, justify="right", no_wrap=True) for name in ("moves", "hidden*"))
+    table = Table(Column("effect", no_wrap=True), "plausible size", *numbers, "best seen in", title_justify="left")
+    table.title = f"Effects at their plausible size: how far each moves the tip of {robot.name}"
     for stage in STAGES:
         for i, s in enumerate([s for s in effect_signatures if s.effect.stage == stage]):
             if i == 0:
