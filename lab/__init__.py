@@ -34,15 +34,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import (  # noqa: I001
-        Case, Cause, case, compare, diagnose, diagnose_model, fit, inverse, load_robot, mujoco_model, open_rig, predict, read,
-        run, save,
-    )  # fmt: skip
+    from diagnosis.any_model import diagnose_model
+    from model.cause import Cause
+
+    from .api import case, compare, diagnose, fit, inverse, load_robot, open_rig, predict, read, run
+    from .files.inputs import Case
+    from .mujoco_adapter import mujoco_model
+    from .pages.answer_page import save
 
 __all__ = [
     "Case", "Cause", "case", "compare", "diagnose", "diagnose_model", "fit", "inverse", "load_robot", "mujoco_model", "open_rig",
     "predict", "read", "run", "save",
 ]  # fmt: skip
+HOMES = {
+    "Case": "lab.files.inputs", "Cause": "model.cause", "diagnose_model": "diagnosis.any_model",
+    "mujoco_model": "lab.mujoco_adapter", "save": "lab.pages.answer_page",
+}  # fmt: skip
+"""Modules of the names that are not those of `lab.api`."""
 
 
 def __getattr__(name: str) -> Any:
@@ -52,7 +60,7 @@ def __getattr__(name: str) -> Any:
 
         if wrong := strangers():
             raise ImportError(wrong)
-        return getattr(import_module(".api", __name__), name)
+        return getattr(import_module(HOMES.get(name, "lab.api")), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

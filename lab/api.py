@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,33 +19,17 @@ if TYPE_CHECKING:  # what solves, diagnoses, records and draws is loaded by what
     from numpy.typing import ArrayLike
 
     from diagnosis.answer.result import Diagnosis
-    from diagnosis.any_model import diagnose_model as diagnose_model
     from diagnosis.diagnose import Options
     from diagnosis.fit_effects import Fitted
-    from model.cause import Cause as Cause
     from model.prediction import Prediction
     from model.prediction.inverse import Reached
     from recordings.file.reader import Recording
 
     from .comparison import Comparison
-    from .files.inputs import Case as Case
-    from .mujoco_adapter import mujoco_model as mujoco_model
-    from .pages.answer_page import save as save
+    from .files.inputs import Case
     from .rig.assembly import Rig
 
 Place = str | Path
-HOMES = {
-    "Case": "lab.files.inputs", "Cause": "model.cause", "diagnose_model": "diagnosis.any_model",
-    "mujoco_model": "lab.mujoco_adapter", "save": "lab.pages.answer_page",
-}  # fmt: skip
-"""Names that stand here and are made elsewhere."""
-
-
-def __getattr__(name: str) -> Any:
-    """One of `HOMES`, when it is first used."""
-    if name in HOMES:
-        return getattr(import_module(HOMES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def load_robot(path: Place) -> Robot:

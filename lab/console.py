@@ -165,7 +165,14 @@ class Screen:
 
     def __exit__(self, *_: object) -> None:
         if self._part is None:
-            self._progress.stop()
+            self.stop()
+
+    def stop(self) -> None:
+        """Take the progress off the screen, until the next step."""
+        self._progress.stop()
+        if self._task is not None:
+            self._progress.remove_task(self._task)
+            self._task = None
 
     @contextlib.contextmanager
     def part(self, before: float, total: float) -> Iterator[None]:
@@ -197,7 +204,9 @@ class Screen:
         self._progress.prompt = prompt
 
     def step(self, name: str, share: float) -> None:
-        """A step whose time is not known, such as "step 2 of 5: hypotheses", and the share of it that is done."""
+        """A step whose time is not known, such as "step 2 of 5: hypotheses", and the share of it that is done; shown at once."""
+        if self._task is None:
+            self.__enter__()
         if self._task is not None:
             self._progress.update(self._task, description=plain(f"{self._title}, {name}"), completed=share)
         if name != self._step[0]:

@@ -4,6 +4,7 @@ of installed packages too. `-k NAME` tries one."""
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import math
 import os
@@ -160,28 +161,20 @@ class DriverOnFake:
 
         `change` takes an answer and the newest request that its line has noted, empty where there is none."""
         changed: list[bytes] = []
-        lines: list[Any] = [part for part in self.parts if isinstance(part, PtyFake)]
+        lines = [part for part in self.parts if isinstance(part, PtyFake)]
         if not lines:
             pytest.skip("its fake has no serial line")
 
-        def through(line: PtyFake) -> Callable[..., None]:
-            send = line.send
+        def through(line: PtyFake, send: Callable[..., None], answer: bytes, line_time: bool = True) -> None:
+            after = change(answer, line.requests[-1] if line.requests else b"")
+            if after != answer:
+                changed.append(after)
+            send(after, line_time)
 
-            def sent(answer: bytes, line_time: bool = True) -> None:
-                after = change(answer, line.requests[-1] if line.requests else b"")
-                if after != answer:
-                    changed.append(after)
-                send(after, line_time)
-
-            return sent
-
-        for line in lines:
-            line.send = through(line)
-        try:
-            yield changed
-        finally:
+        with pytest.MonkeyPatch.context() as patch:
             for line in lines:
-                del line.send
+                patch.setattr(line, "send", functools.partial(through, line, line.send))
+            yield changed
 
 
 def units(*roles: str) -> Any:
@@ -275,22 +268,24 @@ def test_a_disturbed_line_is_told_as_an_instrument_error_or_overcome(unit: Drive
     for line in unit.disturbed:
         setattr(line.faults, fault, b"\x00#\x7f!" if fault == "garbage" else True)
     for call in CALLS[unit.role]:
-        try:
-            call(quick)
-        except InstrumentError as error:
+        if isinstance(error := outcome(call, quick), InstrumentError):
             assert error.instrument == "it" and error.message
     for line in unit.disturbed:
         line.faults = Faults()
     quick.close()
 
 
+def outcome(call: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what a call returns, or the instrument's error that it raises."""
+    try:
+        return call(*arguments)
+    except InstrumentError as error:
+        return error
+
+
 def answers(call: Callable[[], Any]) -> bool:
     """Whether a call succeeds: on a busy computer a quick time-out may pass."""
-    try:
-        call()
-    except InstrumentError:
-        return False
-    return True
+    return not isinstance(outcome(call), InstrumentError)
 
 
 def damaged(answer: bytes, _: bytes) -> bytes:
@@ -367,10 +362,9 @@ def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: DriverOnFake
     for place, call in itertools.product(range(PLACES), CALLS[unit.role]):
         assert until(lambda: answers(quick.open))
         with unit.falsified(place, one=True) as sent:
-            try:
-                result = call(quick)
-            except InstrumentError as error:
-                assert error.instrument == "it", f"{error!r} is for {error.instrument!r}, needed 'it'"
+            result = outcome(call, quick)
+            if isinstance(result, InstrumentError):
+                assert result.instrument == "it", f"{result!r} is for {result.instrument!r}, needed 'it'"
             else:
                 assert not sent, (
                     f"a call returned {result} on the answers {sent}, in each of which one character was changed; verify the "
@@ -415,13 +409,11 @@ def test_close_leaves_the_port_to_others(unit: DriverOnFake) -> None:
     assert handles(port) <= open_before, (
         f"after close() {port} is open {handles(port)} times in this process, before open() it was {open_before} times; close it"
     )
-    second = unit.another()
-    try:
-        second.open()
-    except InstrumentError as error:
-        pytest.fail(f"after close() of a first driver a second could not open the instrument: {error}; close its port")
-    finally:
-        second.close()
+    with contextlib.closing(unit.another()) as second:
+        error = outcome(second.open)
+        assert not isinstance(error, InstrumentError), (
+            f"after close() of a first driver a second could not open the instrument: {error}; close its port"
+        )
 
 
 def handles(port: str) -> int:
@@ -437,11 +429,9 @@ def handles(port: str) -> int:
 def crashes() -> Iterator[list[str]]:
     """How threads ended meanwhile by what is no error of an instrument."""
     found: list[str] = []
-    before, threading.excepthook = threading.excepthook, lambda args: found.append(repr(args.exc_value))
-    try:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threading, "excepthook", lambda args: found.append(repr(args.exc_value)))
         yield found
-    finally:
-        threading.excepthook = before
 
 
 @units(*STREAMS)
@@ -449,19 +439,9 @@ def test_a_stream_that_falls_silent_is_stale_after_max_age(unit: DriverOnFake) -
     driver = unit.strict()
     unit.silence()
     kind = StaleReading if unit.disturbed else InstrumentError  # an ended connection may be told as such
-    outcome: Any = None
-
-    def stale() -> bool:
-        nonlocal outcome
-        try:
-            outcome = driver.latest()
-        except InstrumentError as error:
-            outcome = error
-        return isinstance(outcome, kind)
-
-    assert until(stale, unit.config.max_age + SLACK), (
-        f"{SLACK:g} s after the line had been silent for max_age = {unit.config.max_age:g} s, latest() gave {outcome!r}; "
-        f"needed {kind.__name__}: compare the age of the newest sample, in host time, with max_age"
+    assert until(lambda: isinstance(outcome(driver.latest), kind), unit.config.max_age + SLACK), (
+        f"{SLACK:g} s after the line had been silent for max_age = {unit.config.max_age:g} s, latest() gave "
+        f"{outcome(driver.latest)!r}; needed {kind.__name__}: compare the age of the newest sample, in host time, with max_age"
     )
 
 
@@ -602,17 +582,14 @@ def test_set_points_keep_range_and_rate(unit: DriverOnFake) -> None:
         f"set({beyond}) must be clipped to max_pressure {2 * ASKED:g} Pa, confirmed were {unit.driver.set(beyond)} Pa"
     )
     assert max(unit.driver.set(beyond)) <= 2 * ASKED * (1 + 1e-9), f"set() went beyond max_pressure {2 * ASKED:g} Pa"
-    slow = unit.another(max_rate=1.0)
     unit.driver.close()
-    slow.open()
-    try:
+    with contextlib.closing(unit.another(max_rate=1.0)) as slow:
+        slow.open()
         confirmed = slow.set((ASKED,) * slow.channels)
         assert max(confirmed) < ASKED / 2, f"at max_rate 1 Pa/s the first set() confirmed {confirmed} Pa: the rate is not kept"
         for wrong in ((math.nan,) * slow.channels, (math.inf,) * slow.channels, (0.0,) * (slow.channels + 1)):
             with pytest.raises(LimitExceeded):
                 slow.set(wrong)
-    finally:
-        slow.close()
 
 
 @units("pressure")

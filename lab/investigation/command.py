@@ -9,11 +9,9 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import yaml
 
@@ -52,7 +50,7 @@ from ..options import (
 )
 from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis
-from ..pages.figures import GREY, STYLE, colours, save
+from ..pages.figures import GREY, colours, drawing
 from ..pages.report import PageSection, Report
 from ..plain import typed
 from ..processes import for_case
@@ -149,8 +147,7 @@ def _drawn(story: Investigation, path: Path) -> Path:
     highest = {h: max(p.get(h, 0.0) for p in probability) for h in {h for p in probability for h in p}}
     shown = sorted((h for h in highest if highest[h] > 0.01), key=lambda h: -highest[h])[:6]
     minutes = [r.minutes for r in story.rounds]
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 3.4 + 0.2 * len(shown)), layout="constrained")
+    with drawing(path, (5.2, 3.4 + 0.2 * len(shown))) as (_, axis):
         for h, colour, mark in zip(shown, colours(len(shown)), "os^Dv*", strict=False):
             y = [p.get(h, 0.0) for p in probability]
             axis.plot(minutes, y, marker=mark, color=colour, label=_plain(h, story))
@@ -160,12 +157,9 @@ def _drawn(story: Investigation, path: Path) -> Path:
                 axis.annotate(r.predicted.proposal.id, (middle, 1.03), ha="center", fontsize=8, annotation_clip=False)
                 axis.axvspan(r.minutes, minutes_after, color=GREY, alpha=0.12, lw=0)
         axis.axhline(0.95, color="0.4", lw=0.8, ls="--")
-        axis.set_ylim(0, 1)
-        axis.set_yticks(np.linspace(0, 1, 6))
-        axis.set_xlabel("minutes of experiments")
-        axis.set_ylabel("probability")
+        axis.set(ylim=(0, 1), yticks=np.linspace(0, 1, 6), xlabel="minutes of experiments", ylabel="probability")
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=8)
-        return save(figure, path)
+    return path
 
 
 PREDICTED, PROTOCOL = "predicted.json", "protocol.yaml"
@@ -239,8 +233,7 @@ class RigLaboratory:
         return read_case(self._inputs, self._wanted.robot)
 
     def _run(self, j: Job, place: Path) -> Outcome:
-        with ExitStack() as open_:
-            rig = open_.enter_context(Rig(j.rig))
+        with Rig(j.rig) as rig:
             rig.operator = self._prepared.over(rig.operator)
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed)
@@ -259,24 +252,6 @@ class RigLaboratory:
 STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "investigation.html", "diagnosis.html"
 
 
-class _Weighing:
-    """Progress of one diagnosis after the other; a run in between has its own."""
-
-    _screen: Screen | None = None
-
-    def step(self, name: str, share: float) -> None:
-        """See Screen.step."""
-        if self._screen is None:
-            self._screen = Screen("weighing hypotheses").__enter__()
-        self._screen.step(name, share)
-
-    def stop(self) -> None:
-        """None is going on."""
-        screen, self._screen = self._screen, None
-        if screen is not None:
-            screen.__exit__(None, None, None)
-
-
 def run(w: argparse.Namespace) -> Result:
     """Investigate; code 0: done, 3: samples lost, 1: failed or stopped. Raises ConfigError, RecordingError, InstrumentError."""
     case = read_case(w.inputs, w.robot)
@@ -290,7 +265,7 @@ def run(w: argparse.Namespace) -> Result:
     weighed, left_out = catalogue(case.robot, w.effects)
     note(f"not considered: {why}" for why in left_out)
     rounds: list[Round] = []
-    weighing = _Weighing()
+    weighing = Screen("weighing hypotheses")  # shown but for the runs, which have their own
     say = Screen("").say
 
     def diagnosed(r: Round) -> None:

@@ -79,9 +79,7 @@ def write(answer: Answer, path: Path, title: str, source: str) -> Path:
         ]  # fmt: skip
         report.section("How large the cause is").table(("parameter", "value", "standard error", "nominal", ""), rows)
         if answer.notes:
-            section = report.section("What speaks against the answer")
-            for line in answer.notes:
-                section.text(line)
+            report.section("What speaks against the answer").text(*answer.notes)
         rows = [[key, f"{value:.5g} {unit}".rstrip()] for key, (value, unit) in answer.calibration.items()]
         report.section("What calibration found", folded=True).table(("parameter", "value"), rows)
         return report.write(path)
@@ -167,7 +165,6 @@ def _residuals(axis: Any, answer: Answer, unit: str) -> None:
     for (step, residual), colour, mark in zip(answer.residuals.items(), (GREY, BLUE), "os", strict=False):
         length = np.sqrt((residual[:, own] ** 2).sum(axis=1)) * factor
         axis.plot(np.arange(1, len(length) + 1), length, mark, ms=3, color=colour, label=NAMES[step])
-    axis.set_xlabel("row")
-    axis.set_ylabel(f"residual of {', '.join(list(answer.outputs)[i] for i in own)}, {shown}".rstrip(", "))
-    axis.set_ylim(bottom=0)
+    drawn = ", ".join(list(answer.outputs)[i] for i in own)
+    axis.set(xlabel="row", ylabel=f"residual of {drawn}, {shown}".rstrip(", "), ylim=(0, None))
     legend_below(axis)

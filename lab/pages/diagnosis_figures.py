@@ -9,7 +9,6 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -20,7 +19,7 @@ from diagnosis.data.levels import levels
 from model.actuators import Words
 from model.arrays import Array, Mask
 
-from .figures import STYLE, colours, save
+from .figures import colours, drawing
 from .report import CALIBRATED, GIVEN
 
 SAME_LENGTH = 0.01
@@ -37,16 +36,15 @@ HATCHES = {
 
 def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -> list[Path]:
     """The gap uncalibrated and calibrated, on two scales, and what each step takes of the latter; `length` m of the robot."""
-    calibrated = w.steps[0].left_mm
-    with plt.rc_context(STYLE):
-        figure, whole = plt.subplots(figsize=(2.6, 0.9 + 0.42 * len(names)), layout="constrained")
+    calibrated, height = w.steps[0].left_mm, 0.9 + 0.42 * len(names)
+    paths = [folder / "waterfall-whole.svg", folder / "waterfall-steps.svg"]
+    with drawing(paths[0], (2.6, height)) as (_, whole):
         bars = whole.bar([GIVEN, CALIBRATED], [w.given_mm, calibrated], 0.6, color=[LIGHT, GREY], ec="k", lw=0.6)
         whole.bar_label(bars, [f"{v:.2f} mm\n{v / length / 10:.2f} % L" for v in (w.given_mm, calibrated)], fontsize=8, padding=2)
         whole.margins(y=0.25)
         whole.set_ylabel("error, mm rms, unseen states")
         whole.grid(False, axis="x")
-        first = save(figure, folder / "waterfall-whole.svg")
-        figure, steps = plt.subplots(figsize=(3.9, 0.9 + 0.42 * len(names)), layout="constrained")
+    with drawing(paths[1], (3.9, height)) as (_, steps):
         for row, step in enumerate(w.steps[1:]):
             colour = BLUE if step.step == "cause" else RED if step.step == "noise" else GREY
             steps.barh(
@@ -60,12 +58,11 @@ def waterfall(w: Waterfall, names: Sequence[str], length: float, folder: Path) -
             )
             steps.plot([step.left_mm] * 2, [row, row + 1], ":", color="0.5", lw=0.8)
         steps.set_yticks(range(len(names) - 1), [fill(name, 22) for name in names[1:]], fontsize=8)
-        steps.set_ylim(len(names) - 1.4, -0.6)
-        steps.set_xlabel(f"mm rms: from {calibrated:.2f} mm calibrated down to nothing")
+        steps.set(ylim=(len(names) - 1.4, -0.6), xlabel=f"mm rms: from {calibrated:.2f} mm calibrated down to nothing")
         steps.margins(x=0.12)
         steps.axvline(0.0, color="k", lw=0.8)
         steps.grid(False, axis="y")
-        return [first, save(figure, folder / "waterfall-steps.svg")]
+    return paths
 
 
 @dataclass(frozen=True)
@@ -133,10 +130,9 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                 pressures = _levels(s["pressure"][of_branch], grain)
                 maps.append((f"{model}, {direction}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
-    pictures = []
-    for k, (title, pressures, values) in enumerate(maps):
-        with plt.rc_context(STYLE):
-            figure, axis = plt.subplots(figsize=(4.3, 1.3 + 0.26 * len(rows)), layout="constrained")
+    pictures = [folder / f"map-{k}.svg" for k in range(len(maps))]
+    for path, (title, pressures, values) in zip(pictures, maps, strict=True):
+        with drawing(path, (4.3, 1.3 + 0.26 * len(rows))) as (figure, axis):
             image = axis.imshow(values, aspect="auto", vmin=0, vmax=top, cmap="cividis")
             axis.set_xticks(range(len(pressures)), [d.words.number(p) for p in pressures])
             axis.set_yticks(range(len(rows)), labels, fontsize=8)
@@ -145,11 +141,9 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                     if np.isfinite(value):
                         axis.text(j, i, f"{value:.2g}", ha="center", va="center", fontsize=7,
                                   color="k" if value > 0.5 * top else "w")  # fmt: skip
-            axis.set_title(title, loc="left")
+            axis.set(title=title, xlabel=d.words.axis)
             axis.grid(False)
-            axis.set_xlabel(d.words.axis)
             figure.colorbar(image, ax=axis, label="gap, mm rms")
-            pictures.append(save(figure, folder / f"map-{k}.svg"))
     return pictures
 
 
@@ -159,11 +153,10 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
     half = d.locate.noise_floor_mm / np.sqrt(3)  # of the band: the floor along one of three axes
     missed = {model: s["tip"] - s[key] for key, model in (("calibrated", CALIBRATED), ("explained", name))}
     most = max(float(np.nanmax(np.abs(gap[:, :2]))) for gap in missed.values()) * 1e3 * 1.05 + half
-    pictures = []
-    for k, g in enumerate(by_group):
+    pictures = [folder / f"loops-{k}.svg" for k in range(len(by_group))]
+    for path, g in zip(pictures, by_group, strict=True):
         directions = (("along bending", g.side), ("across", np.array([-g.side[1], g.side[0], 0.0])))
-        with plt.rc_context(STYLE):
-            figure, axes = plt.subplots(2, 2, figsize=(4.2, 4.4), layout="constrained", sharex=True, sharey=True)
+        with drawing(path, (4.2, 4.4), 2, 2, {"axes.titlesize": 8}, sharex=True, sharey=True) as (figure, axes):
             for row, (model, gap) in zip(axes, missed.items(), strict=True):
                 for axis, (word, direction) in zip(row, directions, strict=True):
                     axis.axhspan(-half, half, color="0.9")
@@ -171,7 +164,7 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                         for branch, style in ((1, "-"), (-1, "--")):
                             selected = g.selected & (s["branch"] == branch) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
                             _curve(axis, s["pressure"][selected], d.words.pascal, gap[selected] @ direction * 1e3, colour, style)
-                    axis.set_title(f"{model},\n{word}", loc="left", fontsize=8)
+                    axis.set_title(f"{model},\n{word}")
                 row[0].set_ylabel("measured minus\nmodel, mm")
             legend = axes[0, 0]
             if len(g.lengths) > 1:
@@ -184,7 +177,6 @@ def loops(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                 axis.set_xlabel(d.words.axis)
             figure.suptitle(g.name, fontsize=9)
             figure.legend(*legend.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
-            pictures.append(save(figure, folder / f"loops-{k}.svg"))
     return pictures
 
 
@@ -203,10 +195,8 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             selected = g.selected & (s["branch"] == 1) & (np.abs(s["spine_length"] - length) < SAME_LENGTH)
             if not selected.any():
                 continue
-            with plt.rc_context(STYLE):
-                figure, (top, below) = plt.subplots(
-                    2, 1, figsize=(3.9, 4.4), layout="constrained", sharex=True, height_ratios=(3, 2)
-                )
+            pictures.append(folder / f"unseen-{k}-{j}.svg")
+            with drawing(pictures[-1], (3.9, 4.4), 2, sharex=True, height_ratios=(3, 2)) as (figure, (top, below)):
                 for key, style, label, colour in models:
                     _curve(top, s["pressure"][selected], d.words.pascal, s[key][selected] @ g.side * 1e3, colour, style, label)
                     if key != "given":
@@ -214,13 +204,10 @@ def unseen_tips(d: Diagnosis, name: str, folder: Path) -> list[Path]:
                         _curve(below, s["pressure"][selected], d.words.pascal, missed, colour, style)
                 tip = s["tip"][selected] @ g.side * 1e3
                 top.plot(s["pressure"][selected] / d.words.pascal, tip, "o", color=RED, mfc="none", ms=4, label="measured")
-                top.set_title(f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", loc="left")
+                top.set(title=f"{g.name}{f', spine {length * 100:.0f} cm' if spines else ''}", ylabel="tip, mm")
                 below.axhspan(0, d.locate.noise_floor_mm, color="0.9")
-                below.set_xlabel(d.words.axis)
-                top.set_ylabel("tip, mm")
-                below.set_ylabel("tip missed\nby, mm")
+                below.set(xlabel=d.words.axis, ylabel="tip missed\nby, mm")
                 figure.legend(*top.get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
-                pictures.append(save(figure, folder / f"unseen-{k}-{j}.svg"))
     return pictures
 
 
@@ -232,18 +219,15 @@ def posterior(
     labels = [fill(hypothesis_name(r.effects, names, ids=False), 30) for r in ranking]
     lines = sum(label.count("\n") + 1 for label in labels)
     tied = {e for group in alike for e in group}
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 0.7 + 0.14 * len(labels) + 0.2 * lines), layout="constrained")
+    with drawing(path, (5.2, 0.7 + 0.14 * len(labels) + 0.2 * lines)) as (_, axis):
         shades = [RED if r.effects == ("unknown",) else GREY if not r.effects else BLUE for r in ranking]
         bars = axis.barh(range(len(labels)), [r.probability for r in ranking], 0.7, color=shades)
         axis.set_yticks(range(len(labels)), labels, fontsize=8)
         marks = [f"{r.probability:.2f}" + (" *" if set(r.effects) & tied else "") for r in ranking]
         axis.bar_label(bars, marks, fontsize=8, padding=3)
-        axis.set_xlim(0, 1.15)
-        axis.set_xticks(np.linspace(0, 1, 6))
-        axis.set_xlabel("probability")
+        axis.set(xlim=(0, 1.15), xticks=np.linspace(0, 1, 6), xlabel="probability")
         axis.grid(False, axis="y")
-        return save(figure, path)
+    return path
 
 
 def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
@@ -252,18 +236,16 @@ def confounding(d: Diagnosis, names: Mapping[str, str], path: Path) -> Path:
     by_one_factor, by_length_factors = d.detail["confounding"]["one"], d.detail["confounding"]["per_length"]
     effects = sorted(by_one_factor, key=lambda e: by_one_factor[e])
     rows = np.arange(len(effects))
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(5.2, 0.8 + 0.26 * len(effects)), layout="constrained")
+    with drawing(path, (5.2, 0.8 + 0.26 * len(effects))) as (figure, axis):
         axis.barh(rows + 0.2, [100 * by_one_factor[n] for n in effects], 0.38, color=BLUE, label=f"one {d.words.area_factor}")
         if spines:
             shares = [100 * by_length_factors[n] for n in effects]
             axis.barh(rows - 0.2, shares, 0.38, color=GREY, hatch="//", label=f"{d.words.an_area_factor} for each spine length")
         axis.set_yticks(rows, [fill(plain_name(e, names), 30) for e in effects], fontsize=8)
-        axis.set_ylim(-0.7, len(effects) - 0.3)
-        axis.set_xlabel("share of the effect that a calibration absorbs, %")
+        axis.set(ylim=(-0.7, len(effects) - 0.3), xlabel="share of the effect that a calibration absorbs, %")
         axis.grid(False, axis="y")
         figure.legend(loc="outside lower center", fontsize=8)
-        return save(figure, path)
+    return path
 
 
 def _states(d: Diagnosis) -> dict[str, Array]:
@@ -334,19 +316,16 @@ def _panels(size: Mapping[str, Any], folder: Path, number: int, words: Words) ->
     pad = 0.04 * (max(ends) - min(ends))
     near = min(mean - 4 * sd, size["low90"]), max(mean + 4 * sd, size["high90"])
     shown = np.exp if unit == FACTOR else lambda x: x
-    parts = [
-        (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
-        (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
-    ]
-    pictures = []
-    for name, (title, low, high) in zip(("wide", "close"), parts, strict=True):
-        with plt.rc_context(STYLE):
-            figure, axis = plt.subplots(figsize=(3.8, 1.75), layout="constrained")
+    parts = {
+        folder / f"size-{number}-wide.svg": (f"{size['name']}{unit and ', '}{unit}", min(ends) - pad, max(ends) + pad),
+        folder / f"size-{number}-close.svg": (f"90 %: {shown(size['low90']):.3g} .. {shown(size['high90']):.3g}", *near),
+    }
+    for path, (title, low, high) in parts.items():
+        with drawing(path, (3.8, 1.75), style={"axes.titlesize": 9}) as (_, axis):
             _density(axis, size, low, high)
-            axis.set_title(title, loc="left", fontsize=9)
+            axis.set_title(title)
             axis.xaxis.set_major_formatter(lambda x, _: f"{shown(x):.3g}")
-            pictures.append(save(figure, folder / f"size-{number}-{name}.svg"))
-    return pictures
+    return list(parts)
 
 
 def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float) -> None:
@@ -368,9 +347,7 @@ def _density(axis: Axes, size: Mapping[str, Any], lowest: float, highest: float)
     for bound in (low, high):
         if np.isfinite(bound):
             axis.axvline(bound, color=RED, lw=1.6)
-    axis.set_xlim(lowest, highest)
-    axis.set_ylim(0, 1.25)
-    axis.set_yticks([])
+    axis.set(xlim=(lowest, highest), ylim=(0, 1.25), yticks=[])
 
 
 MODELS = {"calibrated": (GREY, "--", "s"), "explained": (BLUE, "-", "D")}
@@ -388,21 +365,19 @@ def _panel(state: State, name: str, path: Path, words: Words) -> Path:
     tips = np.vstack([_mm(state["measured_tip"]), *(_mm(state[model]["tip"]) for model in MODELS)])
     middle = np.nanmean(tips, axis=0)
     half = max(2.0, 1.25 * float(np.nanmax(np.abs(tips - middle))))  # mm, of the close-up's width: 4 mm at least
-    with plt.rc_context(STYLE | {"font.size": 8}):
-        figure, axes = plt.subplots(2, 2, figsize=(4.0, 5.4), layout="constrained", height_ratios=(3, 2))
+    small = {"font.size": 8, "axes.titlesize": 8, "axes.titlelocation": "center"}
+    with drawing(path, (4.0, 5.4), 2, 2, small, height_ratios=(3, 2)) as (figure, axes):
         for k, (whole, close) in enumerate(axes.T):
             for axis in (whole, close):
                 _draw(axis, state, k, names)
-                axis.set_xlabel(f"{'xy'[k]}, mm")
-                axis.set_ylabel("z, mm")
+                axis.set(xlabel=f"{'xy'[k]}, mm", ylabel="z, mm")
             whole.set_aspect("equal", adjustable="datalim")
             whole.invert_yaxis()
             close.set(xlim=(middle[k] - half, middle[k] + half), ylim=(middle[2] + half, middle[2] - half), aspect="equal")
-            close.set_title(f"tip, {2 * half:.0f} mm wide", fontsize=8)
+            close.set_title(f"tip, {2 * half:.0f} mm wide")
         figure.suptitle(state_name(state, words), fontsize=9)
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
-        return save(figure, path)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    return path
 
 
 def state_name(state: State, words: Words) -> str:
@@ -439,8 +414,7 @@ def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
     pushed = zip(stiffness["specimen"], stiffness["spine_length"], strict=True)
     names = [f"{kind} {100 * length:.3g} cm" for kind, length in pushed]
     specimens = list(dict.fromkeys(names))
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(2, 1, figsize=(4.8, 5.6), layout="constrained", sharex=True, sharey=True)
+    with drawing(path, (4.8, 5.6), 2, sharex=True, sharey=True) as (figure, axes):
         for axis, (key, title) in zip(axes, models, strict=True):
             missed = 1e3 * (np.array(stiffness["force"]) - np.array(stiffness[key])) / np.array(stiffness["stiffness"])
             axis.axhspan(-stiffness["floor_mm"], stiffness["floor_mm"], color="0.9")
@@ -449,8 +423,7 @@ def pushes(stiffness: Mapping[str, Any], name: str, path: Path) -> Path:
                     selected = trial == t
                     axis.plot(1e3 * deflection[selected], missed[selected], "-o", ms=2.5, lw=0.9, color=colour)
                 axis.plot([], [], color=colour, label=specimen)
-            axis.set_title(title, loc="left")
-            axis.set_ylabel("measured minus model,\nmm of deflection")
+            axis.set(title=title, ylabel="measured minus model,\nmm of deflection")
         axes[1].set_xlabel("deflection, mm")
         figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
-        return save(figure, path)
+    return path

@@ -46,27 +46,11 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
     """Write one offline page: the answer, where it shows and what to do first; evidence next; details folded.
 
     `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
-    report = opened("The gap between model and robot", d, case, inputs, protocols)
-    fill(report, d, case, protocols)
-    return report.write(path)
-
-
-def opened(title: str, d: Diagnosis, case: Case, inputs: Sequence[Path], protocols: Path | None) -> Report:
-    """A page with the answer on top and where it comes from at its foot."""
-    source = ", ".join(map(str, inputs))
-    return Report(
-        title, f"{time.strftime('%Y-%m-%d %H:%M')}, {source}", d.headline, d.texts("critical"), small(d),
-        gap_numbers(d), _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
+    when = f"{time.strftime('%Y-%m-%d %H:%M')}, {', '.join(map(str, inputs))}"
+    report = Report(
+        "The gap between model and robot", when, d.headline, d.texts("critical"), small(d), gap_numbers(d),
+        _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
     )  # fmt: skip
-
-
-def hypothesis(effects: Sequence[str], d: Diagnosis) -> str:
-    """A hypothesis by the plain names and identifiers of its effects."""
-    return hypothesis_name(effects, d.names)
-
-
-def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> None:
-    """Add all sections of a diagnosis to a page."""
     length, table, spine = case.robot.length, case.table, case.robot.spine is not None
     report.section("The answer in full", folded=True).text(d.statement)
     tips = d.locate.of == "tip"
@@ -80,14 +64,11 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
         if d.holdout is not None:
             _held_out(report.section("Evidence: a campaign that was not fitted"), d.holdout, sentences.held_out(d), spine)
         if d.change is not None:
-            section = report.section("What changed since the reference")
-            section.text(d.change.statement)
             rows = [[hypothesis(effects, d) if effects else "nothing", stated(p)] for effects, p in d.change.ranking[:6]]
+            section = report.section("What changed since the reference").text(d.change.statement)
             section.table(("changed", "probability"), rows)
         if against := d.texts("warning", "note"):
-            section = report.section("What speaks against the answer")
-            for line in against:
-                section.text(line[:1].upper() + line[1:])
+            report.section("What speaks against the answer").text(*(line[:1].upper() + line[1:] for line in against))
         if d.detail["sizes"]:
             _sizes(report.section("How large the cause is", folded=True), d, folder)
         factors = f"{'spine length, ' if spine else ''}{d.words.pressure}, branch and time"
@@ -106,6 +87,12 @@ def fill(report: Report, d: Diagnosis, case: Case, protocols: Path | None) -> No
             how = "Each state's mean; bars: one standard deviation of the samples averaged. The model does not use them."
             own.figure(apart(draw_sensors(table, d.words), folder / "sensors.svg"), how)
             own.table(*sensor_numbers(table))
+        return report.write(path)
+
+
+def hypothesis(effects: Sequence[str], d: Diagnosis) -> str:
+    """A hypothesis by the plain names and identifiers of its effects."""
+    return hypothesis_name(effects, d.names)
 
 
 def origin(robot: str, inputs: Sequence[Path]) -> str:
@@ -191,15 +178,9 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     )
     model = "model" if d.simulator is None else d.simulator.name
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]
-    rows += [
-        [
-            with_id(x.effect, d.names) if x.effect else steps[x.step],
-            _mm(x.mm),
-            f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}",
-            _mm(x.left_mm),
-        ]
-        for x in w.steps
-    ]
+    for x in w.steps:
+        name = with_id(x.effect, d.names) if x.effect else steps[x.step]
+        rows.append([name, _mm(x.mm), f"{_mm(x.low95_mm)} .. {_mm(x.high95_mm)}", _mm(x.left_mm)])
     s.table(("step", "removes, mm rms", "95 %", "remaining, mm rms"), rows)
     if origins := sentences.stands_for(d.calibration, d.words):
         s.text(f"{origins}.")
@@ -256,18 +237,11 @@ def _lengths(d: Diagnosis, joint: str = ", ") -> str:
 
 def _by_factor(s: PageSection, d: Diagnosis, spine: bool) -> None:
     """Write the calibrated gap by each level of each factor, with those above the noise floor marked."""
-    rows = [
-        [
-            f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}",
-            str(c.n),
-            f"{c.rmse_mm:.2f}",
-            f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}",
-            "*" if c.significant else "",
-        ]
-        for name, cells in d.locate.by.items()
-        for c in cells
-        if spine or name != "spine_length"
-    ]
+    rows = []
+    for name, c in ((name, c) for name, cells in d.locate.by.items() for c in cells if spine or name != "spine_length"):
+        level = f"{d.words.fill(in_words(name))} {_at(name, c.value, d.words)}"
+        ends = f"{c.low95_mm:.2f} .. {c.high95_mm:.2f}"
+        rows.append([level, str(c.n), f"{c.rmse_mm:.2f}", ends, "*" if c.significant else ""])
     s.table(("where", "states", f"{CALIBRATED}, in-sample, mm rms", "95 %", ""), rows)
     s.text("*: above the noise floor, with false alarms held to 5 % of all rows.")
     euler = d.locate.numerical_error_mm
@@ -391,15 +365,10 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
         f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
         + "; mm, base frame",
     )
-    rows = [
-        [
-            draw.state_name(x, d.words).replace("\n", ", "),
-            _point(x["measured_tip"]),
-            _miss(x, "calibrated"),
-            _miss(x, "explained"),
-        ]
-        for x in states
-    ]
+    rows = []
+    for x in states:
+        name = draw.state_name(x, d.words).replace("\n", ", ")
+        rows.append([name, _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")])
     s.table(("state", "measured tip, mm", f"{CALIBRATED}, off by, mm", f"{explained(d)}, off by, mm"), rows)
 
 

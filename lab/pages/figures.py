@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
 STYLE: dict[Any, Any] = {
     "font.size": 9, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
     "figure.dpi": 110, "savefig.dpi": 150, "legend.frameon": False, "axes.titlesize": 10, "text.parse_math": False,
-    "svg.hashsalt": "softlab",
+    "svg.hashsalt": "softlab", "axes.titlelocation": "left",
 }  # fmt: skip
 
-BLUE, GREY = "#20639b", "#b9c3cb"
+GREY = "#b9c3cb"
 
 
 def colours(n: int) -> list[tuple[float, float, float, float]]:
@@ -54,30 +55,38 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
+@contextmanager
+def drawing(
+    path: Path, size: tuple[float, float], rows: int = 1, columns: int = 1, style: dict[Any, Any] = STYLE, **how: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """Yield a figure (`size` in inches) and its axes, `how` as for `plt.subplots`; write it to `path` at the end of the block."""
+    with plt.rc_context(STYLE | style):
+        figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", **how)
+        yield figure, axes
+        save(figure, path)
+
+
 Panel = Callable[[Axes], None]
 
 
 def in_a_row(panels: Sequence[Panel], path: Path) -> Path:
     """All panels in one picture, two in a row."""
     rows = -(-len(panels) // 2)
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(rows, 2, figsize=(9, 3.8 * rows), layout="constrained", squeeze=False)
+    with drawing(path, (9, 3.8 * rows), rows, 2, squeeze=False) as (_, axes):
         for draw, axis in zip(panels, axes.flat, strict=False):
             draw(axis)
         for axis in axes.flat[len(panels) :]:
             axis.set_axis_off()
-        return save(figure, path)
+    return path
 
 
 def apart(panels: Sequence[Panel], path: Path) -> list[Path]:
     """Each panel as a picture of its own, which a page can set in a row or one below the other."""
-    made = []
-    for k, draw in enumerate(panels):
-        with plt.rc_context(STYLE):
-            figure, axis = plt.subplots(figsize=(4.3, 3.6), layout="constrained")
+    paths = [path.with_stem(f"{path.stem}-{k}") for k in range(len(panels))]
+    for place, draw in zip(paths, panels, strict=True):
+        with drawing(place, (4.3, 3.6)) as (_, axis):
             draw(axis)
-            made.append(save(figure, path.with_stem(f"{path.stem}-{k}")))
-    return made
+    return paths
 
 
 def legend_below(axis: Axes, title: str | None = None) -> None:
@@ -102,8 +111,7 @@ def tip_curves(c: Comparison, words: Words = Chambers.words) -> list[Panel]:
         axis.plot([], [], "k-", lw=1.2, label="model")
         axis.plot([], [], "k^", ms=4, label="measured, load")
         axis.plot([], [], "kv", ms=4, mfc="none", label="measured, unload")
-        axis.set_xlabel(words.axis)
-        axis.set_ylabel(name)
+        axis.set(xlabel=words.axis, ylabel=name)
         legend_below(axis)
 
     return [lambda axis: panel(axis, 0, "tip x, mm (bending)"), lambda axis: panel(axis, 2, "tip z, mm (along the hanging rod)")]
@@ -113,8 +121,7 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
     """Draw x, y and z of the predicted tip over the highest pressure (n,) Pa, a colour for each spine length (n,) m."""
     low, high = prediction.interval()
     lengths = np.unique(np.round(spine_length, 4))
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
+    with drawing(path, (11, 3.6), 1, 3) as (_, axes):
         for length, colour in zip(lengths, colours(len(lengths)), strict=True):
             selected = np.flatnonzero(np.round(spine_length, 4) == length)
             pressures = pressure[selected] / words.pascal
@@ -124,12 +131,11 @@ def tips(pressure: Array, spine_length: Array, prediction: Prediction, path: Pat
             if len(lengths) <= 12:
                 axes[0].plot([], [], "o", ms=3, color=colour, label=f"{100 * length:.3g} cm")
         for k, axis in enumerate(axes):
-            axis.set_xlabel(f"highest {words.axis}")
-            axis.set_ylabel(f"tip {'xyz'[k]}, mm")
-        axes[0].set_title("bars: 95 % interval of a reading", loc="left")
+            axis.set(xlabel=f"highest {words.axis}", ylabel=f"tip {'xyz'[k]}, mm")
+        axes[0].set_title("bars: 95 % interval of a reading")
         if len(lengths) <= 12:
             axes[0].legend(title="spine", fontsize=8, ncols=2)
-        return save(figure, path)
+    return path
 
 
 def targets(wanted: Array, reached: Reached, path: Path) -> Path:
@@ -137,8 +143,7 @@ def targets(wanted: Array, reached: Reached, path: Path) -> Path:
     tip = reached.prediction.tip
     place = np.where(np.isfinite(wanted), wanted, tip)
     low, high = reached.prediction.interval(model_only=True)
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    with drawing(path, (9, 4), 1, 2) as (_, axes):
         for axis, (i, j) in zip(axes, ((0, 2), (0, 1)), strict=True):
             axis.errorbar(
                 1e3 * tip[:, i], 1e3 * tip[:, j], 1e3 * (high - low)[:, j] / 2, 1e3 * (high - low)[:, i] / 2,
@@ -148,10 +153,9 @@ def targets(wanted: Array, reached: Reached, path: Path) -> Path:
                 axis.plot(1e3 * place[selected, i], 1e3 * place[selected, j], mark, ms=7, mfc="none", color="black", label=label)
             axis.plot(1e3 * np.stack([place[:, i], tip[:, i]]), 1e3 * np.stack([place[:, j], tip[:, j]]), ":", color="0.5")
             axis.set_aspect("equal", "datalim")
-            axis.set_xlabel(f"{'xyz'[i]}, mm")
-            axis.set_ylabel(f"{'xyz'[j]}, mm")
+            axis.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
         axes[0].legend(fontsize=8)
-        return save(figure, path)
+    return path
 
 
 PREFIX = "sensor_"
@@ -189,8 +193,7 @@ def _panel(axis: Axes, table: Table, column: str, over: str, pascal: float) -> N
             places[selected], value[selected], spread[selected], fmt="o", ms=3.5, lw=0.8, capsize=2, color=colour,
             label=f"{100 * length:.0f} cm",
         )  # fmt: skip
-    axis.set_ylabel(label(table, column))
-    axis.set_xlabel(over)
+    axis.set(xlabel=over, ylabel=label(table, column))
     if over == "state":
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     if len(lengths) > 1:

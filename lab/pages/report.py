@@ -130,9 +130,9 @@ class PageSection:
     """Shown as its heading alone until it is opened."""
     items: list[Item] = field(default_factory=list)
 
-    def text(self, text: str) -> PageSection:
-        """Add a paragraph."""
-        self.items.append(Item("text", text=text))
+    def text(self, *texts: str) -> PageSection:
+        """Add paragraphs."""
+        self.items += [Item("text", text=text) for text in texts]
         return self
 
     def figure(self, pictures: Path | Sequence[Path], caption: str) -> PageSection:

@@ -28,7 +28,7 @@ from ..priority import BEHIND
 from ..processes import processes
 from .check import check
 from .compare import compare
-from .diagnose import Outputs, diagnose
+from .diagnose import Wanted, diagnose
 from .fakes import PATIENT, PATIENT_PAUSES, effects, write_rig
 from .fit import fit
 from .recorded import replay
@@ -90,7 +90,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     step("lab replay: the same numbers from the files alone", lambda: replay(files))
     step("lab fit", lambda: fit(files))
     step("lab compare: the paper's parameters", lambda: compare(files, None, None))
-    answers = Outputs(folder / "diagnosis.json", folder / "report.html", folder / "next")
+    answers = Wanted(folder / "diagnosis.json", folder / "report.html", folder / "next")
     step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))
     out.print(f"\nThe seal: {seal}")

@@ -6,7 +6,7 @@ import argparse
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,8 +45,8 @@ from ..processes import cluster, for_case
 
 
 @dataclass(frozen=True)
-class Outputs:
-    """Destinations of the answer in addition to the screen."""
+class Wanted:
+    """Options of the verb: destinations in addition to the screen, inputs in addition to the campaign, and processors."""
 
     json: Path | None = None
     report: Path | None = None
@@ -54,12 +54,6 @@ class Outputs:
     """Folder for the proposed experiments as protocol files."""
     replace: bool = False
     """Delete and replace that folder with everything in it."""
-
-
-@dataclass(frozen=True)
-class Comparisons:
-    """Inputs in addition to the diagnosed campaign."""
-
     reference: Path | None = None
     holdout: Path | None = None
     effects: Path | None = None
@@ -68,70 +62,65 @@ class Comparisons:
     """Predictions of another simulator, replacing the rod's."""
     simulator: str | None = None
     """The same from the simulator itself."""
+    workers: int | None = None
+    scheduler: str | None = None
+    """Address of a Dask cluster that does the work."""
 
 
-def diagnose(
-    inputs: Sequence[Path],
-    robot: Path | None,
-    outputs: Outputs,
-    comparisons: Comparisons | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-) -> Result:
-    """Diagnose recordings or a case, here or (`scheduler`) on a Dask cluster. Raises ConfigError, BadEffect, RecordingError."""
-    comparisons = comparisons or Comparisons()
-    demand_writable(outputs.json, outputs.report)
-    demand_free(outputs.protocols, replace=outputs.replace, inputs=inputs)
-    cores = workers if workers is not None else len(os.sched_getaffinity(0))
+def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Result:
+    """Diagnose recordings or a case. Raises ConfigError, BadEffect, RecordingError."""
+    demand_writable(wanted.json, wanted.report)
+    demand_free(wanted.protocols, replace=wanted.replace, inputs=inputs)
+    cores, scheduler = wanted.workers if wanted.workers is not None else len(os.sched_getaffinity(0)), wanted.scheduler
     if cores < 1:
         raise ConfigError(f"--workers {cores}: must be at least 1")
     with ExitStack() as open_while_diagnosed:
         pool_for = open_while_diagnosed.enter_context(for_case(1 if scheduler is not None else cores))
         case = read_case(inputs, robot)
-        if comparisons.baseline is not None or comparisons.simulator is not None:
+        if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
         note(case.table.warnings)
         note(marked_notes(case.table))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
-        answer = worth_doing(_answer(case, robot, comparisons, executor))
+        answer = worth_doing(_answer(case, robot, wanted, executor))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
-    if outputs.json is not None:
-        outputs.json.write_text(answer.to_json() + "\n", encoding="utf-8")
+    if wanted.json is not None:
+        wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
-    if outputs.protocols is not None:
-        with whole(outputs.protocols, replace=outputs.replace, inputs=inputs) as place:
+    if wanted.protocols is not None:
+        with whole(wanted.protocols, replace=wanted.replace, inputs=inputs) as place:
             paths = write_protocols(answer.next_experiment, place, case.robot)
-        written = [outputs.protocols / path.name for path in paths]
-    show(answer, outputs.protocols)
+        written = [wanted.protocols / path.name for path in paths]
+    show(answer, wanted.protocols)
     if written:
         out.print(f"written: {', '.join(map(str, written))}", soft_wrap=True)
-    if outputs.report is not None:
+    if wanted.report is not None:
         from ..pages.diagnosis_report import write  # what draws takes a third of the start, and only a page needs it
 
-        write(answer, case, inputs, outputs.report.resolve(), outputs.protocols)
-        out.print(f"report: {outputs.report}")
+        write(answer, case, inputs, wanted.report.resolve(), wanted.protocols)
+        out.print(f"report: {wanted.report}")
     return Result()
 
 
-def _answer(case: Case, robot: Path | None, comparisons: Comparisons, executor: Executor) -> Diagnosis:
+def _answer(case: Case, robot: Path | None, wanted: Wanted, executor: Executor) -> Diagnosis:
     """Diagnose a case and, if an earlier campaign is given, what has changed since. Raises ConfigError."""
-    weighed, left_out = catalogue(case.robot, comparisons.effects)
-    held = _held_out(comparisons.holdout, robot) if comparisons.holdout is not None else None
-    baseline = _baseline(case, comparisons, weighed)
+    weighed, left_out = catalogue(case.robot, wanted.effects)
+    held = _held_out(wanted.holdout, robot) if wanted.holdout is not None else None
+    baseline = _baseline(case, wanted, weighed)
     try:
         with Screen("weighing hypotheses") as screen:
             shown = replace(executor, progress=screen.step)
             answer = diagnosed(case, Options(catalogue=weighed, holdout=held, baseline=baseline, executor=shown))
         answer = replace(answer, findings=(*answer.findings, *(finding("not_considered", why=why) for why in left_out)))
-        if comparisons.reference is None:
+        if wanted.reference is None:
             return answer
-        earlier = read_case([comparisons.reference], robot)
+        earlier = read_case([wanted.reference], robot)
         with Screen("comparing") as screen:
             change = compare_campaigns(case, earlier, weighed, replace(executor, progress=screen.step))
             return replace(answer, change=change)
     except BadHoldout as e:
-        raise ConfigError(f"--holdout {comparisons.holdout}: {e}") from e
+        raise ConfigError(f"--holdout {wanted.holdout}: {e}") from e
     except np.linalg.LinAlgError as e:
         raise ConfigError(
             f"the fit has no unique solution ({str(e).lower()}): a number of robot.yaml is far from the data; check path_radius, "
@@ -149,20 +138,20 @@ def _of_robot(case: Case) -> Case:
     return replace(case, table=table)
 
 
-def _baseline(case: Case, comparisons: Comparisons, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
+def _baseline(case: Case, wanted: Wanted, weighed: Mapping[str, EffectSpec]) -> Baseline | None:
     """Predictions of a table or a simulator that replace the rod model's; None: the rod's own. Raises ConfigError."""
-    given = [name for name in ("baseline", "simulator") if getattr(comparisons, name) is not None]
+    given = [name for name in ("baseline", "simulator") if getattr(wanted, name) is not None]
     if not given:
         return None
     if len(given) > 1:
         raise ConfigError("--baseline and --simulator: give only one; each replaces the rod's predictions")
     for name in ("reference", "holdout"):
-        if getattr(comparisons, name) is not None:
+        if getattr(wanted, name) is not None:
             raise ConfigError(f"--{given[0]}: predicts the states of one campaign; leave --{name} out")
-    if comparisons.baseline is not None:
-        predicted = from_table(comparisons.baseline, case)
+    if wanted.baseline is not None:
+        predicted = from_table(wanted.baseline, case)
     else:
-        name, forward = simulator(str(comparisons.simulator), case.robot)
+        name, forward = simulator(str(wanted.simulator), case.robot)
         with Screen(f"simulating with {name}") as screen:
             predicted = from_simulator(name, forward, case, weighed, screen.progress)
     lost = int((~np.isnan(case.table.get("x")) & ~np.isfinite(predicted.predicted.tip).all(axis=1)).sum())
@@ -276,21 +265,21 @@ def _proposals(d: Diagnosis) -> Sheet:
 
 
 def _diagnose_verb(a: argparse.Namespace) -> Result:
+    own = [field.name for field in fields(Wanted)]
     robot = a.robot or next((place / "robot.yaml" for place in a.inputs if (place / "robot.yaml").is_file()), None)
     if robot is not None and "links" in (described := read_yaml(robot)).table:
-        if foreign := [name for name in OF_SOFT_ROBOTS if getattr(a, name)]:
+        if foreign := [name for name in own if name not in OF_ARMS and getattr(a, name)]:
             raise ConfigError(f"--{foreign[0]}: is for soft robots, but {robot} describes an arm: leave it out")
         from .diagnose_arm import diagnose_arm  # with pandas
 
         return diagnose_arm(a.inputs, described, a.candidates, a.holdout, a.json, a.report)
     if a.candidates is not None:
         raise ConfigError(f"--candidates {a.candidates}: is for arms; give the arm's description with --robot")
-    others = Comparisons(a.reference, a.holdout, a.effects, a.baseline, a.simulator)
-    return diagnose(a.inputs, a.robot, Outputs(a.json, a.report, a.protocols, a.replace), others, a.workers, a.scheduler)
+    return diagnose(a.inputs, a.robot, Wanted(**{name: getattr(a, name) for name in own}))
 
 
-OF_SOFT_ROBOTS = ("protocols", "replace", "reference", "effects", "baseline", "simulator", "workers", "scheduler")
-"""Options that do not apply to an arm."""
+OF_ARMS = ("json", "report", "holdout")
+"""Options that apply to an arm, too."""
 VERBS = (
     Verb(
         "diagnose",

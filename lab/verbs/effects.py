@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
-from rich.table import Table
+from rich.table import Column, Table
 
 from diagnosis.answer.headline import for_people
 from model.actuators import Words
@@ -32,7 +32,7 @@ from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import paper_robot
 from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, option
-from ..pages.figures import STYLE, colours, plt, save
+from ..pages.figures import colours, drawing
 
 Columns = dict[str, NDArray[np.generic]]
 
@@ -163,8 +163,8 @@ def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
     """Draw all signatures into one picture, without effects that move nothing."""
     effect_signatures = [s for s in effect_signatures if s.how != "none"]
     rows = -(-len(effect_signatures) // PANELS)
-    with plt.rc_context({**STYLE, "font.size": 7.5, "axes.titlesize": 8.5}):
-        figure, axes = plt.subplots(rows, PANELS, figsize=(13, 2.1 * rows + 0.4), layout="constrained", squeeze=False)
+    small = {"font.size": 7.5, "axes.titlesize": 8.5, "axes.labelpad": 1}
+    with drawing(path, (13, 2.1 * rows + 0.4), rows, PANELS, small, squeeze=False) as (figure, axes):
         for axis, signature in zip(axes.flat, effect_signatures, strict=False):
             _panel(axis, signature, words)
         for axis in axes.flat[len(effect_signatures) :]:
@@ -174,7 +174,7 @@ def draw(effect_signatures: list[Signature], path: Path, words: Words) -> Path:
         handles = [Line2D([], [], color=colour, label=f"{length * 100:g} cm spine") for length, colour in lengths]
         ways = [Line2D([], [], color="0.3", ls=style, label=way) for way, style in (("load", "-"), ("unload", (0, (3, 2))))]
         figure.legend(handles=[*handles, *ways], loc="outside upper left", ncols=8)
-        return save(figure, path)
+    return path
 
 
 def _panel(axis: Axes, s: Signature, words: Words) -> None:
@@ -186,10 +186,8 @@ def _panel(axis: Axes, s: Signature, words: Words) -> None:
         axis.plot(scaled[: top + 1], y[: top + 1], color=colour, lw=1.2)
         axis.plot(scaled[top:], y[top:], color=colour, lw=1.0, ls=(0, (3, 2)))
     axis.axhline(0.0, color="0.6", lw=0.6, zorder=0)
-    title = s.effect.id if s.how == "settled" else f"{s.effect.id} ({s.how})"
-    axis.set_title(title, loc="left")
-    axis.set_xlabel("deflection, mm" if stiffness else words.axis, labelpad=1)
-    axis.set_ylabel("force, N" if stiffness else f"tip {'xyz'[s.axis]}, mm", labelpad=1)
+    over, changed = ("deflection, mm", "force, N") if stiffness else (words.axis, f"tip {'xyz'[s.axis]}, mm")
+    axis.set(title=s.effect.id if s.how == "settled" else f"{s.effect.id} ({s.how})", xlabel=over, ylabel=changed)
 
 
 def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace: bool = False) -> Result:
@@ -212,12 +210,9 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
 def _table(effect_signatures: list[Signature], robot: Robot) -> Table:
     """Effects by stage, with plausible size, how far each moves the tip, and what calibration would hide of it."""
     words = robot.actuators.words
-    table = Table(title=f"Effects at their plausible size: how far each moves the tip of {robot.name}", title_justify="left")
-    table.add_column("effect", no_wrap=True)
-    table.add_column("plausible size")
-    table.add_column("moves", justify="right", no_wrap=True)
-    table.add_column("hidden*", justify="right", no_wrap=True)
-    table.add_column("best seen in")
+    numbers = (Column(name, justify="right", no_wrap=True) for name in ("moves", "hidden*"))
+    table = Table(Column("effect", no_wrap=True), "plausible size", *numbers, "best seen in", title_justify="left")
+    table.title = f"Effects at their plausible size: how far each moves the tip of {robot.name}"
     for stage in STAGES:
         for i, s in enumerate([s for s in effect_signatures if s.effect.stage == stage]):
             if i == 0:

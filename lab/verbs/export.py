@@ -150,13 +150,15 @@ IN_A_CASE = ("robot.yaml", "trials.csv", "map.yaml", "states.png", DIAGNOSIS, "d
 
 
 Form = Literal["streams", "case", "crate", "lerobot"]
-FASTEST = 1000
+USUAL, FASTEST = 10, 1000
 """Frames per second of a LeRobot dataset."""
 
 
-def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool = False, rate: int = 10) -> Result:
+def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool, rate: int | None) -> Result:
     """Files of each stream, one case folder, an RO-Crate, or a LeRobot dataset of `rate` Hz; raises ConfigError."""
-    if not 1 <= rate <= FASTEST:
+    if rate is not None and form != "lerobot":
+        raise ConfigError(f"--rate {rate}: only --lerobot writes frames at a fixed rate; give --lerobot too, or leave --rate out")
+    if not 1 <= (rate := USUAL if rate is None else rate) <= FASTEST:
         raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
     table: Table | None = None
     dataset: dict[str, Any] = {}
@@ -255,7 +257,7 @@ VERBS = (
                 _form("crate", "write one described folder, as a paper's supplement"),
                 _form("lerobot", "write a dataset for LeRobot: one episode per trial, frames at a fixed rate"),
             ),
-            option("--rate", type=int, default=10, metavar="HZ", help="frames per second of --lerobot (default 10)"),
+            option("--rate", type=int, metavar="HZ", help=f"frames per second of --lerobot (default {USUAL})"),
         ),
         examples=("lab export runs/sweep.mcap --out csv", "lab export runs/*.mcap --case --out case"),
         page="docs/explanations/recordings.md",

@@ -6,7 +6,7 @@ import argparse
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,23 +48,12 @@ NO_INTERVAL = (
 PICTURES = (".svg", ".png", ".pdf")
 
 
-@dataclass(frozen=True)
-class PredictionFiles:
-    """Destinations of a prediction in addition to the screen."""
-
-    csv: Path | None = None
-    figure: Path | None = None
-
-    def demand_writable(self) -> None:
-        """Raise ConfigError for a place that cannot be written, before minutes are spent."""
-        demand_writable(self.csv, self.figure)
-        if self.figure is not None and self.figure.suffix not in PICTURES:
-            raise ConfigError(f"--figure {self.figure}: must end in {', '.join(PICTURES)}")
+Files = tuple[Path | None, Path | None]
+"""Table and figure to write in addition to the screen."""
 
 
-def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Path | None = None) -> Result:
+def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -> Result:
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
-    outputs.demand_writable()
     catalogue = stated_by(robot, effects)
     count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     if not any(re.fullmatch(r"p\d+", name) for name in states):
@@ -83,21 +72,21 @@ def predict(robot: Robot, states: Columns, outputs: PredictionFiles, effects: Pa
         highest = _pressures(robot, bending).max(axis=1)
         tips(highest, np.asarray(bending["spine_length"], float), prediction, path, robot.actuators.words)
 
-    return _result(
-        robot, outputs, "states", prediction_rows(bending, prediction), lambda: _sheet(robot, bending, prediction), draw, missing
-    )
+    rows = prediction_rows(bending, prediction)
+    return _result(robot, files, "states", rows, lambda: _sheet(robot, bending, prediction), draw, missing)
 
 
 def _result(
-    robot: Robot, outputs: PredictionFiles, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
+    robot: Robot, files: Files, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
     draw: Callable[[Path], None], missing: str,
 ) -> Result:  # fmt: skip
     """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
-    if outputs.csv is not None:
-        outputs.csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
-    if outputs.figure is not None:
-        draw(outputs.figure.resolve())
-    written = [str(p) for p in (outputs.csv, outputs.figure) if p is not None]
+    csv, figure = files
+    if csv is not None:
+        csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
+    if figure is not None:
+        draw(figure.resolve())
+    written = [str(path) for path in files if path is not None]
     covered = robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
     interval = covered if states_uncertainty(robot) else None
 
@@ -131,13 +120,12 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
 def invert(
     robot: Robot,
     targets_path: Path,
-    outputs: PredictionFiles,
-    effects: Path | None = None,
-    spine_length: float | None = None,
-    groups: tuple[tuple[int, ...], ...] | None = None,
+    files: Files,
+    effects: Path | None,
+    spine_length: float | None,
+    groups: tuple[tuple[int, ...], ...] | None,
 ) -> Result:
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
-    outputs.demand_writable()
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)
     if (far := float(np.nanmax(np.abs(place), initial=0.0))) > 3.0 * robot.length:
@@ -166,7 +154,7 @@ def invert(
         targets(place, reached, path)
 
     rows = inverse_rows(place, reached)
-    return _result(robot, outputs, "targets", rows, lambda: _inverse_sheet(place, reached, robot), draw, missing)
+    return _result(robot, files, "targets", rows, lambda: _inverse_sheet(place, reached, robot), draw, missing)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -342,12 +330,15 @@ def _groups(text: str) -> tuple[tuple[int, ...], ...]:
 
 
 def _predict_verb(a: argparse.Namespace) -> Result:
-    outputs, robot = PredictionFiles(a.out, a.figure), load(a.robot, Robot)
+    robot, files = load(a.robot, Robot), (a.out, a.figure)
+    demand_writable(*files)  # before minutes are spent
+    if a.figure is not None and a.figure.suffix not in PICTURES:
+        raise ConfigError(f"--figure {a.figure}: must end in {', '.join(PICTURES)}")
     if a.inverse is not None:
-        return invert(robot, a.inverse, outputs, a.effects, a.spine_length, a.groups)
+        return invert(robot, a.inverse, files, a.effects, a.spine_length, a.groups)
     by_table = a.table is not None
     states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
-    return predict(robot, states, outputs, a.effects)
+    return predict(robot, states, files, a.effects)
 
 
 GIVEN = OneOf(

@@ -113,10 +113,10 @@ def test_an_episode_is_a_trial_that_counts_or_a_recording_without_trials(tmp_pat
                      ("3.mcap", 0, 100, "no protocol")]  # fmt: skip
 
 
-@pytest.mark.parametrize("rate", [0, 1001])
-def test_the_rate_has_limits(rate: int, recording: Path, tmp_path: Path, cli: Cli) -> None:
-    said = cli("export", recording, "--lerobot", "--rate", rate, "--out", tmp_path / "set", code=2).flat_err
-    assert f"--rate {rate}: must be 1 to 1000 frames per second" in said
+@pytest.mark.parametrize(("rate", "form"), [(0, "--lerobot"), (1001, "--lerobot"), (20, "--case")])
+def test_the_rate_has_limits_and_belongs_to_this_format(rate: int, form: str, recording: Path, tmp_path: Path, cli: Cli) -> None:
+    said = cli("export", recording, form, "--rate", rate, "--out", tmp_path / "set", code=2).flat_err
+    assert f"--rate {rate}: {'must be 1 to 1000' if form == '--lerobot' else 'only --lerobot writes'} frames" in said
 
 
 PYTHON = os.environ.get("LEROBOT_PYTHON", sys.executable if importlib.util.find_spec("lerobot") else "")
