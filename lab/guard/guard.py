@@ -11,9 +11,7 @@ time to start one. Any program can request a landing at the guard's door (`door.
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +26,7 @@ from .commands import REMOTES, Call, Command, Order, SetPressures, energises
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
 from .instruments import ACTUATORS, POLLED, PollRate, owned_names
-from .landing import Landing, LandingDrivers
+from .landing import Landing, Owned
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
 from .limit_monitor import DriverSettings, LimitMonitor
@@ -56,19 +54,6 @@ def nobody(message: Any) -> None:
     """No program listens."""
 
 
-@dataclass
-class Owned:
-    """The actuator drivers."""
-
-    drivers: dict[str, Any] = field(default_factory=dict)
-    opened: list[str] = field(default_factory=list)
-    lost: set[str] = field(default_factory=set)
-    """Opened instruments whose line was lost; a landing reopens them."""
-    locks: dict[str, threading.Lock] = field(default_factory=dict)
-    busy: set[str] = field(default_factory=set)
-    """Instruments to which an energising command is on its way."""
-
-
 class Guard:
     """One rig's guard."""
 
@@ -93,11 +78,9 @@ class Guard:
             arm = self.own.drivers["arm"]
             self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
             self.own.drivers["arm"] = self.under_force
-        owned = self.own
-        self.settings = DriverSettings(owned.drivers)
+        self.settings = DriverSettings(self.own.drivers)
         self.adapters = Adapters(rig)
-        instruments = LandingDrivers(owned.drivers, owned.opened, self.open, owned.busy.__contains__, owned.lost)
-        self.landing = Landing(self.rig.safe, instruments, self.rig.clock.speed, self._confirmed_late)
+        self.landing = Landing(self.rig.safe, self.own, self.open, self.rig.clock.speed, self._confirmed_late)
         self.running = True
         """It polls its instruments."""
         self.gone = False

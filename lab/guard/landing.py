@@ -11,7 +11,7 @@ is confirmed safe, another landing begins, or `end` is called.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -35,18 +35,17 @@ LOST = (Unreachable, NotReady, NoReply)
 """Errors after which an instrument is reopened before its next stop."""
 
 
-@dataclass(frozen=True)
-class LandingDrivers:
-    """The drivers of one rig, as a landing uses them."""
+@dataclass
+class Owned:
+    """The actuator drivers of one rig, as its guard and a landing share them."""
 
-    drivers: Mapping[str, Any]
-    opened: Collection[str]
-    open: Callable[[str], Any]
-    """Opens one; raises InstrumentError."""
-    busy: Callable[[str], bool] = lambda name: False
-    """Whether a command accepted before the landing is still on its way to an instrument."""
+    drivers: dict[str, Any] = field(default_factory=dict)
+    opened: list[str] = field(default_factory=list)
     lost: set[str] = field(default_factory=set)
-    """Open instruments that have to be reopened; `open` removes them."""
+    """Opened instruments whose line was lost; a landing reopens them."""
+    locks: dict[str, threading.Lock] = field(default_factory=dict)
+    busy: set[str] = field(default_factory=set)
+    """Instruments to which an energising command is on its way, accepted before a landing that begins now."""
 
 
 @dataclass
@@ -72,15 +71,17 @@ class Landing:
     def __init__(
         self,
         policy: Safe,
-        instruments: LandingDrivers,
+        owned: Owned,
+        reopen: Callable[[str], Any],
         speed: float,
         late: Callable[[SafeStep, float], None] = lambda step, seconds: None,
     ) -> None:
-        """`speed` of the rig's clock; `late` gets what is confirmed after the report, and host seconds since the begin."""
+        """`reopen` connects a driver again; `speed` of the rig's clock; `late` gets what is confirmed after the report, and host
+        seconds since the begin."""
         self._policy, self._late = policy, late
         self._going: dict[str, _Attempts] = {}
         self._lock = timing.Lock()
-        self._rig = instruments
+        self._rig, self._reopen = owned, reopen
         self._within = max(LEAST_TIME, policy.within / speed)
         self._gauge_until = 0.0
         """Host time until which the valve waits for a gauge that is being opened."""
@@ -130,7 +131,7 @@ class Landing:
 
         def go() -> None:
             try:
-                self._rig.open(GAUGE)
+                self._reopen(GAUGE)
             except Exception:  # noqa: BLE001 - without it the relay's word must do
                 self._gauge_until = 0.0
 
@@ -148,7 +149,7 @@ class Landing:
             confirmed = False
             try:
                 if overtook or timing.now() >= again_at:
-                    busy, again_at = self._rig.busy(name), timing.now() + AGAIN
+                    busy, again_at = name in self._rig.busy, timing.now() + AGAIN
                     try:
                         stop()
                     finally:
@@ -187,7 +188,7 @@ class Landing:
     def _reached(self, name: str) -> Any:
         """The driver, open. Raises InstrumentError."""
         if not self._is_open(name):
-            self._rig.open(name)
+            self._reopen(name)
         return self._rig.drivers[name]
 
     def _ways(self, name: str) -> tuple[Callable[[], Any], Callable[[], tuple[bool, str]]]:

@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -181,12 +182,9 @@ class StreamCount:
 
     def take(self, t: float, numbers: list[int]) -> None:
         """Add this many samples, the newest at `t` s."""
-        before = self.number
-        for number in numbers:
-            if before is not None and number > before + 1:
-                self.dropped += number - before - 1
-            before = number
-        self.number = before
+        seen = numbers if self.number is None else [self.number, *numbers]
+        self.dropped += sum(max(0, after - before - 1) for before, after in pairwise(seen))
+        self.number = seen[-1]
         self.count += len(numbers)
         self.newest = t
         self.recent.append((t, self.count))

@@ -14,7 +14,6 @@ from diagnosis.answer.result import Diagnosis, FittedRobot
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.arrays import Array
-from model.calibration import AreaFit
 from model.effects.nominal import TOLERANCES, stated_effects
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec
@@ -96,11 +95,8 @@ def fit(
 
     def show() -> None:
         out.print(sheet(fitted) if calibrating else effects_sheet(fitted))
-        if not calibrating:
-            lines = residual_lines(fitted)
-        else:
-            lines = [] if fitted.area_factor is None else [baseline_line(fitted, fitted.area_factor)]
-        for line in (*lines, *(f"written: {path}" for path in written)):
+        lines = [baseline_line(fitted)] if calibrating else residual_lines(fitted)
+        for line in (*filter(None, lines), *(f"written: {path}" for path in written)):
             out.print(line)
 
     return Result({**fitted.as_dict(), "files": [str(path) for path in written]}, show)
@@ -191,8 +187,10 @@ def sheet(c: Fitted) -> Sheet:
     return t
 
 
-def baseline_line(c: Fitted, area: AreaFit) -> str:
-    """State the baseline of a diagnosis."""
+def baseline_line(c: Fitted) -> str:
+    """State the baseline of a diagnosis; "" where no area was fitted."""
+    if (area := c.area_factor) is None:
+        return ""
     spine = c.robot.spine is not None
     return (
         f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "

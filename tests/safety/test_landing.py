@@ -15,7 +15,7 @@ from lab.files.rig_file import Safe, load_rig
 from lab.guard import hosted, landing
 from lab.guard.hosted import under_guard
 from lab.guard.instruments import ACTUATORS
-from lab.guard.landing import Landing, LandingDrivers, SafeReport
+from lab.guard.landing import Landing, Owned, SafeReport
 from timing import RigClock
 
 LANDINGS: list[Landing] = []
@@ -29,9 +29,10 @@ def no_attempts_left() -> Iterator[None]:
         LANDINGS.pop().end()
 
 
-def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: Any = lambda name: False) -> Landing:
+def landing_of(drivers: dict[str, Any], policy: Safe, speed: float, busy: set[str] | None = None) -> Landing:
     """A landing of drivers that are open."""
-    LANDINGS.append(Landing(policy, LandingDrivers(drivers, list(drivers), lambda name: drivers[name].open(), busy), speed))
+    owned = Owned(drivers, list(drivers), busy=set() if busy is None else busy)
+    LANDINGS.append(Landing(policy, owned, lambda name: drivers[name].open(), speed))
     return LANDINGS[-1]
 
 
@@ -187,9 +188,9 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
             assert freed.wait(60.0)
         opened.append(name)
 
-    instruments = LandingDrivers({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened, open_one)
+    owned = Owned({"arm": Arm(), "pressure": Regulators(), "gauge": object()}, opened)
     reports: list[SafeReport] = []
-    landing_ = Landing(Safe(), instruments, 20.0)
+    landing_ = Landing(Safe(), owned, open_one, 20.0)
     thread = timing.Thread(target=lambda: reports.append(landing_.make_safe(ACTUATORS[:2], False, 60.0)), daemon=True)
     thread.start()
     assert told.wait(30.0) and until(lambda: opened == ["pressure"], 30.0)
@@ -214,14 +215,15 @@ def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
 
     spine, looks = Spine(), iter([True, True])
 
-    def busy(name: str) -> bool:
-        if next(looks, False):
-            return True
-        if spine.stops == 2:
-            spine.moving = True  # here it comes
-        return False
+    class Busy(set[str]):
+        def __contains__(self, name: object) -> bool:
+            if next(looks, False):
+                return True
+            if spine.stops == 2:
+                spine.moving = True  # here it comes
+            return False
 
-    report = landing_of({"spine": spine}, Safe(), 20.0, busy).make_safe(["spine"], keep_vacuum=False)
+    report = landing_of({"spine": spine}, Safe(), 20.0, Busy()).make_safe(["spine"], keep_vacuum=False)
     assert report.confirmed and spine.stops == 3 and not spine.moving
 
 
@@ -250,8 +252,8 @@ def test_an_instrument_that_is_confirmed_after_the_report_is_told(monkeypatch: p
         valve.open()
         lost.discard(name)
 
-    instruments = LandingDrivers({"valve": valve}, ["valve"], reopen, lost=lost)
-    going = Landing(Safe(within=0.1), instruments, 20.0, lambda step, seconds: late.append(step))
+    owned = Owned({"valve": valve}, ["valve"], lost)
+    going = Landing(Safe(within=0.1), owned, reopen, 20.0, lambda step, seconds: late.append(step))
     report = going.make_safe(["valve"], keep_vacuum=False)
     assert not report.confirmed and going.going == ("valve",) and not late
     assert until(lambda: valve.opened > 2)
@@ -280,6 +282,6 @@ def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> No
         def read(self) -> SpineSample:
             return SpineSample(0.0, 0.1, 0.0, 0.1, False, True)
 
-    landed = landing_of({"spine": Spine()}, Safe(within=0.1), 200.0, lambda name: True)
+    landed = landing_of({"spine": Spine()}, Safe(within=0.1), 200.0, {"spine"})
     report = landed.make_safe(["spine"], keep_vacuum=False)
     assert not report.confirmed and "has not returned" in str(report)
