@@ -89,10 +89,11 @@ def without_nothing(d: Decision, known: Sequence[SizeLike], lowest: Mapping[str,
 
 def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     """The decision with a probability that leaves room for its doubts: it is shared with the effects that do `as_good`, and never
-    more than `DOUBTED_PROBABILITY`. What is taken off goes to causes outside the catalogue and mistakes in the description."""
+    more than `DOUBTED_PROBABILITY`. What is taken off, of all answers of the catalogue alike, goes to causes outside and mistakes
+    in the description."""
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
     probability = min(d.probability / (1 + as_good), most)
-    return replace(d, probability=probability, outside=d.outside + d.probability - probability)
+    return replace(d, probability=probability, outside=1 - probability / max(d.probability, 1e-9) * (1 - d.outside))
 
 
 def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:

@@ -73,6 +73,8 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
     return " + ".join(with_id(e, names) if ids else plain_name(e, names) for e in effects) or NO_EFFECT
 
 
+LEAST_CLOSED = 0.1
+"""Share of the gap on unseen states that a cause closes of which a headline says that it is likely."""
 LEAST_STATED = 0.005
 """Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"."""
 
@@ -140,9 +142,9 @@ def headline(
     short = f"Calibration closes {percent(by_calibration or 0.0)} %{brackets} {p}."
     if a.verdict == "effect":
         several, name = a.conclusion == "one of several", _name_all(a.effects, speech)
-        closes_nothing = several and closed is not None and closed <= 0
+        closes_nothing = several and closed is not None and closed < LEAST_CLOSED
         if several and calibration_closes and alone:
-            return _short_enough(f"{calibration_closes} {p}.", short)
+            return _short_enough(f"{calibration_closes}; the rest has no clear cause.", f"{calibration_closes}.")
         if closes_nothing and calibration_closes:
             return f"{calibration_closes}; no effect closes the rest."
         if closes_nothing:

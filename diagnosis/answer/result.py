@@ -18,7 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
-from ..judgement import SIZE_CERTAIN_SD
+from ..judgement import LEAST_BITS, SIZE_CERTAIN_SD
 from .decision import Decision
 
 SCHEMA = "diagnosis/1"
@@ -378,11 +378,10 @@ class Diagnosis(Shown):
         return f"<Diagnosis: {self.headline or self.statement}>"
 
     def __str__(self) -> str:
-        named = [c for c in self.budget if c.role == "named"]
-        sizes = [f"{self.names[c.effect]}: {c.mm:.2f} mm (95 %: {c.low95_mm:.2f} to {c.high95_mm:.2f} mm)" for c in named]
-        against = [f"- {text}" for text in self.texts("critical", "warning")]
-        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1]]
-        return "\n".join([self.headline or self.statement, *sizes, *against, *following])
+        first, against = ([f"- {text}" for text in self.texts(severity)] for severity in ("critical", "warning"))
+        worth = [x for x in self.next_experiment if x.expected_bits >= LEAST_BITS]
+        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in worth[:1]]
+        return "\n".join([*[self.headline] * bool(self.headline), *first, self.statement, *against, *following])
 
     def _columns(self) -> dict[str, Any]:
         ranking = self.attribute.ranking

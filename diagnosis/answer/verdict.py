@@ -70,8 +70,9 @@ def attribute_section(
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
         size = values(as_fitted(sizes(f.prepared, candidate), fitted if named == d.effects else None))
-        if d.verdict == "effect":  # where that was decided against the ranking, its probabilities are the decision's
-            probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else probability
+        if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
+            left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
+            probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability
         ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
     return Attribute(
         **vars(d),

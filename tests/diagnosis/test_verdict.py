@@ -137,6 +137,8 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     a = attribute("effect", "one of several", {}, "body_modulus", p=0.9)
     said = line(a, by_calibration=0.99, closed=-0.01, calibrated="a body 86 % softer")
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
+    said = line(a, by_calibration=0.99, closed=0.7, calibrated="a body 86 % softer", alone=True)
+    assert said == "Calibration closes 99 % of the gap (a body 86 % softer); the rest has no clear cause."
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:
@@ -313,7 +315,7 @@ def test_a_doubt_leaves_room_for_other_causes() -> None:
     assert doubted(sure, [], 0).probability == sure.probability
     capped, shared = doubted(sure, why, 0), doubted(sure, why, 1)
     assert capped.probability == 0.8 and shared.probability == pytest.approx(0.97 / 2)
-    assert capped.outside == pytest.approx(0.005 + 0.17) and conclude(capped, True, ()) == "one of several"
+    assert 1 - capped.outside == pytest.approx(0.995 * 0.8 / 0.97) and conclude(capped, True, ()) == "one of several"
 
 
 def test_a_probability_at_its_limit_says_so_and_why() -> None:
@@ -323,10 +325,7 @@ def test_a_probability_at_its_limit_says_so_and_why() -> None:
     found = replace(found, findings=(doubt,), headline=headline(found, CATALOGUE))
     assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
     assert "(p = 0.97" in headline(sure, CATALOGUE) + statement(sure)
-    lines = str(found).splitlines()
-    assert (
-        lines[0] == found.headline and lines[1] == "tilt of the base: 2.50 mm (95 %: 2.00 to 3.00 mm)" and f"- {doubt}" in lines
-    )
+    assert str(found).splitlines()[:3] == [found.headline, found.statement, f"- {doubt}"]
 
 
 def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_another_form() -> None:
@@ -359,7 +358,7 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     assert changed == "a body 25 % stiffer or tip payload +117 g"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
         said = line(which, by_calibration=1.0, calibrated=changed, alone=True)
-        assert f"({changed}) (p = 0.96)" in said and len(said.split()) <= MOST_WORDS
+        assert f"({changed})" in said and len(said.split()) <= MOST_WORDS
 
 
 @pytest.mark.parametrize(
@@ -430,7 +429,7 @@ def test_every_effect_of_the_catalogue_fits_and_needs_no_identifier(effect: str,
 def test_two_causes_and_the_other_conclusions_fit_too() -> None:
     two = line(attribute("effect", "one of several", {}, "tendon_friction", "chamber_gain"))
     assert two == "Most likely friction of the tendons, difference between the areas of the chambers (p = 0.96)."
-    vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.0)
+    vain = line(attribute("effect", "one of several", {}, "tether", p=0.77), closed=0.02)
     assert vain.startswith("Unclear: no effect closes the gap; the closest is") and vain.endswith("(p = 0.77).")
     asking = (StageError("material", "spine_length", 20.0),)
     unknown = line(replace(attribute("unknown", "stage", p=0.6), stage_errors=asking))
