@@ -171,7 +171,7 @@ SPECS = (
         label="offset of the {pressures}",
         says="the {actuators} hold {} [more|less] than their {regulators} read",
         stage="actuation",
-        equation="P = P_read + p0, not below ambient, in chambers that the trial uses, at rest too, share i p0 in the vented ones",
+        equation="P = P_read + p0, not below ambient, in chambers that the trial uses, at rest too, share i p0 in vented ones",
         parameters=(
             Parameter("offset", "Pa", 5e3, -40e3, 40e3),
             Parameter("idle", "1", 1.0, 0.0, 1.0, role="shape", starts=(0.0, 1.0)),
