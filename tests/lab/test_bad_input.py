@@ -95,14 +95,9 @@ def test_what_is_wrong_with_a_robot_is_named_by_file_key_and_value(virtual_lab: 
     wrong = {"outer_radius": -0.05, "youngs_modulus": float("nan"), "lenght": 0.4, "max_pressure": 250}
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(yaml.safe_load(paper_robot().read_text()) | wrong))
     text = cli("plan", "bending", "--rig", rig, code=2).err
-    unit = ["max_pressure = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"]
-    for words in (
-        ["outer_radius = -0.05 m", "above 0 m"],
-        ["youngs_modulus", "finite"],
-        ["lenght", "did you mean length"],
-        unit,
-    ):
-        assert "robot.yaml" in text and all(word in text for word in words), text
+    words = ["outer_radius = -0.05 m", "above 0 m", "youngs_modulus", "finite", "lenght", "did you mean length"]
+    for word in ("robot.yaml", *words, "max_pressure = 250 Pa", "at least 1 kPa; did you mean 250 kPa?"):
+        assert word in text
 
 
 @pytest.mark.parametrize("verb", ["replay", "fit", "compare"])
