@@ -211,12 +211,9 @@ def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cli
     file = tmp_path / "own.py"
     file.write_text(BOWED)
     effects = with_effects(effects_from_file(file))
-    case = folder(
-        tmp_path / "case",
-        campaign({"bowed_spine.bow": 0.3}, repeats=2, lengths=OWN_LENGTHS, catalogue=effects, pressures=OWN_PRESSURES),
-    )
+    rows = campaign({"bowed_spine.bow": 0.3}, repeats=2, lengths=OWN_LENGTHS, catalogue=effects, pressures=OWN_PRESSURES)
     path = tmp_path / "diagnosis.json"
-    cli("diagnose", case, "--effects", file, "--json", path)
+    cli("diagnose", folder(tmp_path / "case", rows), "--effects", file, "--json", path)
     found = json.loads(path.read_text())
     assert found["attribute"]["verdict"] == "effect" and found["attribute"]["effects"] == ["bowed_spine"]
     size = found["attribute"]["ranking"][0]["parameters"]["bowed_spine.bow"]

@@ -153,16 +153,9 @@ def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(tmp_path: Path,
         tip = end + turn.apply([0.0, 0.0, 0.015]) + [0.02, 0.0, 0.3]
         lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *turn.as_quat(scalar_first=True))))
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    columns = {"p1": {"column": "p1"}} | {a: {"column": a} for a in "xyz"}
-    turned = {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}
-    map_file = write_map(
-        tmp_path / "map.yaml",
-        columns=columns,
-        constants={"p2": 0, "p3": 0},
-        orientation=turned,
-        sensor=[0.0, 0.0, 0.015],
-        straight="first state",
-    )
+    given: dict[str, Any] = {"columns": plain(p1="p1", x="x", y="y", z="z"), "constants": {"p2": 0, "p3": 0}}
+    given |= {"orientation": {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}, "sensor": [0.0, 0.0, 0.015]}
+    map_file = write_map(tmp_path / "map.yaml", straight="first state", **given)
     assert tips(case(cli, tmp_path / "a.csv", map_file)) == pytest.approx(np.array(ends), abs=1e-6)
 
 
@@ -229,12 +222,8 @@ def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> N
     np.savez_compressed(tmp_path / "columns.npz", p=np.zeros((600, 6000), np.int8))
     with zipfile.ZipFile(tmp_path / "packed.npz", "w", zipfile.ZIP_LZMA) as archive:
         archive.writestr("p.npy", npy("'<f8'", (8,)))
-    for name, why in (
-        ("numbers", "40 MB, at most 32 MB are read of 0.005"),
-        ("words", "52 MB"),
-        ("columns", "has 6000 columns"),
-        ("packed", "is not packed"),
-    ):
+    said = {"numbers": "40 MB, at most 32 MB are read of 0.005", "words": "52 MB", "columns": "has 6000 columns"}
+    for name, why in (said | {"packed": "is not packed"}).items():
         assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
         with pytest.raises(ConfigError, match=why):
             read(tmp_path / f"{name}.npz", Source())

@@ -132,10 +132,8 @@ def test_protocols(install: Install, cli: Cli) -> None:
     assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "arm_accuracy", "creep"}
     assert "note" not in cli("plan", "elongation", "--rig", RIG, "--set", "repeats=2").err
     assert "package packaged 1.0: entry point bending" in cli("plan", "bending", "--rig", RIG).flat_err
-    assert (
-        "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'"
-        in cli("plan", "odd", "--rig", RIG, code=2).err
-    )
+    missing = cli("plan", "odd", "--rig", RIG, code=2).err
+    assert "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'" in missing
     cli("schema", "odd", code=2)
 
 
@@ -160,10 +158,8 @@ def test_fakes(install: Install, cli: Cli, tmp_path: Path) -> None:
 def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(install: Install, cli: Cli) -> None:
     text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
     install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
-    assert (
-        "gauge: the driver apart rejects the settings of its own fake: port ="
-        in cli("fakes", "--gauge", "apart", code=2).flat_err
-    )
+    told = cli("fakes", "--gauge", "apart", code=2).flat_err
+    assert "gauge: the driver apart rejects the settings of its own fake: port =" in told
 
 
 def rig_with(path: Path, driver: str) -> Path:

@@ -283,10 +283,7 @@ def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
 
 
 def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:
-    limits = [
-        line.split("│")[-2]
-        for line in cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out.splitlines()
-        if line.startswith("│")
-    ]
+    said = cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out
+    limits = [line.split("│")[-2] for line in said.splitlines() if line.startswith("│")]
     told = "".join("".join(limits).split())
     assert re.search(r"pressure\d+kPa,rate\d+kPa/s", told) and re.search(r"turn[\d.]+rad", told)
