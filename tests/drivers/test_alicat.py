@@ -186,11 +186,6 @@ def test_an_answer_that_is_none_is_no_reading_and_names_its_unit(
     assert len(regulators.read().measured) == 3
 
 
-def test_a_single_lost_answer_is_made_good_by_asking_again(regulators: Alicat, fake: AlicatFake) -> None:
-    fake.faults.extra["miss"] = {"A": 1, "C": 1}
-    assert len(regulators.read().measured) == 3
-
-
 @pytest.mark.parametrize("at", [2, 4, 6, 7, 10])
 def test_an_answer_that_lost_a_digit_is_no_reading(fake: AlicatFake, regulators: Alicat, at: int) -> None:
     regulators.read()
