@@ -22,7 +22,7 @@ from tests.simulated.bench import Bench, wait_until
 pytestmark = pytest.mark.speed(1.0)  # at the sensor's own speed
 
 TOOL = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
-"""N and N m, what the fake's tool weighs."""
+"""N and N m, what the fake's tool weighs, and what GOOD says."""
 
 
 @pytest.fixture
@@ -222,7 +222,7 @@ def test_a_sensor_at_rest_is_never_refused() -> None:
 
 
 def test_a_zero_of_one_reading_is_taken_as_it_is(opened: FT300S) -> None:
-    assert opened.zero(1) == pytest.approx((1.5, -2.25, 30.0, 0.125, -0.5, 1.0), abs=1.0)
+    assert opened.zero(1) == pytest.approx(TOOL, abs=1.0)
 
 
 @pytest.mark.parametrize(("fault", "says"), [("stuck", "20 readings are the same"), ("over_range", "fz .* beyond the range")])
@@ -253,18 +253,17 @@ def frame(*counts: int) -> bytes:
 
 
 GOOD = frame(150, -225, 3000, 125, -500, 1000)
-WRENCH = (1.5, -2.25, 30.0, 0.125, -0.5, 1.0)
 
 
 def test_a_known_frame_gives_its_wrench_in_newton_and_newton_metre() -> None:
     # counts and CRC worked out by hand from the definition of the frame
-    assert FrameParser().feed(bytes.fromhex("204e96001fffb80b7d000cfee803") + GOOD[14:]) == [WRENCH]
+    assert FrameParser().feed(bytes.fromhex("204e96001fffb80b7d000cfee803") + GOOD[14:]) == [TOOL]
 
 
 @pytest.mark.parametrize("cut", range(1, 16))
 def test_a_frame_may_arrive_in_pieces(cut: int) -> None:
     parser = FrameParser()
-    assert parser.feed(GOOD[:cut]) + parser.feed(GOOD[cut:] + GOOD[:3]) == [WRENCH]
+    assert parser.feed(GOOD[:cut]) + parser.feed(GOOD[cut:] + GOOD[:3]) == [TOOL]
 
 
 def test_the_head_inside_the_data_does_not_mislead() -> None:
@@ -286,7 +285,7 @@ def test_damaged_frames_are_counted_stray_bytes_are_not(between: bytes, damaged:
 
 def test_joining_in_the_middle_of_a_frame_is_no_damage() -> None:
     parser = FrameParser()
-    assert parser.feed(GOOD[3:] + GOOD) == [WRENCH]
+    assert parser.feed(GOOD[3:] + GOOD) == [TOOL]
     assert parser.damaged == 0
 
 

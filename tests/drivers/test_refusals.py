@@ -84,13 +84,8 @@ def test_a_port_is_a_device_path_or_a_terminal_server(port: str, tmp_path: Path)
 
 
 def test_ports_of_terminal_servers_are_known() -> None:
-    for port in (
-        "socket://192.168.1.9:4001",
-        "rfc2217://moxa-1.lab:950",
-        "socket://[fe80::1]:4000",
-        "/dev/serial/by-id/usb-A_B:1",
-    ):
-        assert known_port(port) == port
+    ports = ["socket://192.168.1.9:4001", "rfc2217://moxa-1.lab:950", "socket://[fe80::1]:4000", "/dev/serial/by-id/usb-A_B:1"]
+    assert [known_port(port) for port in ports] == ports
 
 
 def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:

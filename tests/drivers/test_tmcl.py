@@ -128,16 +128,6 @@ def test_a_module_that_answers_another_host_is_told_from_a_broken_cable(make: Ma
     assert "cable" not in str(caught.value)
 
 
-def test_after_damaged_answers_both_ends_agree_again_on_frames(make: Make) -> None:
-    spine, module = make()
-    homed(spine)
-    module.faults.truncate = True
-    with pytest.raises(BadReply):
-        spine.read()
-    module.faults.truncate = False
-    assert spine.read().length == 0.0
-
-
 def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
     spine, module = make()
     homed(spine)

@@ -19,7 +19,7 @@ from diagnosis.edits.remedies import AXES
 from lab.files.config import ConfigError
 from model.effects import CATALOGUE
 from model.stated import Stated
-from recordings.table_file import csv_text
+from recordings.table_file import write_csv
 
 COLUMNS = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
 
@@ -181,9 +181,7 @@ def test_a_tip_that_a_map_moved_to_the_model_says_nothing_of_where_it_was(effect
 def test_a_case_knows_what_its_map_moved(tmp_path: Path) -> None:
     case = lab.case(seen("base_tilt", "x", 0.05, "rad", groups=1), FINGER, **AT_REST, **BY_REST)
     (tmp_path / "robot.yaml").write_text(FINGER.read_text())
-    (tmp_path / "trials.csv").write_text(
-        csv_text([case.table.columns, *zip(*map(case.table.get, case.table.columns), strict=True)])
-    )
+    write_csv(case.table, tmp_path / "trials.csv")
     for line, moved in (("straight: at rest", "at rest"), ("straight: as recorded", ""), ("frame: {}", "")):
         (tmp_path / "map.yaml").write_text(f"{line}\n")
         assert lab.case(tmp_path).table.moved_to_model == moved

@@ -75,25 +75,23 @@ def ended(text: str, code: int = 0, **environment: str) -> subprocess.CompletedP
     return done
 
 
-def test_progress_on_a_terminal_shows_text_plain() -> None:
+def test_progress_on_a_terminal_is_plain_names_its_step_with_the_share_and_stays_above_the_page_s_address() -> None:
     seen = on_terminal(f"""
-        from lab.console import Screen, out
+        from lab.console import Screen
         with Screen({HOSTILE!r}) as screen:
             screen.progress(1.0, 2.0)
             screen._progress.refresh()
             screen.say({HOSTILE!r})
-    """)
-    assert seen.count(SHOWN) >= 2 and "\x1b[2J" not in seen and "\x07" not in seen
-
-
-def test_a_step_of_unknown_length_is_named_with_the_share_that_is_done() -> None:
-    seen = on_terminal("""
-        from lab.console import Screen
         with Screen("weighing hypotheses") as screen:
             screen.step("step 2 of 5: hypotheses", 0.25)
             screen._progress.refresh()
+        with Screen("a run") as screen:
+            screen.watched("http://127.0.0.1:1/x/")
+            screen.say("the last line")
     """)
+    assert seen.count(SHOWN) >= 2 and "\x1b[2J" not in seen and "\x07" not in seen
     assert "weighing hypotheses, step 2 of 5: hypotheses" in seen and "25 %" in seen
+    assert seen.rindex("watch it at http://127.0.0.1:1/x/") > seen.index("the last line")
 
 
 def test_where_no_bar_is_a_step_that_lasts_says_once_what_it_is_and_how_long_it_will_take(
@@ -110,14 +108,7 @@ def test_where_no_bar_is_a_step_that_lasts_says_once_what_it_is_and_how_long_it_
     assert capsys.readouterr().err.splitlines() == said
 
 
-def test_the_address_of_the_page_stays_below_the_progress(capsys: pytest.CaptureFixture[str]) -> None:
-    seen = on_terminal("""
-        from lab.console import Screen
-        with Screen("a run") as screen:
-            screen.watched("http://127.0.0.1:1/x/")
-            screen.say("the last line")
-    """)
-    assert seen.rindex("watch it at http://127.0.0.1:1/x/") > seen.index("the last line")
+def test_the_address_of_the_page_is_printed_once_a_campaign(capsys: pytest.CaptureFixture[str]) -> None:
     with Screen("a campaign") as screen:
         for _ in range(3):
             screen.watched("http://127.0.0.1:2/y/")

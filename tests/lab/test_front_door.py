@@ -31,7 +31,9 @@ RECORDING = ROOT / "tests/recordings/data/bending-schema-1.mcap"
 
 
 # ------------------------------------------------------------------ import lab
-def test_its_names_are_known() -> None:
+def test_its_names_are_known_and_its_help_begins_with_them() -> None:
+    assert lab.__doc__ is not None
+    assert set(re.findall(r"^    (\w+)\(", lab.__doc__, re.MULTILINE)) == set(lab.__all__) - {"Case"}
     assert set(lab.__all__) <= set(dir(lab))
     assert all(callable(getattr(lab, name)) and getattr(lab, name).__doc__ for name in lab.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
@@ -101,12 +103,6 @@ def test_what_a_notebook_shows_is_short_and_a_table_becomes_a_data_frame(small_c
     frame = case.table.to_pandas()
     assert list(frame.columns) == list(case.table.columns) and len(frame) == 14
     assert frame.attrs["units"]["p1"] == "Pa" and case.table.units["x"] == "m"
-
-
-def test_help_begins_with_the_names() -> None:
-    assert lab.__doc__ is not None
-    listed = re.findall(r"^    (\w+)\(", lab.__doc__, re.MULTILINE)
-    assert set(listed) == set(lab.__all__) - {"Case"}
 
 
 def test_version_and_schemas(cli: Cli) -> None:

@@ -11,7 +11,7 @@ import psutil
 import yaml
 from commands import SOUND, Cli
 from terminal import Terminal
-from virtual_lab import VirtualLab, recorded, settings
+from virtual_lab import VirtualLab, meanwhile, recorded, settings
 
 import timing
 from lab.verbs.fakes import PATIENT_SETTLE
@@ -117,20 +117,9 @@ def test_check_shows_names_identities_and_foreign_answers_plain(virtual_lab: Vir
 
 def test_a_fault_in_mid_run_ends_it_with_its_error_and_a_whole_recording(real_lab: VirtualLab, tmp_path: Path) -> None:
     plant, valve = real_lab.fakes.plant, real_lab.fakes.lines["valve"]
-    over = timing.Event()
-
-    def spoil() -> None:
-        while not over.wait(0.005):
-            if plant.valve_on:
-                valve.faults.extra["garbled"] = HOSTILE
-                return
-
-    thread = timing.Thread(target=spoil, daemon=True)
-    thread.start()
+    meanwhile(lambda: plant.valve_on, lambda: valve.faults.extra.update(garbled=HOSTILE))
     with hostile(real_lab, tmp_path) as rig, Terminal("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path) as terminal:
         assert terminal.end() == 1, terminal.shown
-    over.set()
-    thread.join()
     assert "\x1b[2J" not in terminal.raw, "the terminal was repainted"
     assert SHOWN in terminal.raw and "Traceback" not in terminal.raw
     recording = Recording.open(recorded(tmp_path))

@@ -18,7 +18,6 @@ import yaml
 from commands import Cli
 from foreign import AZIMUTHS, ROBOT, by_map, plain, tips
 from mcap.writer import Writer
-from mcap_ros2.writer import Writer as Ros2Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
 
@@ -154,16 +153,9 @@ def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(tmp_path: Path,
         tip = end + turn.apply([0.0, 0.0, 0.015]) + [0.02, 0.0, 0.3]
         lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *turn.as_quat(scalar_first=True))))
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    columns = {"p1": {"column": "p1"}} | {a: {"column": a} for a in "xyz"}
-    turned = {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}
-    map_file = write_map(
-        tmp_path / "map.yaml",
-        columns=columns,
-        constants={"p2": 0, "p3": 0},
-        orientation=turned,
-        sensor=[0.0, 0.0, 0.015],
-        straight="first state",
-    )
+    given: dict[str, Any] = {"columns": plain(p1="p1", x="x", y="y", z="z"), "constants": {"p2": 0, "p3": 0}}
+    given |= {"orientation": {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}, "sensor": [0.0, 0.0, 0.015]}
+    map_file = write_map(tmp_path / "map.yaml", straight="first state", **given)
     assert tips(case(cli, tmp_path / "a.csv", map_file)) == pytest.approx(np.array(ends), abs=1e-6)
 
 
@@ -230,12 +222,8 @@ def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> N
     np.savez_compressed(tmp_path / "columns.npz", p=np.zeros((600, 6000), np.int8))
     with zipfile.ZipFile(tmp_path / "packed.npz", "w", zipfile.ZIP_LZMA) as archive:
         archive.writestr("p.npy", npy("'<f8'", (8,)))
-    for name, why in (
-        ("numbers", "40 MB, at most 32 MB are read of 0.005"),
-        ("words", "52 MB"),
-        ("columns", "has 6000 columns"),
-        ("packed", "is not packed"),
-    ):
+    said = {"numbers": "40 MB, at most 32 MB are read of 0.005", "words": "52 MB", "columns": "has 6000 columns"}
+    for name, why in (said | {"packed": "is not packed"}).items():
         assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
         with pytest.raises(ConfigError, match=why):
             read(tmp_path / f"{name}.npz", Source())
@@ -281,42 +269,15 @@ def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:
     assert topics["/pressure.data.1"] == pytest.approx([0, 5, 15, 25, 35])  # between its own readings
 
 
-def parquet(path: Path) -> Path:
-    """A sweep as a table of another program: kPa and mm, times of the clock, words."""
-    rows = sweep()
-    columns: dict[str, Any] = {"at": [np.datetime64("2026-03-01T12:00:00.000") + int(1e3 * t) for _, t, *_ in rows]}
-    columns |= {f"p{i}": np.array([p[i - 1] for _, _, p, _, _ in rows], np.float32) / 1e3 for i in (1, 2, 3)}
-    columns |= {a: [1e3 * tip[k] for *_, tip, _ in rows] for k, a in enumerate("xyz")}
-    columns |= {"branch": [b for *_, b in rows], "trial": np.array([n for n, *_ in rows], np.int64)}
-    pyarrow.parquet.write_table(pyarrow.table(columns), path, compression="zstd")
-    return path
-
-
-def test_a_parquet_table_becomes_a_case(tmp_path: Path, cli: Cli) -> None:
-    columns: dict[str, Any] = plain(t="at", trial="trial")
-    columns |= {f"p{i}": {"column": f"p{i}", "unit": "kPa"} for i in (1, 2, 3)}
-    columns |= {a: {"column": a, "unit": "mm"} for a in "xyz"}
-    columns["branch"] = {"column": "branch", "values": {"auf": "load", "ab": "unload"}}
-    map_file = write_map(tmp_path / "map.yaml", columns=columns)
-    table = case(cli, parquet(tmp_path / "run.parquet"), map_file)
-    assert table["trial"].tolist() == [n for n, *_ in sweep()]
-    assert table["t"] == pytest.approx([t for _, t, *_ in sweep()])
-    assert table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in sweep()], rel=1e-6)
-    assert tips(table) == pytest.approx(truth())
-    assert table["branch"].tolist() == ["load", "load", "load", "unload"] * 6
-    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
-    with pytest.raises(ConfigError, match="is not a Parquet file"):
-        read(tmp_path / "bad.parquet", Source())
-
-
 def nested(rows: list[Any], odd: dict[str, Any]) -> Any:
-    """The sweep with lists and structures, and columns that are no measurements."""
+    """The sweep with times of the clock, lists, structures and words, and columns that are no measurements."""
     pressures = [[v / 1e3 for v in p] for _, _, p, _, _ in rows]
     bodies = [[{"name": "tip", "at": dict(zip("xyz", (1e3 * tip).tolist(), strict=True))}, {"name": "base", "at": None}]
               for *_, tip, _ in rows]  # fmt: skip
     bodies = [b[::-1] if i % 2 else b for i, b in enumerate(bodies)]  # told by their names, not by their order
-    columns = {"time": [t for _, t, *_ in rows], "pressure_kPa": pyarrow.array(pressures, pyarrow.list_(pyarrow.float32()))}
-    return pyarrow.table(columns | {"bodies_mm": bodies} | odd)
+    at = [np.datetime64("2026-03-01T12:00:00.000") + int(1e3 * t) for _, t, *_ in rows]
+    columns = {"time": at, "pressure_kPa": pyarrow.array(pressures, pyarrow.list_(pyarrow.float32()))}
+    return pyarrow.table(columns | {"bodies_mm": bodies, "branch": [b for *_, b in rows]} | odd)
 
 
 def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cost_themselves_alone(tmp_path: Path) -> None:
@@ -341,9 +302,14 @@ def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cos
     columns = plain(t="time", **{f"p{k}": f"pressure_kPa.{k}" for k in (1, 2, 3)}) | {
         a: {"column": f"bodies_mm.tip.at.{a}"} for a in "xyz"
     }
-    made = by_map(tmp_path / "run.parquet", columns=columns, trials={"begin": "rest"})
-    assert made.table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in rows], rel=1e-6)
-    assert tips(made.table) == pytest.approx(truth())
+    columns["branch"] = {"column": "branch", "values": {"auf": "load", "ab": "unload"}}
+    table = by_map(tmp_path / "run.parquet", columns=columns, trials={"begin": "rest"}).table
+    assert table["p2"] == pytest.approx([p[1] for _, _, p, _, _ in rows], rel=1e-6)
+    assert tips(table) == pytest.approx(truth()) and table["t"] == pytest.approx([t for _, t, *_ in rows])
+    assert table["trial"].tolist() == [n for n, *_ in rows] and set(table["branch"][3::4]) == {"unload"} != set(table["branch"])
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
+    with pytest.raises(ConfigError, match="is not a Parquet file"):
+        read(tmp_path / "bad.parquet", Source())
 
 
 def test_a_damaged_column_of_a_parquet_table_costs_itself_alone(tmp_path: Path) -> None:
@@ -368,17 +334,6 @@ def test_a_reader_that_is_not_installed_is_named(
     map_file = write_map(tmp_path / "map.yaml", columns=COLUMNS)
     told = cli("import", tmp_path / name, "--map", map_file, "--out", tmp_path / "case", code=2).flat_err
     assert f"is read with {library}, which is not installed; pip install 'softlab[import]'" in told
-
-
-def test_a_ros_2_bag_is_read(tmp_path: Path) -> None:
-    with open(tmp_path / "bag.mcap", "wb") as file:
-        writer = Ros2Writer(file)
-        point = "float64 x\nfloat64 y\nfloat64 z"
-        schema = writer.register_msgdef("geometry_msgs/msg/Point", point)
-        for i in range(3):
-            writer.write_message("/tip", schema, {"x": 0.1 * i, "y": 0.0, "z": 0.4}, log_time=i * 10**9, publish_time=i * 10**9)
-        writer.finish()
-    assert read(tmp_path / "bag.mcap", Source()).numbers["/tip.x"] == pytest.approx([0, 0.1, 0.2])
 
 
 def test_plateaus_are_where_every_pressure_stands() -> None:

@@ -334,21 +334,6 @@ def test_a_c3d_file_whose_frames_hold_nothing_is_refused(tmp_path: Path) -> None
         read(tmp_path / "take.c3d", Source())
 
 
-def test_headings_of_two_lines_name_marker_and_axis(tmp_path: Path) -> None:
-    lines = [
-        "Trajectories",
-        "50",
-        ",,P1,P2,P3,Rig:Tip,,,Rig:Base,,",
-        "Frame,Time,,,,X,Y,Z,X,Y,Z",
-        ",s,kPa,kPa,kPa,mm,mm,mm,mm,mm,mm",
-    ]
-    for k, (tip, row) in enumerate(zip(seen(FRAMES[:, 4:]), FRAMES, strict=True)):
-        lines.append(",".join([str(k + 1), *(f"{v:.4f}" for v in (*row[:4], *tip, *BASE))]))
-    (tmp_path / "take.csv").write_text("\n".join(lines))
-    _, made = through(tmp_path / "take.csv")
-    assert len(made.table) == PLATEAUS and np.abs(made.table["z"] - 0.14).max() < 0.011
-
-
 @pytest.mark.parametrize("parent", [True, False])
 def test_a_few_markers_of_motive_keep_their_names_and_the_unit_of_the_take(parent: bool, tmp_path: Path) -> None:
     markers = [m for m in ("Rig:Tip", "Rig:Base", "Unlabeled 7") for _ in "XYZ"]

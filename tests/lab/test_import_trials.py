@@ -346,9 +346,3 @@ def test_a_wrong_map_is_asked_about(change: Change, said: str, tmp_path: Path, c
     values = copy.deepcopy(RIGHT)
     change(values)
     assert said in told(tmp_path, content(), values, cli)
-
-
-def test_a_marker_that_moves_more_than_the_tip_is_asked_about(tmp_path: Path, cli: Cli) -> None:
-    values = copy.deepcopy(RIGHT) | {"straight": "first state", "points": {"m1": {"of": [list(HEADINGS[4:])], "unit": "mm"}}}
-    values["columns"] |= {a: {"column": c, "unit": "mm"} for a, c in zip("xyz", HALF, strict=True)}
-    assert "the tip and marker 1 are swapped" in told(tmp_path, content(), values, cli)

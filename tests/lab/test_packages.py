@@ -132,10 +132,8 @@ def test_protocols(install: Install, cli: Cli) -> None:
     assert set(found_protocols().usable) == {"stiffness", "bending", "elongation", "cycles", "arm_accuracy", "creep"}
     assert "note" not in cli("plan", "elongation", "--rig", RIG, "--set", "repeats=2").err
     assert "package packaged 1.0: entry point bending" in cli("plan", "bending", "--rig", RIG).flat_err
-    assert (
-        "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'"
-        in cli("plan", "odd", "--rig", RIG, code=2).err
-    )
+    missing = cli("plan", "odd", "--rig", RIG, code=2).err
+    assert "cannot be loaded: ModuleNotFoundError: No module named 'nothing_of_this_name'" in missing
     cli("schema", "odd", code=2)
 
 
@@ -160,10 +158,8 @@ def test_fakes(install: Install, cli: Cli, tmp_path: Path) -> None:
 def test_a_fake_that_its_own_driver_would_refuse_is_told_before_it_is_started(install: Install, cli: Cli) -> None:
     text = DRIVER + LOST + FAKE.format(role="gauge").replace("[]", "[Lost()]")
     install("apart", text, fakes={"apart": ":FAKE"}, drivers={"apart": ":DRIVER"})
-    assert (
-        "gauge: the driver apart rejects the settings of its own fake: port ="
-        in cli("fakes", "--gauge", "apart", code=2).flat_err
-    )
+    told = cli("fakes", "--gauge", "apart", code=2).flat_err
+    assert "gauge: the driver apart rejects the settings of its own fake: port =" in told
 
 
 def rig_with(path: Path, driver: str) -> Path:
@@ -174,8 +170,9 @@ def rig_with(path: Path, driver: str) -> Path:
 
 
 def test_a_driver_that_is_none_is_named_where_it_is_used_and_hinders_nobody_elsewhere(
-    install: Install, cli: Cli, tmp_path: Path
+    install: Install, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("lab.guard.new_guard.REACH_WITHIN", 1.0)  # of instruments that nobody reaches
     for name, (module, _) in BROKEN.items():
         install(name, module, drivers={name: ":DRIVER"})
     cli("plan", "bending", "--rig", rig_with(tmp_path / "rig.yaml", "alicat"))
@@ -211,12 +208,12 @@ def test_effects(install: Install) -> None:
     assert "package greedy 1.0: entry point any = greedy:EFFECTS of softlab.effects: the name base_tilt" in text
 
 
-@pytest.mark.parametrize("text", ["EFFECTS = ()", "EFFECTS = 3", "nothing = 1", "1 / 0", "raise SystemExit"])
+@pytest.mark.parametrize("text", ["EFFECTS = ()", "EFFECTS = 3", "nothing = 1", "1 / 0", "def oops(:", "raise SystemExit"])
 def test_a_file_without_good_effects_is_refused_by_name(tmp_path: Path, text: str, cli: Cli) -> None:
     path = tmp_path / "own.py"
     path.write_text(text)
     said = cli("effects", "--out", tmp_path / "out", "--effects", path, code=2).err
-    assert "own.py" in said and ("EFFECTS must be a tuple of EffectSpec" in said or text.startswith(("1", "raise")))
+    assert "own.py" in said and ("EFFECTS must be a tuple of EffectSpec" in said or text.startswith(("1", "def", "raise")))
 
 
 def test_a_file_is_run_as_no_module_that_others_could_import(tmp_path: Path) -> None:

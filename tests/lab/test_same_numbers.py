@@ -113,10 +113,8 @@ def in_page(text: str) -> Numbers:
     for heading, rows in tables(text):
         if heading[0] == "step":
             left = {row[0].partition(" and the numbers")[0]: row[3] for row in rows}
-            said["uncalibrated in steps"], said["calibrated in steps"] = (
-                left["model, uncalibrated"],
-                left["calibration with one area factor"],
-            )
+            said["uncalibrated in steps"] = left["model, uncalibrated"]
+            said["calibrated in steps"] = left["calibration with one area factor"]
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from model.condition import States, conditions
 from model.errors import BadCondition
 from model.robot import Robot, robot_from_dict
-from model.rods import FINE, Paper, Status, solve
+from model.rods import FINE, Paper, Status
 from model.section import body_area, rods_of
 from tests.model.rods.cases import PRESSURES, REFERENCE, solved
 
@@ -30,15 +30,6 @@ def test_unpressurised_it_hangs_straight_and_stretches_by_its_weight(paper_robot
     length, area = paper_robot.length, body_area(paper_robot)
     stretch = (0.25 * 9.81 * length + 1300 * area * 9.81 * length**2 / 2) / (paper_robot.youngs_modulus * area)
     np.testing.assert_allclose(solved(paper_robot, state).tip[0], [0, 0, length + stretch], atol=1e-10)
-
-
-def test_an_end_moment_alone_gives_a_circular_arc(paper_robot: Robot) -> None:
-    batch = rods_of(paper_robot, conditions(paper_robot, 0.0, np.zeros(9), tip_mass=0.0))
-    bent = batch.changed(load=0.0, tip_moment=[0.0, -8.0, 0.0])
-    curvature = 8.0 / batch.field("bend_stiffness")[0, 1, 1]
-    angle = curvature * paper_robot.length
-    expected = np.array([-(1 - np.cos(angle)), 0, np.sin(angle)]) / curvature
-    np.testing.assert_allclose(solve(bent, FINE).tip[0], expected, atol=1e-10)
 
 
 def test_a_roll_of_forty_degrees_turns_the_tip_by_forty_degrees(paper_robot: Robot) -> None:
