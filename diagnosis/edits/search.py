@@ -213,7 +213,7 @@ class Judged:
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.says(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+        return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
 
     def rather(self, kind: str) -> str:
         """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
@@ -222,14 +222,14 @@ class Judged:
             fit, p = self.fits[k], float(self.weight[k])
             if p >= judgement.EDIT_STATED and kind not in self._kinds[k]:
                 for edit, own in mistakes(self.sample.robot, fit):
-                    others.setdefault(edit.kind, (p, str(edit.says(self.sample.robot, fit.theta, own, p, "")[0])))
+                    others.setdefault(edit.kind, (p, str(edit.findings(self.sample.robot, fit.theta, own, p)[0])))
         return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 
 def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
     """The edits of a fit that change something, and their parameters."""
     pairs = zip(fit.edits, fit.own, strict=True)
-    return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own, 0.0, "")]
+    return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own)]
 
 
 def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:

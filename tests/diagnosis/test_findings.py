@@ -32,7 +32,8 @@ def calls() -> list[tuple[str, set[str]]]:
                 "finding(code,"
             ):
                 continue
-            if (own := {"finding": set[str](), "stating": {"short", "p", "rather"}}.get(node.func.id)) is not None:
+            of_edit = {"short", "p", "rather"}
+            if (own := {"finding": set[str](), "stating": of_edit, "mistake": of_edit}.get(node.func.id)) is not None:
                 found += [(code, {str(k.arg) for k in node.keywords} | own) for code in codes(node.args[0])]
     return found
 
