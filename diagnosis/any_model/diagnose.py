@@ -158,7 +158,7 @@ class _Diagnosis:
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
             calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
-            cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
+            cannot_tell_apart=distinguishability(b.problem, w.best, ranked).groups(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
@@ -249,18 +249,6 @@ class _Diagnosis:
         if b.by_row:  # what lasts over the rows is no matter, as others will be measured in another order
             b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
         return fit(b.problem, self._p.all_effects(), 0.0, self._w.best.fit.theta, FREE_ROUNDS).theta
-
-    def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
-        """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
-        best, p, size = self._w.best, self._p, np.ones(len(self._p.scale))
-        for effect in p.ids:
-            if ranked.of_effect(effect) > judgement.RIVAL_PROBABILITY:
-                fitted = self._w.known.candidates.get((effect,), best).fit.theta
-                size = np.where(p.mask((effect,)), fitted[p.of_effect] / p.scale, size)
-        linear, at = best.linear(self._b.problem), best.grid_point
-        reduced = linear.reduced(max(at.size, judgement.COMPARED_DISCREPANCY), at.form_error)
-        apart = distinguishability(reduced, p, size, at.spike, linear.effect_size)
-        return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
 
     def _held_out(self) -> tuple[list[Array], str]:
         """Residuals (n,) of the calibrated model, of what the best hypothesis names, nothing else, and of that with all others
