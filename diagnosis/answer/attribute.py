@@ -18,7 +18,7 @@ from ..inference.budget import Budget, WeighedCauses, weighed
 from ..inference.candidate import Candidate
 from ..inference.evidence import NONE
 from ..inference.executor import SINGLE_THREAD, Executor
-from ..inference.fit import Fit, fit
+from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import EffectPosterior, with_unknown
 from ..inference.prepare import Prepared, parts
 from ..judgement import REDUCIBLE_RATIO, STAGE_GAIN
@@ -100,7 +100,8 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     ranked = with_unknown(w.known, candidates[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     floors_at_least = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
-    decision = without_nothing(decision, sizes(p, best), floors_at_least, ranked.probability(NONE))
+    known = [(s.effect, s.role == "size" and s.certain) for s in sizes(p, best)]
+    decision = without_nothing(decision, known, floors_at_least, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -136,6 +137,5 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple
 
 def calibrated(p: Prepared) -> Fit:
     """The baseline fitted: area factor and tolerances, no effect."""
-    parameters = p.problem.parameters
     # the numbers of a robot.yaml may be far from the data, where a few rounds are not enough
-    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, 30)
+    return fit_alone(p.problem, NONE, p.problem.parameters.mean, 30)

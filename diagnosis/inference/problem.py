@@ -233,13 +233,9 @@ class FitParameters:
         size = np.where(self.sizes, theta[self.of_effect] / self.scale, 0.0)
         return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
-    def no_effects(self) -> SizePrior:
-        """Prior without any effect."""
-        return self.prior(self.mask(()), 0.0)
-
-    def all_effects(self) -> SizePrior:
-        """Prior with all effects named."""
-        return self.prior(self.mask(self.ids), 0.0)
+    def prior_of(self, named: tuple[str, ...], spike: float = 0.0) -> SizePrior:
+        """Prior with these effects named, and all others absent or within a tolerance."""
+        return self.prior(self.mask(named), spike)
 
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
         """Residuals of columns (n, c), the values in `unit` (n, 1) each, after least squares over all that is fitted in every
