@@ -142,6 +142,11 @@ class Variants:
         return robot, self.table.replaced(columns)
 
 
+def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:
+    """What makes some fields of `Variants` larger by a factor, whatever the parameters are."""
+    return lambda v, _: replace(v, **{name: factor * values for name, values in v.arrays(names).items()})
+
+
 ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
 """Fields of `Variants` that change the rod."""
 SEEN = ("tip", "orientation", "markers")

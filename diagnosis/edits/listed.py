@@ -26,7 +26,7 @@ from .. import judgement
 from ..arrays import Array
 from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from . import remedies
-from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
@@ -190,16 +190,12 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
             says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
-            yield Edit("unit", 0.01, says, partial(_unit, factor))
+            yield Edit("unit", 0.01, says, times(factor, "tip", "markers"))
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         says = partial(_step_says, trial)
         yield Edit("step", share, says, moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
-
-
-def _unit(factor: float, v: Variants, own: Array) -> Variants:
-    return replace(v, tip=factor * v.tip, markers=factor * v.markers)
 
 
 def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
@@ -296,11 +292,11 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
     pressures, mapped = sample.table.pressures, sample.table.mapped
-    highest = np.abs(pressures).max(axis=0)
-    pairs = [(i, j) for i, j in combinations(range(len(highest)), 2)
+    highest, columns = np.abs(pressures).max(axis=0), range(pressures.shape[1])
+    pairs = [(i, j) for i, j in combinations(columns, 2)
              if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
     for i, j in pairs:
-        order = list(range(len(highest)))
+        order = list(columns)
         order[i], order[j] = j, i
         says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
         yield Edit("order", 0.04 / len(pairs), says, partial(_order, order))
@@ -310,17 +306,17 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         share = 1 / np.count_nonzero(highest > 0)
         if not small:
             dead = stating("actuator_dead", f"{{actuator}} {k + 1}", number=k + 1)
-            yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, k, 0.0))
+            yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, [k], 0.0))
         for factor in factors:
             bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
-            apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
+            apply, start = partial(_gain, [k], 1.0), ((float(np.log(factor)),),)
             yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
     widest = float(np.log(2e5))
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             prior, most = 0.3 if mapped is not None and mapped.no_unit else 0.03, float(highest.max())
-            yield Edit("pressures", prior, partial(_all_say, mapped, most), _all, starts, (bounds,))
+            yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
         yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
@@ -334,9 +330,9 @@ def _order(order: list[int], v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure[:, :, order])
 
 
-def _gain(k: int, factor: float, v: Variants, own: Array) -> Variants:
+def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:
     pressure = v.pressure.copy()
-    pressure[:, :, k] *= factor * np.exp(own.sum(axis=1, keepdims=True))
+    pressure[:, :, [*columns]] *= factor * np.exp(own.sum(axis=1))[:, None, None]
     return replace(v, pressure=pressure)
 
 
@@ -347,10 +343,6 @@ def _gain_says(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     unit = min(UNITS, key=lambda ratio: abs(np.log(ratio / factor)))
     looks = UNITS[unit] if abs(np.log(unit / factor)) < np.log(1.25) else "another unit"
     return [mistake("column_in_unit", f"column p{k + 1}", number=k + 1, factor=factor, looks=looks)]
-
-
-def _all(v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
 
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -371,7 +363,7 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
     for k in range(len(robot.actuators.azimuths_deg)):
         gain = np.log(judgement.EDIT_USUAL_GAIN)
-        apply = partial(_gain, k, 1.0)
+        apply = partial(_gain, [k], 1.0)
         yield Edit(f"gain {k}", 0.1 / len(robot.actuators.azimuths_deg), apply=apply, starts=((0.0,),),
                    bounds=((-gain, gain),), left=True)  # fmt: skip
     signatures = _signatures(*sample.edited([((), near.x[None])]).written())

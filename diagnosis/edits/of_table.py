@@ -17,7 +17,7 @@ from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
-from .edit import Edit, Says, Variants, mistake, stating
+from .edit import Edit, Says, Variants, mistake, stating, times
 from .listed import FRAMES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 from .remedies import named, of_unit
@@ -38,7 +38,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         number, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
     for factor in (1e-3, 1e3):
         says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
-        yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
+        yield Edit("modulus", 0.01, says, times(factor, "modulus"))
     for of in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
             remedy, short = of_unit(table.mapped, robot, of.name), "gauge or absolute pressures"
@@ -133,10 +133,6 @@ def _axes_of_one_say(body: int, axes: Array) -> Says:
     point = "the tip" if body < 0 else f"marker {body + 1}"
     axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
     return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
-
-
-def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
-    return replace(v, modulus=factor * v.modulus)
 
 
 def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:

@@ -24,19 +24,13 @@ from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
 from ..findings import Finding, finding
-from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
+from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants, times
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described, sample_of
 from .of_table import of_table
 from .order import ORDER, place_of, reordered, with_order
 
-
-def _unloaded(v: Variants, own: Array) -> Variants:
-    names = ("pressure", "gravity", "mass", "force", "moment")
-    return replace(v, **{name: 0.0 * values for name, values in v.arrays(names).items()})
-
-
-STILL = Edit("still", 0.1, apply=_unloaded, left=True)
+STILL = Edit("still", 0.1, apply=times(0.0, "pressure", "gravity", "mass", "force", "moment"), left=True)
 """A rod that nothing moves: an edit that does no better, as it stiffens all motion away, is no mistake that can be named."""
 
 
