@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import asdict
 from typing import Any
 
 DEEPEST = 50
@@ -28,6 +29,16 @@ def read_json(text: str | bytes) -> Any:
         # Two halves that belong together are one character by now; one alone can be neither printed nor written.
         json.dumps(values, ensure_ascii=False).encode("utf-8")
     return values
+
+
+class Plain:
+    """A dataclass that becomes plain values."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Fields and properties as plain values for JSON."""
+        itself: Any = self
+        properties = [name for name, value in vars(type(self)).items() if isinstance(value, property)]
+        return asdict(itself) | {name: getattr(self, name) for name in properties}
 
 
 def plain_numbers(value: Any) -> Any:

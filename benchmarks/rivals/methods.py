@@ -54,7 +54,7 @@ def bic(problem: Problem, named: Hypothesis, found: Fit) -> float:
 def fitted(problem: Problem, named: Hypothesis, start: Array | Fit, rounds: int = 12) -> Fit:
     """Least squares over the nuisances and the effects named, of which those have a prior ten plausible scales wide."""
     p = problem.parameters
-    prior = p.prior(p.mask(named), 0.0)
+    prior = p.prior_of(named)
     wide = type(prior)(prior.mean, prior.variance * 100.0, prior.wide)
     return fit(problem, wide, 0.0, start, rounds)
 
@@ -141,7 +141,7 @@ def learned(p: Prepared) -> dict[str, Any]:
 def closed(p: Prepared, start: Array, part: Ints) -> tuple[float, float, float | None]:
     """rms (m) that the calibrated model misses, and with the process, on parts (states,) that neither has seen, and the share of
     the gap closed; None where there is none. `start` (k,): parameters near which each part's calibration is."""
-    problem, prior = p.problem, p.problem.parameters.no_effects()
+    problem, prior = p.problem, p.problem.parameters.prior_of(())
     before = np.full((len(p.states), 3), np.nan)
     after, x = before.copy(), inputs(p)
     for one in np.unique(part):

@@ -16,12 +16,12 @@ from ..data.case import lacking
 from ..data.levels import SPINE_GAP
 from ..inference.budget import Budget, WeighedCauses, weighed
 from ..inference.candidate import Candidate
-from ..inference.evidence import NONE, Hypothesis
+from ..inference.evidence import NONE
 from ..inference.executor import SINGLE_THREAD, Executor
-from ..inference.fit import Fit, fit
+from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import EffectPosterior, with_unknown
 from ..inference.prepare import Prepared, parts
-from ..judgement import COMPARED_DISCREPANCY, REDUCIBLE_RATIO, RIVAL_PROBABILITY, STAGE_GAIN
+from ..judgement import REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .size import sizes
@@ -63,12 +63,6 @@ class Attribution:
         left = rms(self.prepared.gap(self.prepared.problem.observed - self.calibrated.predicted))
         return {**p.tense(self.calibrated.theta), **own} if left < REDUCIBLE_RATIO * self.prepared.noise_floor else own
 
-    @property
-    def cannot_tell_apart(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of probable, detectable effects that these data cannot tell apart."""
-        apart = self.distinguishability
-        return apart.groups([e for e in apart.effects if self.posterior.of_effect(e) > RIVAL_PROBABILITY])
-
 
 @dataclass(frozen=True)
 class Begun:
@@ -106,7 +100,8 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     ranked = with_unknown(w.known, candidates[NONE], odds)
     decision = decide(ranked, not lacking(p.states), w.budget.nothing_stands_out)
     floors_at_least = {e: w.budget.interval(e, 0.025)[0] / p.noise_floor for e in decision.effects}
-    decision = without_nothing(decision, sizes(p, best), floors_at_least, ranked.probability(NONE))
+    known = [(s.effect, s.role == "size" and s.certain) for s in sizes(p, best)]
+    decision = without_nothing(decision, known, floors_at_least, ranked.probability(NONE))
     answered = best if decision.verdict == "effect" else leading
     decision = replace(
         decision,
@@ -121,7 +116,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         calibrated=begun.calibrated,
         misfit=misfit,
         decision=decision,
-        distinguishability=_distinguishability(p, candidates, ranked, best),
+        distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
         stage_errors=free_forms,
     )
@@ -142,21 +137,5 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple
 
 def calibrated(p: Prepared) -> Fit:
     """The baseline fitted: area factor and tolerances, no effect."""
-    parameters = p.problem.parameters
     # the numbers of a robot.yaml may be far from the data, where a few rounds are not enough
-    return fit(p.problem, parameters.no_effects(), 0.0, parameters.mean, 30)
-
-
-def _distinguishability(
-    p: Prepared, found: Mapping[Hypothesis, Candidate], ranked: EffectPosterior, best: Candidate
-) -> Distinguishability:
-    """Separations of all single effects: at the fitted size where an effect is probable, else at its plausible scale."""
-    parameters = p.problem.parameters
-    size = np.ones(len(parameters.scale))
-    for effect in parameters.ids:
-        if ranked.of_effect(effect) > RIVAL_PROBABILITY:
-            mask = parameters.mask((effect,))
-            size[mask] = (found[(effect,)].fit.theta[parameters.of_effect] / parameters.scale)[mask]
-    linear = best.linear(p.problem)
-    reduced = linear.reduced(max(best.grid_point.size, COMPARED_DISCREPANCY), best.grid_point.form_error)
-    return distinguishability(reduced, parameters, size, best.grid_point.spike, linear.effect_size)
+    return fit_alone(p.problem, NONE, p.problem.parameters.mean, 30)

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Literal
 
 from .. import judgement
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.posterior import UNKNOWN, EffectPosterior
 
 Verdict = Literal["effect", "none", "unknown"]
-
-
-class SizeLike(Protocol):
-    """Required attributes of a fitted size (`answer.size.Size`)."""
-
-    @property
-    def effect(self) -> str: ...
-    @property
-    def certain(self) -> bool: ...
-    @property
-    def role(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -76,11 +65,12 @@ def decide(posterior: EffectPosterior, enough: bool, nothing_stands_out: float =
     return Decision("effect", named, probability, outside)
 
 
-def without_nothing(d: Decision, known: Sequence[SizeLike], lowest: Mapping[str, float], none: float) -> Decision:
+def without_nothing(d: Decision, fitted: Sequence[tuple[str, bool]], lowest: Mapping[str, float], none: float) -> Decision:
     """The decision without effects whose size is zero within its error and which may carry less than a noise floor; none, of
-    probability `none` so far, where no other is named. `lowest`: noise floors that each carries at least, with 97.5 %."""
-    certain = {s.effect for s in known if s.role == "size" and s.certain} | ({*d.effects} - {s.effect for s in known})
-    named = tuple(e for e in d.effects if e in certain or lowest[e] > judgement.LEAST_NAMED_FLOORS)
+    probability `none` so far, where no other is named. `fitted`: effect of each of its parameters, and whether that is a size
+    surely beyond zero; `lowest`: noise floors that each carries at least, with 97.5 %."""
+    zero = {effect for effect, _ in fitted} - {effect for effect, certain in fitted if certain}
+    named = tuple(e for e in d.effects if e not in zero or lowest[e] > judgement.LEAST_NAMED_FLOORS)
     if named == d.effects:
         return d
     nothing = min(d.probability + none, 1 - d.outside)

@@ -7,15 +7,16 @@ the right one would lead by less than three standard deviations.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays import Array, Mask
+from ..inference.candidate import Candidate
 from ..inference.linear import Reduced
-from ..inference.problem import FitParameters
-from ..judgement import TIED
+from ..inference.posterior import EffectPosterior
+from ..inference.problem import FitParameters, Problem
+from ..judgement import COMPARED_DISCREPANCY, RIVAL_PROBABILITY, TIED
 
 
 @dataclass(frozen=True)
@@ -31,26 +32,28 @@ class Distinguishability:
         i = self.effects.index(effect)
         return tuple(e for j, e in enumerate(self.effects) if j != i and self.separation[i, j] < TIED)
 
-    def groups(self, among: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-        """Groups of detectable effects that these data cannot tell apart."""
+    def groups(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
+        """Groups of probable, detectable effects that these data cannot tell apart."""
         detectable = np.diag(self.separation) >= TIED  # against no effect at all
-        seen = [e for e in among if detectable[self.effects.index(e)]]
+        seen = [e for e, shows in zip(self.effects, detectable, strict=True) if shows and ranked.of_effect(e) > RIVAL_PROBABILITY]
         groups = (tuple(e for e in seen if e == one or e in self.rivals(one)) for one in seen)
         return tuple(dict.fromkeys(g for g in groups if len(g) > 1))
 
 
-def distinguishability(
-    reduced: Reduced, p: FitParameters, size: Array, spike: float, effect_size: Array | None
-) -> Distinguishability:
-    """Separations of all effects, each with its parameters at `size` (k,) in units of the scale.
-
-    `reduced` has the discrepancy integrated out; the other effects are free within `spike` of their scale, their shape
-    parameters as `effect_size` (k,) allows (see `FitParameters.prior`).
-    """
-    out = np.diag([_separation(reduced, p, one, None, size, spike, effect_size)[0] for one in p.ids])
+def distinguishability(problem: Problem, best: Candidate, ranked: EffectPosterior) -> Distinguishability:
+    """Separations of all single effects in the linear problem of the `best` hypothesis, everything else free within its
+    tolerance: at the fitted size where an effect is probable, else at its plausible scale."""
+    p, linear, at = problem.parameters, best.linear(problem), best.grid_point
+    size = np.ones(len(p.scale))
+    for effect in p.ids:
+        if ranked.of_effect(effect) > RIVAL_PROBABILITY:
+            fitted = ranked.candidates.get((effect,), best).fit.theta
+            size = np.where(p.mask((effect,)), fitted[p.of_effect] / p.scale, size)
+    reduced = linear.reduced(max(at.size, COMPARED_DISCREPANCY), at.form_error)
+    out = np.diag([_separation(reduced, p, one, None, size, at.spike, linear.effect_size)[0] for one in p.ids])
     for i, one in enumerate(p.ids):
         for j, other in enumerate(p.ids[:i]):
-            out[i, j], out[j, i] = _separation(reduced, p, one, other, size, spike, effect_size)
+            out[i, j], out[j, i] = _separation(reduced, p, one, other, size, at.spike, linear.effect_size)
     return Distinguishability(p.ids, out)
 
 
@@ -63,7 +66,8 @@ def visible(reduced: Reduced, p: FitParameters, spike: float, effect_size: Array
 def _separation(
     reduced: Reduced, p: FitParameters, one: str, other: str | None, size: Array, spike: float, effect_size: Array | None
 ) -> tuple[float, float]:
-    """T of one effect against the other (None: against no effect), and of the other against the one."""
+    """T of one effect against the other (None: against no effect), and of the other against the one, each with its parameters at
+    `size` (p,); the other effects are free within `spike`, their shape parameters as `effect_size` (p,) allows."""
     mask = p.mask((one,) if other is None else (one, other))
     free = ~mask
     root = np.sqrt(p.prior(mask, spike, effect_size).variance[free])

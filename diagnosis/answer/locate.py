@@ -72,18 +72,10 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
     for own in _quarters(s.time):
         yield ("time", _mean(s.time[own]), s.trial[own], gap[own], floor)
     for k, arc in enumerate(p.robot.markers, 1):
-        marker = _marker(p, missed, k)[seen]
+        marker = p.places(missed, np.char.startswith(p.labels.channel, f"m{k}"))[seen]
         own = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
             yield ("arc_length", float(arc), s.trial[own], marker[own], floor)
-
-
-def _marker(p: Prepared, missed: Array, k: int) -> Array:
-    """(states, 3) m by which marker k is missed; NaN where it was not measured."""
-    own = np.char.startswith(p.labels.channel, f"m{k}")
-    out = np.full((len(p.states), 3), np.nan)
-    out[p.labels.state[own], p.labels.axis[own]] = missed[own]
-    return out
 
 
 def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:

@@ -32,7 +32,7 @@ from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.fit import Fit, fit
+from ..inference.fit import Fit, fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
@@ -69,7 +69,7 @@ class Unseen:
 
 def baseline_model(p: Prepared, calibrated: Fit) -> Model:
     """The calibrated baseline without any effect."""
-    return Model(p.problem.parameters.no_effects(), 0.0, calibrated.theta)
+    return Model(p.problem.parameters.prior_of(NONE), 0.0, calibrated.theta)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
@@ -167,10 +167,8 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
 
 def _only(f: Attribution, named: Hypothesis) -> Model:
     """These effects and no tolerance of others."""
-    problem, p = f.prepared.problem, f.prepared.problem.parameters
-    prior = p.prior(p.mask(named), 0.0)
-    start = np.where(np.isin(p.effects, ["", *named]), f.best.fit.theta, p.mean)
-    return Model(prior, 0.0, fit(problem, prior, 0.0, start, 4).theta)
+    problem = f.prepared.problem
+    return Model(problem.parameters.prior_of(named), 0.0, fit_alone(problem, named, f.best.fit.theta, 4).theta)
 
 
 def _simulator_as_it_is(p: Prepared) -> Array | None:

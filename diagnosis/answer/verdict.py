@@ -78,7 +78,7 @@ def attribute_section(
         **vars(d),
         credible_set=f.posterior.credible_set,
         ranking=tuple(ranked),
-        cannot_tell_apart=f.cannot_tell_apart,
+        cannot_tell_apart=f.distinguishability.groups(f.posterior),
         stage_errors=f.asking,
         conclusion=conclude(d, significant, f.asking, doubtful or bool(why)),
         rivals=rivals(d, f.posterior) if d.probability < judgement.CAUSE_PROBABILITY else (),

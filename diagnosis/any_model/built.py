@@ -14,8 +14,8 @@ from .. import judgement
 from ..arrays import Array, Ints, Mask
 from ..errors import BadCase
 from ..inference.discrepancy import SmoothErrors
-from ..inference.evidence import Hypothesis
-from ..inference.fit import Fit, fit
+from ..inference.evidence import NONE, Hypothesis
+from ..inference.fit import Fit, fit_alone
 from ..inference.problem import FitParameters, Problem
 from .cause import Parameter
 from .model import Model, Predict
@@ -142,7 +142,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
     noise = estimate.noise(block[row], place[row], output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
-    calibrated = fit(problem, parameters.no_effects(), 0.0, parameters.mean, FREE_ROUNDS)
+    calibrated = fit_alone(problem, NONE, parameters.mean, FREE_ROUNDS)
     built = Built(
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, calibrated, apart,
         of_relatives,
@@ -264,8 +264,7 @@ def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
             theta = calibration.copy()
             theta[own] = np.clip(times * np.array(sizes), p.lower[own], p.upper[own])
             starts.append(theta)
-        prior = p.prior(p.mask((cause,)), 0.0)
-        fits = sorted((fit(b.problem, prior, 0.0, theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
+        fits = sorted((fit_alone(b.problem, (cause,), theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
         points += [((cause,), f.theta) for f in fits[:2]]
     return points
 
@@ -278,17 +277,15 @@ def _with_richest(b: Built, estimated: Mask) -> Built:
     costs = [float(np.sum(b.problem.noise.whiten(b.problem.observed - b.model.predict(theta)) ** 2)) for theta in points]
     points = [points[0], *(points[i] for i in np.argsort(costs)[:1] if i)]
     for _ in range(ESTIMATES if estimated.any() else 1):
-        richest = min((fit(b.problem, p.all_effects(), 0.0, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
+        richest = min((fit_alone(b.problem, p.ids, point, FREE_ROUNDS) for point in points), key=lambda f: f.cost)
         points = [richest.theta]
         if estimated.any():
             b = b.with_noise(_left(b, richest, estimated))
     lasting = tuple(name for name, q, own in zip(b.table.outputs, b.estimate.share, estimated, strict=True) if own and q)
-    begun = list(b.begun)
-    for named in dict.fromkeys(h for h, _ in b.begun):
-        start = np.where(np.isin(p.effects, ["", *named]), richest.theta, 0.0)
-        begun.append((named, fit(b.problem, p.prior(p.mask(named), 0.0), 0.0, start, FREE_ROUNDS).theta))
-    again = fit(b.problem, p.no_effects(), 0.0, b.calibrated.theta, FREE_ROUNDS)
-    return replace(b, calibrated=again, richest=richest, estimated=bool(estimated.any()), lasting=lasting, begun=tuple(begun))
+    named = dict.fromkeys(h for h, _ in b.begun)
+    begun = (*b.begun, *((h, fit_alone(b.problem, h, richest.theta, FREE_ROUNDS).theta) for h in named))
+    again = fit_alone(b.problem, NONE, b.calibrated.theta, FREE_ROUNDS)
+    return replace(b, calibrated=again, richest=richest, estimated=bool(estimated.any()), lasting=lasting, begun=begun)
 
 
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:

@@ -31,7 +31,7 @@ from ..inference.cross_validation import Model as Refitted
 from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
-from ..inference.fit import Fit, fit
+from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, odds_of_relatives, with_unknown
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build, without_strays
@@ -114,7 +114,8 @@ class _Diagnosis:
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
         decision = decide(ranked, True, w.budget.nothing_stands_out)
         lowest = {e: w.budget.interval(e, 0.025)[0] for e in decision.effects}
-        decision = without_nothing(decision, self._sizes(w.best.named), lowest, ranked.probability(NONE))
+        known = [(s.effect, s.role == "size" and s.certain) for s in self._sizes(w.best.named)]
+        decision = without_nothing(decision, known, lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
         before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
         closed = (
@@ -158,7 +159,7 @@ class _Diagnosis:
             says=tuple(self._causes[e].says or e for e in decision.effects), ranking=ranking,
             stages={e: self._causes[e].stage for e in decision.effects},
             calibration={p.key: (at_fit[p.key], p.unit) for p in b.parameters if p.group == "calibration"},
-            cannot_tell_apart=self._alike(ranked), steps=tuple(steps),
+            cannot_tell_apart=distinguishability(b.problem, w.best, ranked).groups(ranked), steps=tuple(steps),
             how=how, share_closed=closed if decision.effects else None,
             goes_with=asking[0].dependence if decision.verdict == "unknown" and asking else "",
             next_experiment=() if candidates is None else self._proposed(ranked, candidates),
@@ -223,10 +224,8 @@ class _Diagnosis:
 
     def _fitted(self, named: Hypothesis) -> Fit:
         """What is named and the calibration fitted, nothing else."""
-        if named in self._fits:
-            return self._fits[named]
-        start = np.where(np.isin(self._p.effects, ["", *named]), self._w.best.fit.theta, 0.0)
-        self._fits[named] = fit(self._b.problem, self._p.prior(self._p.mask(named), 0.0), 0.0, start, FREE_ROUNDS)
+        if named not in self._fits:
+            self._fits[named] = fit_alone(self._b.problem, named, self._w.best.fit.theta, FREE_ROUNDS)
         return self._fits[named]
 
     def _sizes(self, named: Hypothesis, fitted: Fit | None = None) -> tuple[Size, ...]:
@@ -248,19 +247,7 @@ class _Diagnosis:
         b = self._b
         if b.by_row:  # what lasts over the rows is no matter, as others will be measured in another order
             b = b.with_noise(replace(b.estimate, share=np.zeros(len(b.sd))))
-        return fit(b.problem, self._p.all_effects(), 0.0, self._w.best.fit.theta, FREE_ROUNDS).theta
-
-    def _alike(self, ranked: EffectPosterior) -> tuple[tuple[str, ...], ...]:
-        """Groups of causes that these data cannot tell apart, at their fitted sizes, else at plausible ones."""
-        best, p, size = self._w.best, self._p, np.ones(len(self._p.scale))
-        for effect in p.ids:
-            if ranked.of_effect(effect) > judgement.RIVAL_PROBABILITY:
-                fitted = self._w.known.candidates.get((effect,), best).fit.theta
-                size = np.where(p.mask((effect,)), fitted[p.of_effect] / p.scale, size)
-        linear, at = best.linear(self._b.problem), best.grid_point
-        reduced = linear.reduced(max(at.size, judgement.COMPARED_DISCREPANCY), at.form_error)
-        apart = distinguishability(reduced, p, size, at.spike, linear.effect_size)
-        return apart.groups([e for e in p.ids if ranked.of_effect(e) > judgement.RIVAL_PROBABILITY])
+        return fit_alone(b.problem, self._p.ids, self._w.best.fit.theta, FREE_ROUNDS).theta
 
     def _held_out(self) -> tuple[list[Array], str]:
         """Residuals (n,) of the calibrated model, of what the best hypothesis names, nothing else, and of that with all others
@@ -277,16 +264,16 @@ class _Diagnosis:
         else:
             # the first part is in every fit, as it alone says where the series begins
             part, how = (b.table.order * (FOLDS - 1e-9)).astype(np.int64) - 1, "a fifth of the series left out in turn"
-        named, fitted = self._p.mask(w.best.named), self._fitted(w.best.named)
+        named, fitted = w.best.named, self._fitted(w.best.named)
         without = b.problem.forward.predict(np.where(self._p.of_effect, 0.0, fitted.theta))
         done = np.bincount(part[b.row] + 1, np.nan_to_num(fitted.predicted - without) ** 2)
         if not b.by_row and done.max() > ONE_PART * done.sum() > 0:  # what acts there alone is not seen without it
             part = (b.table.order * (FOLDS * PIECES - 1e-9)).astype(np.int64) % FOLDS
             how = f"every fifth of {FOLDS * PIECES} pieces of each series left out in turn"
         models = [
-            Refitted(self._p.no_effects(), 0.0, self._calibrated.theta),
-            Refitted(self._p.prior(named, 0.0), 0.0, fitted.theta),
-            Refitted(self._p.prior(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
+            Refitted(self._p.prior_of(NONE), 0.0, self._calibrated.theta),
+            Refitted(self._p.prior_of(named), 0.0, fitted.theta),
+            Refitted(self._p.prior_of(named, judgement.FIT_TOLERATED_SIZE), 0.0, w.best.fit.theta),
         ]
         return CrossValidation(b.problem, part[b.row]).residuals(models)(), how
 

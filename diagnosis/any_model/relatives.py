@@ -50,7 +50,7 @@ def _fitted(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) -> Rela
     named = (*beside, relative.name)
     kept = np.where(np.isin(p.effects, ["", *beside]), c.fit.theta, 0.0)
     starts = [np.append(kept, [x.sides[min(side, len(x.sides) - 1)] for x in own]) for side in (0, 1)]
-    fits = (fit(problem, wider.prior(wider.mask(named), 0.0), judgement.FIT_DISCREPANCY_SIZE, s, FREE_ROUNDS) for s in starts)
+    fits = (fit(problem, wider.prior_of(named), judgement.FIT_DISCREPANCY_SIZE, s, FREE_ROUNDS) for s in starts)
     best = min(fits, key=lambda f: f.cost)
     whole = best.with_all_derivatives(problem).with_form_error(problem, named)
     (w,) = weigh(whole.linear(problem), KNOWN, wider, [named])

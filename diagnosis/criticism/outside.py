@@ -130,7 +130,7 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     named = (*r.beside, r.relative)
     theta = np.where(place < 0, 0.0, start.fit.theta[place])
     theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
-    prior = wider.prior(wider.mask(named), judgement.FIT_TOLERATED_SIZE)
+    prior = wider.prior_of(named, judgement.FIT_TOLERATED_SIZE)
     best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
     complete = best.with_all_derivatives(problem).with_form_error(problem, named)
     with_it, without = weigh(complete.linear(problem), KNOWN, wider, [named, r.beside])

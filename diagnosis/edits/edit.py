@@ -142,25 +142,31 @@ class Variants:
         return robot, self.table.replaced(columns)
 
 
+def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:
+    """What makes some fields of `Variants` larger by a factor, whatever the parameters are."""
+    return lambda v, _: replace(v, **{name: factor * values for name, values in v.arrays(names).items()})
+
+
 ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
 """Fields of `Variants` that change the rod."""
 SEEN = ("tip", "orientation", "markers")
 """Those that were measured of it."""
 
 
-Says = Callable[[Robot, Array, Array, float, str], Sequence[Finding]]
-"""Robot as described, calibration (8,), own parameters, probability and what else it may be (text) -> findings; none where
-nothing is changed."""
+Mistake = tuple[str, dict[str, Any]]
+"""Code and values of a finding; among them `short`, a template of what is changed in the robot's words."""
+Says = Callable[[Robot, Array, Array], Sequence[Mistake]]
+"""Robot as described, calibration (8,), own parameters -> what to state; nothing where nothing is changed."""
 
 
-def stating(code: str, short: str, **values: Any) -> Says:
-    """State a finding with these values, whatever the parameters are; `short`: what is changed, in the robot's words."""
+def mistake(code: str, short: str, **values: Any) -> Mistake:
+    """A finding to state; its probability and what else it may be follow in `Edit.findings`."""
+    return code, {**values, "short": short}
 
-    def says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
-        words = robot.actuators.words
-        return [finding(code, words, **values, short=words.fill(short), p=p, rather=rather)]
 
-    return says
+def stating(code: str, short: str, *first: Mistake, **values: Any) -> Says:
+    """State a finding with these values, after some `first`, whatever the parameters are."""
+    return lambda *_: [*first, (code, {**values, "short": short})]
 
 
 @dataclass(frozen=True)
@@ -182,6 +188,15 @@ class Edit:
     """Whether the diagnosis names it, so that nothing is changed."""
     of_this_campaign: bool = False
     """Whether another campaign on the robot is without it."""
+
+    def findings(self, robot: Robot, theta: Array, own: Array, p: float = 0.0, rather: str = "") -> list[Finding]:
+        """State it, with its probability and, at the end, what else it may be (text); empty where nothing is changed."""
+        words, every = robot.actuators.words, self.says(robot, theta, own)
+        texts = [""] * (len(every) - 1) + [rather]
+        return [
+            finding(code, words, **values | {"short": words.fill(values["short"]), "p": p, "rather": text})
+            for (code, values), text in zip(every, texts, strict=False)
+        ]
 
 
 def with_length(robot: Robot, length: float) -> Robot:

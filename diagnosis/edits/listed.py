@@ -25,9 +25,8 @@ from recordings.trials import TIP, Mapped, Table
 from .. import judgement
 from ..arrays import Array
 from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
-from ..findings import Finding, finding
 from . import remedies
-from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Says, Variants, stating
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
@@ -79,13 +78,8 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     )
 
 
-def _refitted(
-    name: str, given: float, found: float, unit: str, p: float, rather: str, limit: bool = False, short: str = ""
-) -> Finding:  # fmt: skip
-    return finding(
-        "refitted_to_limit" if limit else "refitted", name=name, given=given, found=found, unit=unit, short=short or name, p=p,
-        rather=rather,
-    )  # fmt: skip
+def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:
+    return [mistake("refitted_to_limit" if limit else "refitted", short or name, name=name, given=given, found=found, unit=unit)]
 
 
 def _at_bound(value: float, bound: float) -> bool:
@@ -96,16 +90,16 @@ def _beyond(theta: Array, number: int) -> bool:
     return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
 
 
-def _modulus(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _modulus(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     kilo, limit = robot.youngs_modulus / 1e3, _at_bound(theta[MODULUS], WIDEST)
     found = kilo * float(np.exp(theta[MODULUS]))
-    return [_refitted("youngs_modulus", kilo, found, "kPa", p, rather, limit)] if _beyond(theta, MODULUS) else []
+    return _refitted("youngs_modulus", kilo, found, "kPa", limit) if _beyond(theta, MODULUS) else []
 
 
-def _azimuth(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
     found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
-    return [_refitted(name, first, found, "deg", p, rather)] if _beyond(theta, AZIMUTH) else []
+    return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
 
 
 def _mirrored(v: Variants, own: Array) -> Variants:
@@ -113,13 +107,13 @@ def _mirrored(v: Variants, own: Array) -> Variants:
     return replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth)
 
 
-def _counted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     azimuths, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
     found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
     most = int(np.abs((found - azimuths + 180) % 360 - 180).argmax())
     short = words.fill("{actuators} counted the other way")
     name = f"{short} round, azimuth of {words.actuator} {most + 1}"
-    return [_refitted(name, float(azimuths[most]), float(found[most]), "deg", p, rather, short=short)]
+    return _refitted(name, float(azimuths[most]), float(found[most]), "deg", short=short)
 
 
 def _gravity(down: Array, v: Variants, own: Array) -> Variants:
@@ -136,12 +130,12 @@ def listed(vector: Any) -> str:
     return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, 2))}]"
 
 
-def _tilted(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
     limit = _at_bound(float(np.abs(theta[GRAVITY]).max()), np.radians(25))
     if not (_beyond(theta, 3) or _beyond(theta, 4)):
         return []
-    return [_refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", p, rather, limit, "gravity")]
+    return _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
 
 
 def _tilt(v: Variants, own: Array) -> Variants:
@@ -150,22 +144,21 @@ def _tilt(v: Variants, own: Array) -> Variants:
     return v.with_gravity_turned(turn).turned(turn)
 
 
-def _tilt_says(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     x, y = np.degrees(own)
     each = [f"{abs(v):.0f} deg about {'-' if v < 0 else ''}{axis}" for v, axis in ((x, "x"), (y, "y")) if abs(v) >= 1]
     if np.hypot(x, y) < judgement.EDIT_LEAST_TILT:
         return []
     about, given = " and ".join(each), listed(robot.gravity)
-    return [finding("base_tilted", about=about, given=given, short="tilt of the base", p=p, rather=rather)]
+    return [mistake("base_tilted", "tilt of the base", about=about, given=given)]
 
 
-def _length(robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
-    given, words = 1e3 * robot.length, robot.actuators.words
-    found = given * (1 + float(own[0]))
-    return [finding("length_differs", words, given=given, found=found, unit="mm", short="length", p=p, rather=rather)]
+def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    given = 1e3 * robot.length
+    return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
 
 
-def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     away, other_size = float(np.linalg.norm(theta[ORIGIN])), abs(theta[AREA] - theta[MODULUS]) > np.log(2)
     another_point = other_size and 0.3 < away < FARTHEST  # of the body: it moves less than the tip
     if another_point or not (np.abs(theta[ORIGIN]) > judgement.EDIT_USUAL[ORIGIN]).any():
@@ -173,8 +166,8 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: fl
     x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
     # farther away its place depends on axes that may be wrong, too
     place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
-    remedy, short = remedies.of_origin(mapped), "origin of the positions"
-    return [finding("origin_elsewhere", x=x, y=y, z=z, place=place, remedy=remedy, short=short, p=p, rather=rather)]
+    remedy = remedies.of_origin(mapped)
+    return [mistake("origin_elsewhere", "origin of the positions", x=x, y=y, z=z, place=place, remedy=remedy)]
 
 
 # ------------------------------------------------------------------ the cameras' frame
@@ -197,16 +190,12 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
             says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
-            yield Edit("unit", 0.01, says, partial(_unit, factor))
+            yield Edit("unit", 0.01, says, times(factor, "tip", "markers"))
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         says = partial(_step_says, trial)
         yield Edit("step", share, says, moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
-
-
-def _unit(factor: float, v: Variants, own: Array) -> Variants:
-    return replace(v, tip=factor * v.tip, markers=factor * v.markers)
 
 
 def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
@@ -219,11 +208,11 @@ def _turn(v: Variants, own: Array) -> Variants:
     return v.turned(from_vector(-own))
 
 
-def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> Sequence[Finding]:
+def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
     turn = Rotation.from_rotvec(own)
     if turn.magnitude() < np.radians(judgement.EDIT_LEAST_TILT):
         return []
-    return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own, p, rather)
+    return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own)
 
 
 def axes_say(axes: Array, mapped: Mapped | None, turn: Rotation | None = None) -> Says:
@@ -261,10 +250,10 @@ def _step(trial: int, v: Variants, own: Array) -> Variants:
     return v.moved(-own[:, None] * (v.table.trial >= trial)[:, None])
 
 
-def _step_says(trial: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _step_says(trial: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     x, y, z = (1e3 * own).tolist()
     mm, by = float(1e3 * np.linalg.norm(own)), f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
-    return [finding("frame_moved", mm=mm, trial=trial, by=by, short="the cameras' frame", p=p, rather=rather)]
+    return [mistake("frame_moved", "the cameras' frame", mm=mm, trial=trial, by=by)]
 
 
 # ------------------------------------------------------------------ attitudes
@@ -303,11 +292,11 @@ def _framed(left: Array, right: Array, orientation: Array) -> Array:
 # ------------------------------------------------------------------ columns of pressure
 def _of_columns(sample: Sample) -> Iterator[Edit]:
     pressures, mapped = sample.table.pressures, sample.table.mapped
-    highest = np.abs(pressures).max(axis=0)
-    pairs = [(i, j) for i, j in combinations(range(len(highest)), 2)
+    highest, columns = np.abs(pressures).max(axis=0), range(pressures.shape[1])
+    pairs = [(i, j) for i, j in combinations(columns, 2)
              if np.abs(pressures[:, i] - pressures[:, j]).max() > 0.1 * highest.max()]  # fmt: skip
     for i, j in pairs:
-        order = list(range(len(highest)))
+        order = list(columns)
         order[i], order[j] = j, i
         says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
         yield Edit("order", 0.04 / len(pairs), says, partial(_order, order))
@@ -317,17 +306,17 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         share = 1 / np.count_nonzero(highest > 0)
         if not small:
             dead = stating("actuator_dead", f"{{actuator}} {k + 1}", number=k + 1)
-            yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, k, 0.0))
+            yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, [k], 0.0))
         for factor in factors:
             bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
-            apply, start = partial(_gain, k, 1.0), ((float(np.log(factor)),),)
+            apply, start = partial(_gain, [k], 1.0), ((float(np.log(factor)),),)
             yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
     widest = float(np.log(2e5))
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             prior, most = 0.3 if mapped is not None and mapped.no_unit else 0.03, float(highest.max())
-            yield Edit("pressures", prior, partial(_all_say, mapped, most), _all, starts, (bounds,))
+            yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
         yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
@@ -341,33 +330,27 @@ def _order(order: list[int], v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure[:, :, order])
 
 
-def _gain(k: int, factor: float, v: Variants, own: Array) -> Variants:
+def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:
     pressure = v.pressure.copy()
-    pressure[:, :, k] *= factor * np.exp(own.sum(axis=1, keepdims=True))
+    pressure[:, :, [*columns]] *= factor * np.exp(own.sum(axis=1))[:, None, None]
     return replace(v, pressure=pressure)
 
 
-def _gain_says(k: int, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _gain_says(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor = float(np.exp(own[0]))
     if 1 / judgement.EDIT_USUAL_GAIN < factor < judgement.EDIT_USUAL_GAIN:
         return []
     unit = min(UNITS, key=lambda ratio: abs(np.log(ratio / factor)))
     looks = UNITS[unit] if abs(np.log(unit / factor)) < np.log(1.25) else "another unit"
-    short = f"column p{k + 1}"
-    return [finding("column_in_unit", number=k + 1, factor=factor, looks=looks, short=short, p=p, rather=rather)]
+    return [mistake("column_in_unit", f"column p{k + 1}", number=k + 1, factor=factor, looks=looks)]
 
 
-def _all(v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure * np.exp(own)[:, :, None])
-
-
-def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array, p: float, rather: str) -> list[Finding]:
+def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
     units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
-    looks, short = units[unit], words.fill("unit of the {pressures}")
-    remedy = remedies.of_unit(mapped, robot, looks)
-    return [finding("pressures_in_unit", words, factor=unit, looks=looks, remedy=remedy, short=short, p=p, rather=rather)]
+    remedy = remedies.of_unit(mapped, robot, units[unit])
+    return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself
@@ -380,7 +363,7 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
     for k in range(len(robot.actuators.azimuths_deg)):
         gain = np.log(judgement.EDIT_USUAL_GAIN)
-        apply = partial(_gain, k, 1.0)
+        apply = partial(_gain, [k], 1.0)
         yield Edit(f"gain {k}", 0.1 / len(robot.actuators.azimuths_deg), apply=apply, starts=((0.0,),),
                    bounds=((-gain, gain),), left=True)  # fmt: skip
     signatures = _signatures(*sample.edited([((), near.x[None])]).written())

@@ -12,14 +12,12 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from model.robot import Robot
 from model.rotation import CONJUGATE, multiply
 from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
-from ..findings import Finding
-from .edit import Edit, Says, Variants, stating
+from .edit import Edit, Says, Variants, mistake, stating, times
 from .listed import FRAMES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 from .remedies import named, of_unit
@@ -40,10 +38,12 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         number, given, unit = "bending_stiffness", robot.bending_stiffness, "N m^2"
     for factor in (1e-3, 1e3):
         says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
-        yield Edit("modulus", 0.01, says, partial(_stiffness, factor))
+        yield Edit("modulus", 0.01, says, times(factor, "modulus"))
     for of in PRESSURE_UNITS if robot.chambers is not None else ():
         if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
-            says = partial(_absolute_says, of, ambient, of_unit(table.mapped, robot, of.name))
+            remedy, short = of_unit(table.mapped, robot, of.name), "gauge or absolute pressures"
+            in_unit = mistake("pressures_in_unit", short, factor=1 / of.per_si, looks=of.name, remedy=remedy)
+            says = stating("pressures_absolute", short, in_unit, ambient=ambient)
             yield Edit("zero", 0.01, says, partial(_absolute, of, ambient))
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
@@ -135,21 +135,8 @@ def _axes_of_one_say(body: int, axes: Array) -> Says:
     return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
 
 
-def _stiffness(factor: float, v: Variants, own: Array) -> Variants:
-    return replace(v, modulus=factor * v.modulus)
-
-
 def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
     return replace(v, pressure=v.pressure / unit.per_si - ambient)
-
-
-def _absolute_says(
-    unit: Unit, ambient: float, remedy: str, robot: Robot, theta: Array, own: Array, p: float, rather: str
-) -> list[Finding]:  # fmt: skip
-    short = "gauge or absolute pressures"
-    in_unit = stating("pressures_in_unit", short, factor=1 / unit.per_si, looks=unit.name, remedy=remedy)
-    absolute = stating("pressures_absolute", short, ambient=ambient)
-    return [*in_unit(robot, theta, own, p, ""), *absolute(robot, theta, own, p, rather)]
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:

@@ -24,19 +24,13 @@ from .. import judgement
 from ..arrays import Array
 from ..data.campaign import Campaign
 from ..findings import Finding, finding
-from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants
+from .edit import AREA, AZIMUTH, MODULUS, Edit, Variants, times
 from .listed import every_edit, of_attitudes
 from .misfit import Fit, Sample, as_described, sample_of
 from .of_table import of_table
 from .order import ORDER, place_of, reordered, with_order
 
-
-def _unloaded(v: Variants, own: Array) -> Variants:
-    names = ("pressure", "gravity", "mass", "force", "moment")
-    return replace(v, **{name: 0.0 * values for name, values in v.arrays(names).items()})
-
-
-STILL = Edit("still", 0.1, apply=_unloaded, left=True)
+STILL = Edit("still", 0.1, apply=times(0.0, "pressure", "gravity", "mass", "force", "moment"), left=True)
 """A rod that nothing moves: an edit that does no better, as it stiffens all motion away, is no mistake that can be named."""
 
 
@@ -213,7 +207,7 @@ class Judged:
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.says(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+        return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
 
     def rather(self, kind: str) -> str:
         """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
@@ -222,14 +216,14 @@ class Judged:
             fit, p = self.fits[k], float(self.weight[k])
             if p >= judgement.EDIT_STATED and kind not in self._kinds[k]:
                 for edit, own in mistakes(self.sample.robot, fit):
-                    others.setdefault(edit.kind, (p, str(edit.says(self.sample.robot, fit.theta, own, p, "")[0])))
+                    others.setdefault(edit.kind, (p, str(edit.findings(self.sample.robot, fit.theta, own, p)[0])))
         return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 
 def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
     """The edits of a fit that change something, and their parameters."""
     pairs = zip(fit.edits, fit.own, strict=True)
-    return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own, 0.0, "")]
+    return [(edit, own) for edit, own in pairs if not edit.left and edit.says(robot, fit.theta, own)]
 
 
 def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Collection[str]) -> Edited:

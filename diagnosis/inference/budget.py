@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -123,9 +123,7 @@ def after_calibration(problem: Problem, where: Sequence[BudgetPart], slope: Colu
     ]
 
 
-def budget(
-    problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming = USUAL
-) -> Budget:  # fmt: skip
+def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[Candidate], naming: Naming) -> Budget:
     """Draw the gap that effects carry, `DRAWS` times from each candidate of some weight; `where`: values in which they carry
     it; `naming`: when they are named."""
     p = problem.parameters
@@ -134,26 +132,19 @@ def budget(
     weights = shares(candidates, len(p.ids)).tolist()
     carry = _Carrying(problem, where)
     least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
-    metres, floors, weight, form_error, tolerant, named = [], [], [], [], [], []
+    draws: list[tuple[Any, ...]] = []
     for c, w in zip(candidates, weights, strict=True):
         if w < 1e-3:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
         in_metres, in_floors = carry.of(c.fit, drawn)
         size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
-        metres.append(in_metres)
-        floors.append(in_floors)
-        weight += [w / DRAWS] * DRAWS
-        with_tolerances = c.grid_point.spike > 0.0
-        form_error += [float(KNOWN.form_errors.max()) if with_tolerances else c.grid_point.form_error] * DRAWS
-        tolerant += [with_tolerances] * DRAWS
-        named.append(_names(in_floors, size >= least_size, np.isin(p.ids, c.named), naming))
-    total = np.array(weight)
-    share = total / total.sum()
-    return Budget(
-        p.ids, np.vstack(metres), np.vstack(floors), share, np.array(form_error), np.array(tolerant), p.law_error,
-        np.vstack(named),
-    )  # fmt: skip
+        tolerant = c.grid_point.spike > 0.0
+        form_error = float(KNOWN.form_errors.max()) if tolerant else c.grid_point.form_error
+        names = _names(in_floors, size >= least_size, np.isin(p.ids, c.named), naming)
+        draws.append((in_metres, in_floors, names, *(np.full(DRAWS, x) for x in (w / DRAWS, form_error, tolerant))))
+    metres, floors, named, weight, law_errors, tolerances = map(np.concatenate, zip(*draws, strict=True))
+    return Budget(p.ids, metres, floors, weight / weight.sum(), law_errors, tolerances, p.law_error, named)
 
 
 def _drawn(weighed: Weighed, standard: Array) -> Array:

@@ -110,6 +110,12 @@ def fit(
     return _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings).search(start, rounds, 0.05)
 
 
+def fit_alone(problem: Problem, named: tuple[str, ...], theta: Array, rounds: int) -> Fit:
+    """Fit some effects and what is fitted in every model, from parameters (k,) without the other effects."""
+    p = problem.parameters
+    return fit(problem, p.prior_of(named), 0.0, np.where(np.isin(p.effects, ["", *named]), theta, 0.0), rounds)
+
+
 class _Descent:
     """Minimises the cost of one problem: half the squared misfit and distance from the prior, discrepancy integrated out."""
 

@@ -98,8 +98,11 @@ class Prepared:
 
     def tip(self, values: Array) -> Array:
         """(states, 3) the tip's values of (n,) values; NaN where not measured."""
+        return self.places(values, self.labels.kind == 0)
+
+    def places(self, values: Array, own: Mask) -> Array:
+        """(states, 3) of those among values (n,) that are `own` (n,), of one point; NaN where not measured."""
         out = np.full((len(self.states), 3), np.nan)
-        own = self.labels.kind == 0
         out[self.labels.state[own], self.labels.axis[own]] = values[own]
         return out
 

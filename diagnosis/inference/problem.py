@@ -6,12 +6,13 @@ form), exact where the model is linear.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array, Ints, Mask
 from ..data.noise import Noise
@@ -112,6 +113,11 @@ def derivatives(forward: FitForward, theta: Array, columns: Sequence[int] | None
     return predicted, Columns.of(whole)
 
 
+def _each(read: Callable[[FitParameter], Any], of_effects: bool = False) -> cached_property[NDArray[Any]]:
+    """A column of `FitParameters`: an array of what is read of each parameter, or of those of effects alone."""
+    return cached_property(lambda p: np.array([read(i) for i in p.infos if i.group == "effect" or not of_effects]))
+
+
 @dataclass(frozen=True)
 class FitParameters:
     """The k parameters of a forward model; each has a normal prior about 0, cut at its bounds."""
@@ -136,35 +142,23 @@ class FitParameters:
         """(k) the catalogue's id each parameter belongs to; empty for calibration and nuisances."""
         return tuple(i.source if i.group == "effect" else "" for i in self.infos)
 
+    lower, upper = _each(lambda i: i.low), _each(lambda i: i.high)
+    """(k,)"""
+    calibration = _each(lambda i: i.group == "calibration")
+    """(k,) which parameters are fitted in every model, with wide priors."""
+    of_effect = _each(lambda i: i.group == "effect")
+    """(k,) which parameters belong to an effect."""
+    recurs = _each(lambda i: i.recurs)
+    """(k,) which parameters are drawn anew with each trial or repeat."""
+    sizes = _each(lambda i: i.role == "size", of_effects=True)
+    """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
+    tolerable = _each(lambda i: i.tolerated, of_effects=True)
+    """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
+
     @cached_property
     def mean(self) -> Array:
-        """(k,)"""
+        """(k,) zeros."""
         return np.zeros(len(self.infos))
-
-    @cached_property
-    def lower(self) -> Array:
-        """(k,)"""
-        return np.array([i.low for i in self.infos])
-
-    @cached_property
-    def upper(self) -> Array:
-        """(k,)"""
-        return np.array([i.high for i in self.infos])
-
-    @cached_property
-    def calibration(self) -> Mask:
-        """(k,) which parameters are fitted in every model, with wide priors."""
-        return np.array([i.group == "calibration" for i in self.infos])
-
-    @cached_property
-    def of_effect(self) -> Mask:
-        """(k,) which parameters belong to an effect."""
-        return np.array([i.group == "effect" for i in self.infos])
-
-    @cached_property
-    def recurs(self) -> Mask:
-        """(k,) which parameters are drawn anew with each trial or repeat."""
-        return np.array([i.recurs for i in self.infos])
 
     @cached_property
     def ids(self) -> tuple[str, ...]:
@@ -200,16 +194,6 @@ class FitParameters:
     def least_named(self) -> Array:
         """(p,) least size of a named effect, in units of its parameters' scales."""
         return np.array(self.least_of_each)[self.of_effect]
-
-    @cached_property
-    def sizes(self) -> Mask:
-        """(p,) which of the effects' parameters are sizes: they alone may differ from zero within a tolerance."""
-        return np.array([i.role == "size" for i in self.infos])[self.of_effect]
-
-    @cached_property
-    def tolerable(self) -> Mask:
-        """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
-        return np.array([i.tolerated for i in self.infos])[self.of_effect]
 
     @cached_property
     def law_error(self) -> dict[str, float]:
@@ -249,13 +233,9 @@ class FitParameters:
         size = np.where(self.sizes, theta[self.of_effect] / self.scale, 0.0)
         return np.where(self.sizes, 0.0, np.sqrt(size**2 @ self.members) @ self.members.T)
 
-    def no_effects(self) -> SizePrior:
-        """Prior without any effect."""
-        return self.prior(self.mask(()), 0.0)
-
-    def all_effects(self) -> SizePrior:
-        """Prior with all effects named."""
-        return self.prior(self.mask(self.ids), 0.0)
+    def prior_of(self, named: tuple[str, ...], spike: float = 0.0) -> SizePrior:
+        """Prior with these effects named, and all others absent or within a tolerance."""
+        return self.prior(self.mask(named), spike)
 
     def beyond_calibration(self, columns: Array, slope: Array | Columns, unit: Array | float = 1.0) -> Array:
         """Residuals of columns (n, c), the values in `unit` (n, 1) each, after least squares over all that is fitted in every

@@ -355,7 +355,7 @@ class Search:
     ) -> Fit:  # fmt: skip
         """A hypothesis fitted from a start, with a discrepancy of this size; see `fit.fit`."""
         p = self.problem.parameters
-        own = p.prior(p.mask(named), judgement.FIT_TOLERATED_SIZE * with_tolerances)
+        own = p.prior_of(named, judgement.FIT_TOLERATED_SIZE * with_tolerances)
         return fit(self.problem, own, size, start, rounds, frozen)
 
     def _as_reference(self, f: Fit) -> Fit:

@@ -60,8 +60,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
 
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
         """rms (m) of the tip with these effects free, and the parameters fitted."""
-        prior = parameters.prior(parameters.mask(named), 0.0)
-        best = fit(p.problem, prior, FIT_DISCREPANCY_SIZE, start, ROUNDS)
+        best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
         missed = p.gap(p.problem.observed - best.predicted)
         return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), best.theta
 

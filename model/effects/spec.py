@@ -38,14 +38,20 @@ Sign = Literal["both", "positive", "blend"]
 """both: either way; positive: zero or more; blend: 0 (baseline) to 1 (the other law in full)."""
 
 
-def _add(names: Mapping[str, str], q: Quantities, v: Values) -> None:
+def _add(names: Mapping[str, str], share: bool, q: Quantities, v: Values) -> None:
     for quantity, parameter in names.items():
-        setattr(q, quantity, getattr(q, quantity) + v[parameter])
+        present = getattr(q, quantity)
+        setattr(q, quantity, present * (1 + v[parameter]) if share else present + v[parameter])
 
 
 def adding(**names: str) -> Callable[[Quantities, Values], None]:
     """The law that adds to each of some quantities a parameter: quantity=parameter."""
-    return partial(_add, names)
+    return partial(_add, names, False)
+
+
+def growing(**names: str) -> Callable[[Quantities, Values], None]:
+    """The law by which each of some quantities is larger by a share: quantity=parameter."""
+    return partial(_add, names, True)
 
 
 def vector(x: Array, y: Array, z: Array | None = None) -> Array:

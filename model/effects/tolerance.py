@@ -20,7 +20,7 @@ from model.effects.laws.surroundings import base_tilt
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
 from model.effects.scales import STANDARD, Scales, scales
-from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Stage, Values, adding, growing, vector
 from model.robot import Robot
 from model.rotation import from_vector, multiply
 
@@ -85,10 +85,6 @@ def _spine_length(q: Quantities, v: Values) -> None:
     q.spine_length, q.tabulated_length = q.spine_length + excess, q.tabulated_length + excess
 
 
-def _spine_stiffness(q: Quantities, v: Values) -> None:
-    q.spine_stiffness = q.spine_stiffness * (1 + v["excess"])
-
-
 def _push_place(q: Quantities, v: Values) -> None:
     along = np.where(q.design.stiffness, v["along"], 0.0)
     q.spine_length = q.spine_length + np.where(q.design.body, 0.0, along)
@@ -127,7 +123,7 @@ ALWAYS = (
 """Where a soft body begins at its clamp, and the cameras' origin beside it, is known to 0.4 % of its length."""
 BY_TRIAL = (
     _tolerance("spine_length", "structure", Law(before=_spine_length), _excess("m", 1e-3), scope="trial"),
-    _tolerance("spine_stiffness", "structure", Law(before=_spine_stiffness), _excess("1", 0.02), scope="trial"),
+    _tolerance("spine_stiffness", "structure", Law(before=growing(spine_stiffness="excess")), _excess("1", 0.02), scope="trial"),
 )
 BY_PUSH = (
     _tolerance(

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ..events import Request
 from ..file.clocks import STAMP, ClockFit, ClockModel, has_stamp
 from ..file.counts import Pace, Timing, counted
 from ..file.reader import COUNTERS, Recording
-from ..json_text import read_json
+from ..json_text import Plain, read_json
 from ..states.concluding import of_sensor
 
 T = TypeVar("T")
@@ -48,7 +48,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Info:
+class Info(Plain):
     """Summary of a file. `readable` of `size` bytes are whole records; `finished`: its end is there; `outcome` None: it
     does not state how it ended."""
 
@@ -86,10 +86,6 @@ class Info:
     def complete(self) -> bool:
         """Finished and not damaged, and as far as the file states no message was dropped or lost on the way."""
         return self.finished and not self.damage and all(not (s.dropped or s.lost) for s in self.streams.values())
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {**asdict(self), "complete": self.complete}
 
 
 def info(path: str | os.PathLike[str]) -> Info:

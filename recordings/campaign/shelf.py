@@ -19,7 +19,7 @@ from typing import Any, get_type_hints
 from ..bounded import read_bounded
 from ..errors import RecordingError
 from ..file.reader import Recording
-from ..json_text import read_json
+from ..json_text import Plain, read_json
 from ..own_files import replaced
 from .info import info, planned_of
 from .labels import MOST, labels_of
@@ -30,7 +30,7 @@ VERSION = 6
 
 
 @dataclass(frozen=True)
-class RecordedRun:
+class RecordedRun(Plain):
     """One recording. `path`: below the folder. `start`: wall time of its first message, ISO 8601 UTC. `spines`: lengths
     (m). `outcome`: completed, stopped, failed, finished (it does not state how), abrupt (its end is missing), or
     unreadable. `lost`: samples dropped or lost, as far as known."""
@@ -58,10 +58,6 @@ class RecordedRun:
     def complete(self) -> bool:
         """It came to an end, and nothing was lost."""
         return self.outcome in ("completed", "stopped", "failed") and self.lost == 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {**asdict(self), "complete": self.complete}
 
 
 def runs(folder: str | os.PathLike[str], where: Sequence[tuple[str, str]] = ()) -> list[RecordedRun]:

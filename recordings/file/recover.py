@@ -19,6 +19,7 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from ..errors import Oversized, RecordingError, WriteFailed
+from ..json_text import Plain
 from ..messages import is_stream
 from ..own_files import replacing
 from .chunks import McapRecord
@@ -33,7 +34,7 @@ OWN = ("counts", "outcome", "recovery")
 
 
 @dataclass(frozen=True)
-class Recovery:
+class Recovery(Plain):
     """What was kept and what is lost."""
 
     source: str
@@ -62,10 +63,6 @@ class Recovery:
     def complete(self) -> bool:
         """Nothing was lost: the source was finished and every record of it could be read."""
         return self.finished and not (self.holes or self.lost or self.nameless or self.schemaless)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {**asdict(self), "complete": self.complete}
 
 
 @dataclass

@@ -111,9 +111,8 @@ class Tail(AbstractContextManager["Tail"]):
             if channel is None:
                 raise Damaged(f"{self.path}: a message of channel {number}, which is not described; run `lab verify`")
             topic = channel.topic
-            if topic not in FOLLOWED and not is_stream(topic):
-                continue
-            if not ours(channel, self.contents.schemas.get(channel.schema_id)):
+            read = topic in FOLLOWED or is_stream(topic)
+            if not (read and ours(channel, self.contents.schemas.get(channel.schema_id))):
                 continue
             check_version(channel, str(self.path))
             if topic in FOLLOWED:

@@ -9,7 +9,7 @@ import os
 import struct
 from array import array
 from collections import Counter
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from ..errors import NotARecording, OtherVersion, Oversized, RecordingError
+from ..json_text import Plain
 from .chunks import UNPARSABLE, Chunk, McapRecord, Messages
 from .contents import Contents, attachment_crc, checksum, let_go, mapped
 from .counts import below_zero, counted
@@ -46,7 +47,7 @@ class FileProblem:
 
 
 @dataclass(frozen=True)
-class Verification:
+class Verification(Plain):
     """What was checked and what was found. `messages`: in chunks that are whole, and outside chunks."""
 
     path: str
@@ -69,10 +70,6 @@ class Verification:
     def verdict(self) -> str:
         """`INTACT`, `UNCOVERED` or `DAMAGED`."""
         return DAMAGED if self.problems else UNCOVERED if self.uncovered else INTACT
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {**asdict(self), "ok": self.ok, "verdict": self.verdict}
 
 
 @dataclass

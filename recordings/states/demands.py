@@ -82,8 +82,7 @@ def _name(index: int) -> str:
 
 def places_of(samples: NDArray[np.void]) -> NDArray[np.float64]:
     """Return the places (samples, bodies, 3) m of the tip and the markers; NaN where one is not seen."""
-    places: Any = np.concatenate([samples["position"][:, None, :], samples["markers"]], axis=1)
-    return places
+    return np.asarray(np.concatenate([samples["position"][:, None, :], samples["markers"]], axis=1))
 
 
 def too_far(places: NDArray[np.float64], bodies: Bodies) -> str:

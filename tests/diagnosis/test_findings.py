@@ -28,11 +28,11 @@ def calls() -> list[tuple[str, set[str]]]:
     found = []
     for path in (p for room in ("diagnosis", "lab") for p in (ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)) or ast.unparse(node).startswith(
-                "finding(code,"
-            ):
+            if not isinstance(node, ast.Call) or ast.unparse(node).startswith("finding(code,"):
                 continue
-            if (own := {"finding": set[str](), "stating": {"short", "p", "rather"}}.get(node.func.id)) is not None:
+            of_edit = {"short", "p", "rather"}
+            own = {"finding": set[str](), "stating": of_edit, "mistake": of_edit}.get(ast.unparse(node.func))
+            if own is not None:
                 found += [(code, {str(k.arg) for k in node.keywords} | own) for code in codes(node.args[0])]
     return found
 

@@ -496,7 +496,8 @@ def test_both_fit_whichever_they_are() -> None:
 def test_a_size_that_is_zero_within_its_error_is_not_named() -> None:
     unsure = Size("base_tilt.x", "rad", 0.001, 0.001, 0.002, -0.2, 0.2, -0.002, 0.004, True)
     found, large = decide(SURE, True), {"base_tilt": 1.4}
-    assert without_nothing(found, [replace(unsure, mean=0.02)], {"base_tilt": 0.3}, 0.025) == found
-    assert without_nothing(found, [unsure], large, 0.025) == found == without_nothing(found, [], {"base_tilt": 0.3}, 0.025)
-    none = without_nothing(found, [unsure], {"base_tilt": 0.3}, 0.025)
+    sure, zero = ([(s.effect, s.certain)] for s in (replace(unsure, mean=0.02), unsure))
+    assert without_nothing(found, [*zero, *sure], {"base_tilt": 0.3}, 0.025) == found
+    assert without_nothing(found, zero, large, 0.025) == found == without_nothing(found, [], {"base_tilt": 0.3}, 0.025)
+    none = without_nothing(found, zero, {"base_tilt": 0.3}, 0.025)
     assert (none.verdict, none.effects, none.too_small) == ("none", (), ("base_tilt",)) and none.probability == 0.995

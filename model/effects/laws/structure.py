@@ -8,7 +8,7 @@ from model.arrays import Array
 from model.effects.history import DRIVES, History
 from model.effects.quantities import Quantities
 from model.effects.shows import returns, with_spine
-from model.effects.spec import EffectSpec, Law, Parameter, Values, adding
+from model.effects.spec import EffectSpec, Law, Parameter, Values, adding, growing
 
 YIELDS = np.array([1 / 8, 1 / 2, 2.0, 8.0])
 """Spread of the sliding elements about it: a core slides in patches, all over the curvatures that the robot goes through."""
@@ -51,10 +51,6 @@ def _rest_shape(h: History, v: Values) -> None:
     h.add(v["kept"][..., None] * h.silicone * h.extremes(v["recovery"]))
 
 
-def _body_modulus(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1 + v["excess"])
-
-
 def _grown(q: Quantities, length: Array, power: Array) -> Array:
     """(length / half the robot's length)^power; below a fortieth of it as there."""
     return np.asarray((2 * np.maximum(length / q.robot.length, 0.025)) ** power)
@@ -80,7 +76,7 @@ SPECS = (
         stage="material",
         equation="E_c = E (1 + d), G_c with it",
         parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
-        law=Law(before=_body_modulus),
+        law=Law(before=growing(body_modulus="excess")),
         citation="batch scatter of cast silicone",
         seen_best_in="weight-driven states: horizontal robot, tip mass",
     ),

@@ -8,15 +8,11 @@ import numpy as np
 
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers
-from model.effects.spec import EffectSpec, Law, Parameter, Values, vector
+from model.effects.spec import EffectSpec, Law, Parameter, Values, growing, vector
 from model.rotation import rolled
 
 OBSTACLE = 0.175
 """Robot lengths from the axis at which an obstacle is looked for first."""
-
-
-def _self_weight(q: Quantities, v: Values) -> None:
-    q.density = q.density * (1 + v["excess"])
 
 
 def _tether_load(q: Quantities, v: Values) -> None:
@@ -85,7 +81,7 @@ SPECS = (
         stage="load",
         equation="f = rho A g (1 + d)",
         parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
-        law=Law(before=_self_weight),
+        law=Law(before=growing(density="excess")),
         citation="statics",
         seen_best_in="zero-pressure elongation, horizontal robot",
     ),
