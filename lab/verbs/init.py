@@ -37,15 +37,27 @@ OF = {
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from."""
 
+NEEDS = {
+    "chambers": {"max_pressure": "is of chambers; a robot with tendons has --max-tension",
+                 "chamber_radius": "is of chambers; leave it out for a robot with tendons"},
+    "tendons": {"max_tension": "is of tendons; a robot with chambers has --max-pressure"},
+    "rig": {"instruments": "needs --rig RIG.yaml"},
+}  # fmt: skip
+"""Option -> options that say nothing without it, and what is answered."""
+
 
 def robot_text(a: argparse.Namespace) -> str:
     """The robot.yaml that the options describe; raises ConfigError."""
     count, tendons = a.chambers or a.tendons, a.chambers is None
-    try:
-        length, modulus = to_si(a.length, "m"), to_si(a.modulus or "500 kPa", "Pa")
-        outer = to_si(a.outer_radius, "m") if a.outer_radius else 0.1 * length
-    except UnitError as e:
-        raise ConfigError(f"--length, --outer-radius or --modulus: {e}") from e
+
+    def si(option: str, text: str, unit: str) -> float:
+        try:
+            return to_si(text, unit)
+        except UnitError as e:
+            raise ConfigError(f"{option}: {e}") from e
+
+    length, modulus = si("--length", a.length, "m"), si("--modulus", a.modulus or "500 kPa", "Pa")
+    outer = si("--outer-radius", a.outer_radius, "m") if a.outer_radius else 0.1 * length
 
     def line(key: str, value: str, comment: str, given: object = True) -> str:
         return f"{key + ': ' + value:<32} # {comment}{'' if given else f'; {GUESSED}'}"
@@ -121,6 +133,10 @@ def init(a: argparse.Namespace) -> Result:
             raise ConfigError(f"{path}: is there already; give another name, or delete it")
     if a.rig is not None and a.tendons:
         raise ConfigError(f"--rig {a.rig}: {NO_TENDONS}")
+    for needed, answers in NEEDS.items():
+        unused = [key for key in answers if getattr(a, key) is not None and getattr(a, needed) is None]
+        if unused:
+            raise ConfigError(f"--{unused[0].replace('_', '-')} {getattr(a, unused[0])}: {answers[unused[0]]}")
     demand_writable(a.out, a.rig)
     for name, count in (("--chambers", a.chambers), ("--tendons", a.tendons)):
         if count is not None and not 1 <= count <= 26:
@@ -152,7 +168,7 @@ VERBS = (
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
             option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),
-            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"{share:g} times the outer radius unless given")
+            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"{share:g} times the outer radius unless given" if share else "0 unless given")
               for key, share in SHARES.items()),
             option("--modulus", metavar="PRESSURE", help="Young's modulus, such as '500 kPa'"),
             option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),
