@@ -36,7 +36,6 @@ OF = {
 """Key of limits and safe -> the instruments without which it says nothing."""
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from."""
-
 NEEDS = {
     "chambers": {"max_pressure": "is of chambers; a robot with tendons has --max-tension",
                  "chamber_radius": "is of chambers; leave it out for a robot with tendons"},
@@ -168,7 +167,8 @@ VERBS = (
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
             option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),
-            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"{share:g} times the outer radius unless given" if share else "0 unless given")
+            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH",
+                     help=f"{f'{share:g} times the outer radius' if share else '0'} unless given")
               for key, share in SHARES.items()),
             option("--modulus", metavar="PRESSURE", help="Young's modulus, such as '500 kPa'"),
             option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),
