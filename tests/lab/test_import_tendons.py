@@ -309,7 +309,11 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
     assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
     for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name the same tendon")):
         assert says in predicted(text, code=2).flat_err
-    assert "up to 6 N requested, but robot.yaml allows 5 N" in predicted("p1 [N]\n6\n").err
+    beyond = predicted("p1 [N]\n6\n").flat_err
+    assert "tensions outside 0 to 5 N, the limits of trunk: 6 N of tendon 1 in row 1" in beyond
+    assert "note: no column of tendons 2, 3: taken as 0 N" in beyond
+    assert "-1 N of tendon 2 in row 1: a tendon cannot push" in predicted("p2 [N]\n-1\n", code=2).flat_err
+    assert "column p4: trunk has tendons 1, 2, 3; leave" in predicted("p4 [N]\n1\n", code=2).flat_err
     said = predicted("x,y,z\n0.03,,\n", "--inverse").out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
 

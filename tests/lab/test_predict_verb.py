@@ -159,7 +159,7 @@ def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, cli: Cli) 
     table.write_text("p1,p2,p3\n30000,0,0\n90000,0,0\n")
     said = cli("predict", "--robot", THREE, "--table", table)
     assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
-    assert "up to 90 kPa requested, but robot.yaml allows 80 kPa" in " ".join(said.err.split()) and "Warning" not in said.err
+    assert "pressures outside 0 to 80 kPa, the limits of three-chamber robot: 90 kPa of chamber 1 in row 2" in " ".join(said.err.split()) and "Warning" not in said.err
     found = cli("predict", "--robot", THREE, "--table", table, "--json").json
     assert found["interval"] is None and found["states"][0]["x_low"] is None and found["states"][0]["x"] < 0
 
