@@ -67,6 +67,7 @@ def serve(a: argparse.Namespace) -> Result:
             sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
         out.print(sheet)
         return Result()
+    demand_speed(a.speed)
     _demand_free(a.rig)
     if err.is_terminal:
         err.print("Starting the fakes; compiling their physics takes up to a minute on a busy computer ..")
@@ -99,6 +100,12 @@ def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> st
 
 UNPLAYED = ("thrust", "effects", "tolerances", "tip_moment", "residual")
 """Keys of robot.yaml that the fakes do not simulate."""
+
+
+def demand_speed(speed: float) -> None:
+    """Raise ConfigError for a clock speed that rig.yaml cannot state."""
+    if not 0.1 <= speed <= 200:
+        raise ConfigError(f"--speed {speed:g}: must be 0.1 to 200, times real time")
 
 
 def _demand_free(rig: Path | None) -> None:

@@ -15,7 +15,7 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..files.output_folder import demand_free, whole
+from ..files.output_folder import demand_free, fate, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
@@ -47,9 +47,10 @@ def import_files(
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
+    word = fate(folder / "trials.csv")
     with whole(folder, OWN, replace_all, inputs) as place:
         write_case(result, robot, robot_path, map_path, place)
-    return told(result, folder)
+    return told(result, folder, word)
 
 
 def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
@@ -62,15 +63,15 @@ def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, f
     draw(made, robot, folder / PICTURE)
 
 
-def told(made: Imported, folder: Path) -> Result:
-    """The result of an import: states, trials, columns, notes and questions, the files written and those read."""
+def told(made: Imported, folder: Path, word: str) -> Result:
+    """The result of an import: states, trials, columns, notes and questions, the files `written` or `replaced`, those read."""
     trials = len(set(made.table.trial.tolist()))
     written = [str(folder / name) for name in OWN]
 
     def show() -> None:
         note((*made.notes, *(f"check: {text}" for text in made.questions)))
         out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
-        out.print(f"written: {', '.join(written)}", soft_wrap=True)
+        out.print(f"{word}: {', '.join(written)}", soft_wrap=True)
         out.print(f"look at {folder / PICTURE}, then: {typed('lab', 'diagnose', folder)}", soft_wrap=True)
 
     about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,

@@ -31,6 +31,7 @@ from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
+from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import Columns, planned_columns, protocol_plan, robot_facts
@@ -80,6 +81,7 @@ def _result(
 ) -> Result:  # fmt: skip
     """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
     csv, figure = files
+    words = [fate(path) for path in files if path is not None]
     if csv is not None:
         csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if figure is not None:
@@ -93,8 +95,8 @@ def _result(
         if len(rows) > SHOWN:
             out.print(f"{len(rows) - SHOWN} more rows; --out FILE.csv writes all")
         out.print(NO_INTERVAL if interval is None else f"± {interval}")
-        for path in written:
-            out.print(f"written: {path}")
+        for word, path in zip(words, written, strict=True):
+            out.print(f"{word}: {path}")
         if missing:
             out.print(missing)
 
