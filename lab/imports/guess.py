@@ -167,10 +167,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if again:
         g.doubts.append(f"{', '.join(again)} name chambers that other columns also name: check which are the measured pressures")
     if len(names) != wanted and None not in columns:
-        g.doubts.append(words.fill(
-            "{} columns of {pressures} for {} {actuators} of robot.yaml: check which column belongs to which {actuator}",
-            str(len(names)), str(wanted),
-        ))  # fmt: skip
+        counts = f"{len(names)} columns of {words.pressures} for {wanted} {words.actuators} of robot.yaml"
+        g.doubts.append(f"{counts}: check which column belongs to which {words.actuator}")
     if set(actuator_of) - set(chosen):
         g.doubts.append(f"set-points are ignored: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
     return names

@@ -27,11 +27,10 @@ from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
 from ..console import Screen, note, out, warn
-from ..files.config import ConfigError, Source
+from ..files.config import ConfigError, Source, in_si
 from ..files.inputs import Case, read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import RigFile, load_rig
-from ..files.units import UnitError, to_si
 from ..live.beside import Page, page_where
 from ..options import (
     ANY_SIZE,
@@ -341,14 +340,6 @@ def _predicted(f: Predicted) -> None:
         )
 
 
-def _minutes(text: str) -> float:
-    """A time with its unit, in minutes."""
-    try:
-        return to_si(text, "s") / 60
-    except UnitError as e:
-        raise argparse.ArgumentTypeError(str(e)) from e
-
-
 VERBS = (
     Verb(
         "investigate",
@@ -358,7 +349,13 @@ VERBS = (
             ANY_SIZE,
             inputs("recordings (.mcap) or a case folder of the robot on the rig"),
             rig(),
-            option("--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"),
+            option(
+                "--budget",
+                type=lambda text: in_si("--budget", text, "s") / 60,
+                default=60.0,
+                metavar="60min",
+                help="time for experiments (default 60min)",
+            ),
             option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
             option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
             settings("change a parameter of every experiment (repeatable)"),

@@ -278,11 +278,6 @@ def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, 
     return {**tables, **changes, **both}
 
 
-def effect_names() -> list[str]:
-    """Return the effects of the virtual robot."""
-    return [e.id for e in list_effects()]
-
-
 def effects(settings: list[str]) -> dict[str, float]:
     """ID[=SIZE] -> {id: size}; without a size the effect's plausible one. Raises ConfigError."""
     catalogue = {e.id: e for e in list_effects()}

@@ -13,9 +13,9 @@ from model.robot import Robot
 from recordings.own_files import replaced
 
 from ..console import out
-from ..files.config import ConfigError, check, demand_writable, parse_yaml
+from ..files.config import ConfigError, check, demand_writable, in_si, parse_yaml
 from ..files.rig_file import RigFile, drivers
-from ..files.units import UnitError, to_si, written
+from ..files.units import to_si, written
 from ..options import OneOf, Result, Verb, option
 from ..rig.limits import NO_TENDONS
 
@@ -37,26 +37,19 @@ OF = {
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from."""
 NEEDS = {
-    "chambers": {"max_pressure": "is of chambers; a robot with tendons has --max-tension",
-                 "chamber_radius": "is of chambers; leave it out for a robot with tendons"},
-    "tendons": {"max_tension": "is of tendons; a robot with chambers has --max-pressure"},
-    "rig": {"instruments": "needs --rig RIG.yaml"},
-}  # fmt: skip
-"""Option -> options that say nothing without it, and what is answered."""
+    "max_pressure": ("chambers", "is of chambers; a robot with tendons has --max-tension"),
+    "chamber_radius": ("chambers", "is of chambers; leave it out for a robot with tendons"),
+    "max_tension": ("tendons", "is of tendons; a robot with chambers has --max-pressure"),
+    "instruments": ("rig", "needs --rig RIG.yaml"),
+}
+"""Option -> another without which it says nothing, and what is answered."""
 
 
 def robot_text(a: argparse.Namespace) -> str:
     """The robot.yaml that the options describe; raises ConfigError."""
     count, tendons = a.chambers or a.tendons, a.chambers is None
-
-    def si(option: str, text: str, unit: str) -> float:
-        try:
-            return to_si(text, unit)
-        except UnitError as e:
-            raise ConfigError(f"{option}: {e}") from e
-
-    length, modulus = si("--length", a.length, "m"), si("--modulus", a.modulus or "500 kPa", "Pa")
-    outer = si("--outer-radius", a.outer_radius, "m") if a.outer_radius else 0.1 * length
+    length, modulus = in_si("--length", a.length, "m"), in_si("--modulus", a.modulus or "500 kPa", "Pa")
+    outer = in_si("--outer-radius", a.outer_radius, "m") if a.outer_radius else 0.1 * length
 
     def line(key: str, value: str, comment: str, given: object = True) -> str:
         return f"{key + ': ' + value:<32} # {comment}{'' if given else f'; {GUESSED}'}"
@@ -132,10 +125,9 @@ def init(a: argparse.Namespace) -> Result:
             raise ConfigError(f"{path}: is there already; give another name, or delete it")
     if a.rig is not None and a.tendons:
         raise ConfigError(f"--rig {a.rig}: {NO_TENDONS}")
-    for needed, answers in NEEDS.items():
-        unused = [key for key in answers if getattr(a, key) is not None and getattr(a, needed) is None]
-        if unused:
-            raise ConfigError(f"--{unused[0].replace('_', '-')} {getattr(a, unused[0])}: {answers[unused[0]]}")
+    for key, (needed, answer) in NEEDS.items():
+        if (given := getattr(a, key)) is not None and getattr(a, needed) is None:
+            raise ConfigError(f"--{key.replace('_', '-')} {given}: {answer}")
     demand_writable(a.out, a.rig)
     for name, count in (("--chambers", a.chambers), ("--tendons", a.tendons)):
         if count is not None and not 1 <= count <= 26:
