@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import re
 import signal
 import threading
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from rich.table import Table as Sheet
 
 from model.robot import Robot
 from recordings.messages import NAME
-from recordings.numbers import number, whole_number
+from recordings.numbers import number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, FakeRegulators, faults
@@ -26,11 +27,11 @@ from sim_fakes.rig import USUAL, FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
-from ..files.config import ConfigError, in_units, load, parse_yaml
+from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
-from ..files.units import to_si, unit_text
+from ..files.units import unit_text
 from ..options import Option, Result, Verb, option
 from ..rig.real_time import process_of
 
@@ -247,16 +248,13 @@ def played(robot: Robot) -> RobotTruth:
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
     """Return the fake regulators for the options. Raises ConfigError."""
-    try:
-        full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
-        swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
-    except ValueError as e:
-        raise ConfigError(f"--full-scale or --swap: {e}") from e
-    if swapped is not None and len(swapped) != 2:
+    full_scale = in_si("--full-scale", a.full_scale, "Pa") if a.full_scale else None
+    swapped = re.fullmatch(r"\s*([0-9]{1,3})\s*,\s*([0-9]{1,3})\s*", a.swap or "")
+    if a.swap and swapped is None:
         raise ConfigError(f"--swap {a.swap}: name two channels, such as 2,3")
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
-    pair = None if swapped is None else (swapped[0], swapped[1])
+    pair = None if swapped is None else (int(swapped[1]), int(swapped[2]))
     return FakeRegulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
