@@ -353,8 +353,8 @@ def factor(unit: str, name: str, words: Words, place: str) -> float:
 
 def quantities(given: Mapping[str, float | str], words: Words, place: str = "constants") -> dict[str, Any]:
     """Constants in SI, texts as they are; raises ConfigError."""
-    out: dict[str, Any] = {}
-    for name, value in given.items():
-        plain = name in TEXTS or not isinstance(value, str)
-        out[name] = value if plain else in_si(f"{place}.{name}", str(value), unit_of(name), units_for(name, words))
-    return out
+    return {
+        name: in_si(f"{place}.{name}", value, unit_of(name), units_for(name, words))
+        if isinstance(value, str) and name not in TEXTS else value
+        for name, value in given.items()
+    }  # fmt: skip

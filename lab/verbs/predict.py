@@ -81,12 +81,11 @@ def _result(
 ) -> Result:  # fmt: skip
     """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
     csv, figure = files
-    words = [fate(path) for path in files if path is not None]
+    written = {str(path): fate(path) for path in files if path is not None}
     if csv is not None:
         csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if figure is not None:
         draw(figure.resolve())
-    written = [str(path) for path in files if path is not None]
     covered = robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
     interval = covered if states_uncertainty(robot) else None
 
@@ -95,13 +94,13 @@ def _result(
         if len(rows) > SHOWN:
             out.print(f"{len(rows) - SHOWN} more rows; --out FILE.csv writes all")
         out.print(NO_INTERVAL if interval is None else f"± {interval}")
-        for word, path in zip(words, written, strict=True):
+        for path, word in written.items():
             out.print(f"{word}: {path}")
         if missing:
             out.print(missing)
 
     head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
-    return Result({**head, "files": written, kind: rows}, show)
+    return Result({**head, "files": list(written), kind: rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -245,13 +244,13 @@ def _judge(robot: Robot, states: Columns) -> None:
     """Note actuators without a column and pressures beyond the robot's limits, where the model was never compared with a robot.
 
     Raises ConfigError for columns of actuators that it lacks or of none, BadCondition for a tendon that pushes."""
-    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
+    own, words = range(1, len(robot.actuators.azimuths_deg) + 1), robot.actuators.words
     given = {int(name[1:]) for name in states if re.fullmatch(r"p\d+", name)}
     if not given:
-        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] ..")
-    if unknown := sorted(given - {*range(1, count + 1)}):
-        raise ConfigError(f"column p{unknown[0]}: {robot.name} has {words.group(range(1, count + 1))}; leave the column out")
-    if lacking := sorted({*range(1, count + 1)} - given):
+        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{own[-1]}, in Pa, or p1 [{words.unit}] ..")
+    if unknown := sorted(given - {*own}):
+        raise ConfigError(f"column p{unknown[0]}: {robot.name} has {words.group(own)}; leave the column out")
+    if lacking := sorted({*own} - given):
         note([f"no column of {words.group(lacking)}: taken as 0 {words.unit}"])
     note(filter(None, outside_limits(robot, np.nan_to_num(_pressures(robot, states)))[1:]))
 

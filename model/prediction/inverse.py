@@ -31,8 +31,6 @@ TAU = 0.05e-3
 """m."""
 REACHED = 0.1e-3
 """m: a tip that is expected closer to its target counts as there."""
-FAR = 3.0
-"""Lengths of the robot beyond which a target is refused as one in another unit."""
 TRIED, SEED = 4096, 7
 """States among which starts are looked for, and their seed."""
 BANDS, NEAREST = 4, 12
@@ -127,7 +125,7 @@ def inverse(
     if free.all(axis=1).any():
         raise BadCondition(f"targets: row {int(np.argmax(free.all(axis=1)))} wants no coordinate at all")
     far, length = float(np.nanmax(np.abs(wanted), initial=0.0)), at.robot.length
-    if far > FAR * length:
+    if far > 3.0 * length:
         raise BadCondition(f"a target is {far:g} m from the base of a robot of {length:g} m, which looks like mm or cm; write m")
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
     if not (weight >= 0).all() or (weight.max(axis=1) <= 0).any():
