@@ -163,6 +163,7 @@ def fit(measured: Case, effects: str | Sequence[str] = (), residual: bool = Fals
     from .files.inputs import Case
     from .files.own_effects import catalogue
 
+    _demand_case("fit", measured)
     if not effects and not residual:
         return calibrate(Case(measured.robot.plain, measured.table))
     named = [effects] if isinstance(effects, str) else effects
@@ -179,6 +180,7 @@ def compare(measured: Case) -> Comparison:
     from .comparison import comparison
     from .files.own_effects import stated_by
 
+    _demand_case("compare", measured)
     return comparison(measured, stated_by(measured.robot))
 
 
@@ -190,7 +192,15 @@ def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:
     effects that are weighed."""
     from diagnosis.diagnose import diagnose as _diagnose
 
+    _demand_case("diagnose", measured)
     return _diagnose(measured, options)
+
+
+def _demand_case(verb: str, measured: object) -> None:
+    """Raise TypeError for a path or DataFrame of which no case has been made."""
+    if not (hasattr(measured, "robot") and hasattr(measured, "table")):
+        call = f"lab.case({str(measured)!r})" if isinstance(measured, str | Path) else "lab.case(frame, 'robot.yaml')"
+        raise TypeError(f"lab.{verb}: takes a case, not a {type(measured).__name__}; write lab.{verb}({call})")
 
 
 def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:

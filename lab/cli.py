@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import gc
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Sequence
 from importlib import import_module
-from typing import NoReturn
 
-from .options import Result, Verb, unknown
+from .options import Option, Result, Verb, unknown
 
 OK, FAILED, USAGE = 0, 1, 2
 
@@ -74,12 +74,6 @@ class LabParser(argparse.ArgumentParser):
             lines += ["", f"{title}:", *(f"  {verb:13}{summary}" for verb, (_, summary) in verbs.items())]
         lines += ["", "lab VERB --help: options and examples of a verb; lab --version: version"]
         return "\n".join([*lines, "start: docs/tutorials/first-day.md"]) + "\n"
-
-    def error(self, message: str) -> NoReturn:
-        """See ArgumentParser; a word that is left over, and no option, is most often of a value without its quotes."""
-        value = message.startswith("unrecognized") and ": -" not in message
-        hint = "; quote a value with spaces: --set 'rate=20 kPa/s'" if value else ""
-        super().error(message + hint)
 
 
 class Version(argparse.Action):
@@ -152,12 +146,25 @@ def _run(words: Sequence[str]) -> int:
     if named and words[0] == named[0] and (wrong := declared(named[0]).unknown_option(words[1:])):
         complain(wrong)
         return USAGE
-    a = parser(named).parse_args(words)
+    top = parser(named)
+    a, extra = top.parse_known_args(words)
+    if extra:
+        top.error(f"unrecognized arguments: {' '.join(extra)}{_hint(words, extra[0], a.verb)}")
     if getattr(a, "any_size", False):
         from recordings.file.budget import lift
 
         lift()
     return perform(declared(a.verb).call, a)
+
+
+def _hint(words: Sequence[str], extra: str, verb: str) -> str:
+    """Why a word is left over: the unit of a value without its quotes, or one more of what the verb takes once."""
+    *_, option, value = ["", "", *words[: words.index(extra)]]
+    if option.startswith("--") and re.search(r"(^|=)-?[\d.]+$", value):
+        return f"; quote a value with spaces: {option} '{value} {extra}'"
+    takes = [each for each in declared(verb).options if isinstance(each, Option) and not each.names[0].startswith("-")]
+    once = takes and not extra.startswith("-") and "nargs" not in takes[-1].how
+    return f"; lab {verb} takes one {takes[-1].names[0]}" if once else ""
 
 
 def perform(call: Callable[[argparse.Namespace], Result], a: argparse.Namespace) -> int:

@@ -120,11 +120,11 @@ class States:
 
     def check(self, robot: Robot) -> None:
         """Raise `BadCondition` where the states do not fit the robot."""
-        chambers = len(robot.actuators.azimuths_deg)
-        if self.pressure.shape[1] != chambers:
+        count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
+        if self.pressure.shape[1] != count:
             raise BadCondition(
-                f"pressure: {self.pressure.shape[1]} columns, robot {robot.name!r} has {chambers} chambers: "
-                "give one column per chamber"
+                f"pressure: {self.pressure.shape[1]} columns, robot {robot.name!r} has {count} {words.actuators}: "
+                f"give one column per {words.actuator}"
             )
         limit = robot.length if robot.spine is not None else 0.0
         reason = "the robot's length" if robot.spine is not None else "this robot has no spine"

@@ -83,10 +83,12 @@ def _counts(robot: Robot, tips: Table) -> str:
     given, expected = np.unique(numbers.max(axis=1, initial=0)).tolist(), len(robot.actuators.azimuths_deg)
     if given == [expected]:
         return ""
-    return (
-        f"rows with {', '.join(map(str, given))} pressures for a robot with {expected} chambers: tables of different robots "
-        "cannot be used together; write one column p1.. for each of robot.yaml's azimuths_deg"
-    )
+    odd = [f"p{k}" for k in range(min(expected, *given) + 1, max(expected, *given) + 1)]
+    wrong = f"{', '.join(odd)} {'is' if len(odd) == 1 else 'are'} {'missing' if given[-1] < expected else 'too many'}"
+    return robot.actuators.words.fill(
+        "rows with {} {pressures} for a robot with {} {actuators}: {}; write one column for each of robot.yaml's azimuths_deg",
+        ", ".join(map(str, given)), str(expected), "tables of different robots cannot be used together" if given[1:] else wrong,
+    )  # fmt: skip
 
 
 def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:

@@ -43,6 +43,14 @@ class ConfigError(Exception):
         self.problems, self.placed = problems, placed
 
 
+def in_si(place: str, text: str, unit: str, units: Mapping[str, float] | None = None) -> float:
+    """A quantity in the SI unit, see `to_si`; raises ConfigError, headed by its place."""
+    try:
+        return to_si(text, unit, units)
+    except UnitError as e:
+        raise ConfigError(f"{place}: {e}") from e
+
+
 class FileTable(BaseModel):
     """A table of a file: no unknown keys, no NaN, unchangeable."""
 

@@ -40,6 +40,11 @@ def demand_free(folder: Path | None, rewritten: Collection[str] = (), replace: b
         raise ConfigError(f"{folder}: cannot be replaced, because that would delete {must_stay[0]}; give another folder")
 
 
+def fate(*paths: Path | None) -> str:
+    """Before files are written: the word for it, `replaced` where one is there already."""
+    return "replaced" if any(path is not None and path.exists() for path in paths) else "written"
+
+
 @contextlib.contextmanager
 def whole(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
     """A new folder, see `demand_free`, that takes the place of `folder` as a whole when the block ends without error."""

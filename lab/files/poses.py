@@ -21,8 +21,7 @@ from recordings.own_files import replacing
 from recordings.table_file import MOST_STATES, read_columns
 from recordings.trials import ORIENTATION, Table
 
-from .config import ConfigError
-from .units import UnitError, to_si
+from .config import in_si
 
 POSITION = ("x", "y", "z")
 OPTIONAL = ("repeat",)
@@ -72,10 +71,8 @@ def read_poses(path: Path, arm: Arm, measured: bool = True) -> tuple[pd.DataFram
 def _factor(path: Path, bare: str, heading: str) -> float:
     """Of the unit that a heading states, to rad or m; raises ConfigError."""
     stated = re.search(r"[\[(](.*)[\])]", heading)
-    try:
-        return 1.0 if stated is None else to_si(f"1 {stated[1]}", "m" if bare in POSITION else "1" if bare in OPTIONAL else "rad")
-    except UnitError as e:
-        raise ConfigError(f"{path}, {heading}: {e}") from e
+    unit = "m" if bare in POSITION else "1" if bare in OPTIONAL else "rad"
+    return 1.0 if stated is None else in_si(f"{path}, {heading}", f"1 {stated[1]}", unit)
 
 
 def write_poses(recording: Recording, table: Table, file: Path) -> dict[str, Any]:

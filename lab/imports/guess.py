@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -118,7 +118,7 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     numbered = len(first_of) >= len(robot.actuators.azimuths_deg)
     again = [name for name in names if numbered and first_of[chosen[name]] != name]
     names = [name for name in names if name not in again]
-    wanted = len(robot.actuators.azimuths_deg)
+    wanted, words = len(robot.actuators.azimuths_deg), robot.actuators.words
     if not names:
         if wanted == 1:
             g.say("constants", {"p1": 0}, "no column of pressures")
@@ -143,14 +143,18 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
     if guessed := [n for n in names if units[n].guessed]:
         g.doubt("columns.p1", f"the file states no unit for {', '.join(guessed)}: {units[guessed[0]].why}")
     electric = sorted({by_name[n].stated for n in names if by_name[n].stated.casefold() in ELECTRIC})
-    for k in range(wanted):
-        # fewer regulators than chambers: groups of neighbours
-        name = names[k * len(names) // wanted] if len(names) <= wanted else names[k]
+    columns = _shared(chosen, names, robot)
+    for k, name in enumerate(columns, 1):
+        if name is None:
+            lacking = f"no column of {words.actuator} {k}"
+            g.say(f"constants.p{k}", f"0 {words.unit}", lacking)
+            g.doubt(f"constants.p{k}", f"{lacking}: was its {words.pressure} 0 {words.unit} in all rows?")
+            continue
         unit = units[name]
         entry: dict[str, Any] = {"column": name, "unit": unit.name}
         if unit.absolute:
             entry["zero"] = "absolute"
-        g.say(f"columns.p{k + 1}", entry, f"{unit.why}{'; starts at the atmosphere' if unit.absolute else ''}")
+        g.say(f"columns.p{k}", entry, f"{unit.why}{'; starts at the atmosphere' if unit.absolute else ''}")
     if electric:
         g.doubts.append(
             f"columns.p1 .. are read in {electric[0]}: write the sensor's scale (kPa per {electric[0]}), columns.p1.scale"
@@ -162,13 +166,25 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         )
     if again:
         g.doubts.append(f"{', '.join(again)} name chambers that other columns also name: check which are the measured pressures")
-    if len(names) != wanted:
-        g.doubts.append(
-            f"{len(names)} pressure columns for {wanted} chambers of robot.yaml: check which column belongs to which chamber"
-        )
+    if len(names) != wanted and None not in columns:
+        counts = f"{len(names)} columns of {words.pressures} for {wanted} {words.actuators} of robot.yaml"
+        g.doubts.append(f"{counts}: check which column belongs to which {words.actuator}")
     if set(actuator_of) - set(chosen):
         g.doubts.append(f"set-points are ignored: {', '.join(sorted(set(actuator_of) - set(chosen)))}")
     return names
+
+
+def _shared(number_of: Mapping[str, int], names: Sequence[str], robot: Robot) -> list[str | None]:
+    """The column of each chamber or tendon, None where there is none, by the numbers in the headings.
+
+    Fewer regulators than chambers that are numbered without a gap may each serve a group of neighbours."""
+    wanted, numbers = len(robot.actuators.azimuths_deg), [number_of[name] for name in names]
+    first = min(1, *numbers) if len(numbers) > 1 else 1
+    placed = {number - first: name for number, name in zip(numbers, names, strict=True)}
+    groups = robot.tendons is None and wanted % len(names) == 0 and max(placed) < len(names)
+    if len(names) >= wanted or len(placed) < len(names) or groups or max(placed) >= wanted:
+        return [names[k * len(names) // wanted] if len(names) <= wanted else names[k] for k in range(wanted)]
+    return [placed.get(k) for k in range(wanted)]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ frame is the cosine between both movements from rest, over all rows; it is free 
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -185,11 +184,13 @@ def _spread(found: Array) -> float:
 
 
 def proposed_pressures(g: Guess, series: Series, robot: Robot) -> Array:
-    """(n, chambers) Pa of the columns proposed for the chambers."""
-    columns = [c for k, c in g.values.get("columns", {}).items() if re.fullmatch(r"p\d+", k) and "column" in c]
-    units = units_for("p1", robot.actuators.words)
-    every = [series.numbers[c["column"]] * units[c["unit"]] for c in columns]
-    return np.column_stack(every) if every else np.zeros((len(series), 0))
+    """(n, chambers) Pa of the columns proposed for the chambers, 0 of one without; (n, 0) if none has a column."""
+    columns, units = g.values.get("columns", {}), units_for("p1", robot.actuators.words)
+    pressures = np.zeros((len(series), len(robot.actuators.azimuths_deg)))
+    proposed = {k: c for k in range(pressures.shape[1]) if (c := columns.get(f"p{k + 1}"))}
+    for k, c in proposed.items():
+        pressures[:, k] = series.numbers[c["column"]] * units[c["unit"]]
+    return pressures if proposed else pressures[:, :0]
 
 
 def _length_unit(g: Guess, said: str, t: Triple, rest: Array, length: float) -> tuple[str, str]:

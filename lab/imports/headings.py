@@ -170,9 +170,9 @@ def chamber(h: Heading) -> int | None:
     if found := PRESSURE.search(joined):
         return int(found[1])
     if PRESSURE_WORDS & set(h.words) or h.kind == "Pa":
-        numbered = [re.fullmatch(r"([^\d]*)(\d+)", w) for w in h.words]
-        digits = [int(n[2]) for n in numbered if n and n[1] in {"", *ASKED_FOR, *READ}]
-        return digits[0] if digits else 1
+        numbered = [n for w in h.words if (n := re.fullmatch(r"([^\d]*)(\d+)", w))]
+        numbered.sort(key=lambda n: n[1] not in {"", *ASKED_FOR, *READ})
+        return int(numbered[0][2]) if numbered else 1
     return None
 
 

@@ -17,8 +17,8 @@ from model.actuators import Words
 from model.arrays import Array
 from recordings.trials import AXES, TEXTS, column_order, unit_of
 
-from ..files.config import ConfigError, FileTable
-from ..files.units import KINDS, UnitError, plain_unit, to_si
+from ..files.config import ConfigError, FileTable, in_si
+from ..files.units import KINDS, plain_unit
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
@@ -353,13 +353,8 @@ def factor(unit: str, name: str, words: Words, place: str) -> float:
 
 def quantities(given: Mapping[str, float | str], words: Words, place: str = "constants") -> dict[str, Any]:
     """Constants in SI, texts as they are; raises ConfigError."""
-    out: dict[str, Any] = {}
-    for name, value in given.items():
-        if name in TEXTS or not isinstance(value, str):
-            out[name] = value
-            continue
-        try:
-            out[name] = to_si(value, unit_of(name), units_for(name, words))
-        except UnitError as e:
-            raise ConfigError(f"{place}.{name}: {e}") from e
-    return out
+    return {
+        name: in_si(f"{place}.{name}", value, unit_of(name), units_for(name, words))
+        if isinstance(value, str) and name not in TEXTS else value
+        for name, value in given.items()
+    }  # fmt: skip

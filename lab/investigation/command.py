@@ -27,11 +27,10 @@ from recordings.errors import RecordingError
 from recordings.own_files import replaced
 
 from ..console import Screen, note, out, warn
-from ..files.config import ConfigError, Source
+from ..files.config import ConfigError, Source, in_si
 from ..files.inputs import Case, read_case, same_robot
 from ..files.own_effects import catalogue
 from ..files.rig_file import RigFile, load_rig
-from ..files.units import UnitError, to_si
 from ..live.beside import Page, page_where
 from ..options import (
     ANY_SIZE,
@@ -254,6 +253,7 @@ STORY, ANSWER, PAGE, ANSWER_PAGE = "investigation.json", "diagnosis.json", "inve
 
 def run(w: argparse.Namespace) -> Result:
     """Investigate; code 0: done, 3: samples lost, 1: failed or stopped. Raises ConfigError, RecordingError, InstrumentError."""
+    minutes = in_si("--budget", w.budget, "s") / 60
     case = read_case(w.inputs, w.robot)
     rig = load_rig(w.rig)
     site = RigLaboratory(w, rig, _predicted)
@@ -282,7 +282,7 @@ def run(w: argparse.Namespace) -> Result:
                 say(f"watch it at {site.page.address}")
             workers = processes_for(len(case.table))
             fits = Executor(progress=weighing.step, remote_map=None if workers is None else workers.in_order)
-            investigation = investigate(case, site, Options(catalogue=weighed, executor=fits), w.budget, w.experiments, diagnosed)
+            investigation = investigate(case, site, Options(catalogue=weighed, executor=fits), minutes, w.experiments, diagnosed)
     except (ProtocolError, InstrumentError, RecordingError, KeyboardInterrupt) as e:
         ended = e
     finally:
@@ -341,14 +341,6 @@ def _predicted(f: Predicted) -> None:
         )
 
 
-def _minutes(text: str) -> float:
-    """A time with its unit, in minutes."""
-    try:
-        return to_si(text, "s") / 60
-    except UnitError as e:
-        raise argparse.ArgumentTypeError(str(e)) from e
-
-
 VERBS = (
     Verb(
         "investigate",
@@ -358,7 +350,7 @@ VERBS = (
             ANY_SIZE,
             inputs("recordings (.mcap) or a case folder of the robot on the rig"),
             rig(),
-            option("--budget", type=_minutes, default=60.0, metavar="60min", help="time for experiments (default 60min)"),
+            option("--budget", default="60min", metavar="60min", help="time for experiments (default 60min)"),
             option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
             option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
             settings("change a parameter of every experiment (repeatable)"),

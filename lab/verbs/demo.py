@@ -29,7 +29,7 @@ from ..processes import processes
 from .check import check
 from .compare import compare
 from .diagnose import Wanted, diagnose
-from .fakes import PATIENT, PATIENT_PAUSES, effects, write_rig
+from .fakes import PATIENT, PATIENT_PAUSES, demand_speed, effects, write_rig
 from .fit import fit
 from .recorded import replay
 from .run import run
@@ -53,6 +53,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
     installed: the fakes are reached by them."""
     if missing := {why for name, why in found_drivers().broken.items() if name in OWN}:  # said before the fakes are started
         raise ConfigError(*sorted(missing))
+    demand_speed(speed)
     seed = secrets.randbelow(10**6) if seed is None else seed
     rng = np.random.default_rng(seed)
     name, size = draw_effect(rng, WITHHELD) if effect is None else next(iter(effects([effect]).items()))

@@ -20,7 +20,7 @@ from ..files.config import ConfigError
 from ..files.rig_file import RigFile
 from ..imports.map_file import Map
 from ..options import Result, Verb, option
-from .fakes import effect_names
+from .fakes import list_effects
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -94,7 +94,7 @@ def completion(shell: str, top: argparse.ArgumentParser) -> Result:
     """Print the script with which a shell completes the arguments of `top`, effects, protocols and keys included."""
     protocols = found_protocols().usable
     keys = {key.name for p in protocols.values() for key in protocol_keys(p.parameters, {})}
-    words = {"with_effects": list(CATALOGUE), "effect": list(effect_names())}
+    words = {"with_effects": list(CATALOGUE), "effect": [e.id for e in list_effects()]}
     for action in arguments(top):
         if action.dest in words:
             action.choices = words[action.dest]

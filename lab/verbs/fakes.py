@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import math
+import re
 import signal
 import threading
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from rich.table import Table as Sheet
 
 from model.robot import Robot
 from recordings.messages import NAME
-from recordings.numbers import number, whole_number
+from recordings.numbers import number
 from recordings.own_files import copied
 from sim_fakes.alicat import UNITS
 from sim_fakes.instrument import Fake, FakeRegulators, faults
@@ -26,11 +27,11 @@ from sim_fakes.rig import USUAL, FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
 from ..console import err, note, out
-from ..files.config import ConfigError, in_units, load, parse_yaml
+from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
-from ..files.units import to_si, unit_text
+from ..files.units import unit_text
 from ..options import Option, Result, Verb, option
 from ..rig.real_time import process_of
 
@@ -67,6 +68,7 @@ def serve(a: argparse.Namespace) -> Result:
             sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
         out.print(sheet)
         return Result()
+    demand_speed(a.speed)
     _demand_free(a.rig)
     if err.is_terminal:
         err.print("Starting the fakes; compiling their physics takes up to a minute on a busy computer ..")
@@ -99,6 +101,12 @@ def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> st
 
 UNPLAYED = ("thrust", "effects", "tolerances", "tip_moment", "residual")
 """Keys of robot.yaml that the fakes do not simulate."""
+
+
+def demand_speed(speed: float) -> None:
+    """Raise ConfigError for a clock speed that rig.yaml cannot state."""
+    if not 0.1 <= speed <= 200:
+        raise ConfigError(f"--speed {speed:g}: must be 0.1 to 200, times real time")
 
 
 def _demand_free(rig: Path | None) -> None:
@@ -240,16 +248,13 @@ def played(robot: Robot) -> RobotTruth:
 
 def regulators(a: argparse.Namespace) -> FakeRegulators:
     """Return the fake regulators for the options. Raises ConfigError."""
-    try:
-        full_scale = to_si(a.full_scale, "Pa") if a.full_scale else None
-        swapped = tuple(whole_number(i) for i in a.swap.split(",")) if a.swap else None
-    except ValueError as e:
-        raise ConfigError(f"--full-scale or --swap: {e}") from e
-    if swapped is not None and len(swapped) != 2:
+    full_scale = in_si("--full-scale", a.full_scale, "Pa") if a.full_scale else None
+    swapped = re.fullmatch(r"\s*([0-9]{1,3})\s*,\s*([0-9]{1,3})\s*", a.swap or "")
+    if a.swap and swapped is None:
         raise ConfigError(f"--swap {a.swap}: name two channels, such as 2,3")
     if a.unit not in UNITS:
         raise ConfigError(f"--unit {a.unit}: must be one of {', '.join(UNITS)}")
-    pair = None if swapped is None else (swapped[0], swapped[1])
+    pair = None if swapped is None else (int(swapped[1]), int(swapped[2]))
     return FakeRegulators(a.regulators, full_scale, a.firmware, a.unit, pair)
 
 
@@ -269,11 +274,6 @@ def rig_yaml(rig: FakeRig, robot: str, changes: Mapping[str, Any] | None = None)
 def _merged(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     both = {k: _merged(tables[k], v) for k, v in changes.items() if k in tables and isinstance(v, Mapping)}
     return {**tables, **changes, **both}
-
-
-def effect_names() -> list[str]:
-    """Return the effects of the virtual robot."""
-    return [e.id for e in list_effects()]
 
 
 def effects(settings: list[str]) -> dict[str, float]:

@@ -26,7 +26,7 @@ from ..calibration import calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
-from ..files.output_folder import demand_free, whole
+from ..files.output_folder import demand_free, fate, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
@@ -82,6 +82,7 @@ def fit(
         note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
+        word = fate(folder / "robot.yaml")
         with whole(folder, OWN, replace, inputs) as place:
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
@@ -96,7 +97,7 @@ def fit(
     def show() -> None:
         out.print(sheet(fitted) if calibrating else effects_sheet(fitted))
         lines = [baseline_line(fitted)] if calibrating else residual_lines(fitted)
-        for line in (*filter(None, lines), *(f"written: {path}" for path in written)):
+        for line in (*filter(None, lines), *(f"{word}: {path}" for path in written)):
             out.print(line)
 
     return Result({**fitted.as_dict(), "files": [str(path) for path in written]}, show)

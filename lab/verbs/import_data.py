@@ -15,7 +15,7 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..files.output_folder import demand_free, whole
+from ..files.output_folder import demand_free, fate, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
@@ -23,7 +23,7 @@ from ..imports.joining import experiments, joined, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
-from ..imports.table import Imported, imported
+from ..imports.table import imported
 from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
 from ..plain import typed
 
@@ -35,7 +35,7 @@ OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
 def import_files(
     inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
 ) -> Result:
-    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of the states. Raises ConfigError."""
+    """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     wanted = load(map_path, Map)
     robot_path = robot_path or map_path.parent / wanted.robot
@@ -47,35 +47,26 @@ def import_files(
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
+    word = fate(folder / "trials.csv")
     with whole(folder, OWN, replace_all, inputs) as place:
-        write_case(result, robot, robot_path, map_path, place)
-    return told(result, folder)
+        for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
+            copied(source, place / name)
+        write_csv(result.table, place / "trials.csv")
+        from ..pages.import_figure import draw
 
-
-def write_case(made: Imported, robot: Robot, robot_path: Path, map_path: Path, folder: Path) -> None:
-    """The folder of a case; a picture shows which rows became states."""
-    for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
-        copied(source, folder / name)
-    write_csv(made.table, folder / "trials.csv")
-    from ..pages.import_figure import draw
-
-    draw(made, robot, folder / PICTURE)
-
-
-def told(made: Imported, folder: Path) -> Result:
-    """The result of an import: states, trials, columns, notes and questions, the files written and those read."""
-    trials = len(set(made.table.trial.tolist()))
+        draw(result, robot, place / PICTURE)
+    trials = len(set(result.table.trial.tolist()))
     written = [str(folder / name) for name in OWN]
 
     def show() -> None:
-        note((*made.notes, *(f"check: {text}" for text in made.questions)))
-        out.print(f"{counted(len(made.table), 'state')} in {counted(trials, 'trial')}")
-        out.print(f"written: {', '.join(written)}", soft_wrap=True)
+        note((*result.notes, *(f"check: {text}" for text in result.questions)))
+        out.print(f"{counted(len(result.table), 'state')} in {counted(trials, 'trial')}")
+        out.print(f"{word}: {', '.join(written)}", soft_wrap=True)
         out.print(f"look at {folder / PICTURE}, then: {typed('lab', 'diagnose', folder)}", soft_wrap=True)
 
-    about = {"states": len(made.table), "trials": trials, "columns": made.table.columns, "notes": made.notes,
-             "check": made.questions}  # fmt: skip
-    return Result({"files": written, "read": [str(q.path) for _, q, _ in made.files], **about}, show)
+    about = {"states": len(result.table), "trials": trials, "columns": result.table.columns, "notes": result.notes,
+             "check": result.questions}  # fmt: skip
+    return Result({"files": written, "read": [str(q.path) for _, q, _ in result.files], **about}, show)
 
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:

@@ -13,9 +13,9 @@ from model.robot import Robot
 from recordings.own_files import replaced
 
 from ..console import out
-from ..files.config import ConfigError, check, demand_writable, parse_yaml
+from ..files.config import ConfigError, check, demand_writable, in_si, parse_yaml
 from ..files.rig_file import RigFile, drivers
-from ..files.units import UnitError, to_si, written
+from ..files.units import to_si, written
 from ..options import OneOf, Result, Verb, option
 from ..rig.limits import NO_TENDONS
 
@@ -36,16 +36,20 @@ OF = {
 """Key of limits and safe -> the instruments without which it says nothing."""
 USUAL = {"pressure": "alicat", "mocap": "natnet"}
 """What a first rig needs, and the drivers to start from."""
+NEEDS = {
+    "max_pressure": ("chambers", "is of chambers; a robot with tendons has --max-tension"),
+    "chamber_radius": ("chambers", "is of chambers; leave it out for a robot with tendons"),
+    "max_tension": ("tendons", "is of tendons; a robot with chambers has --max-pressure"),
+    "instruments": ("rig", "needs --rig RIG.yaml"),
+}
+"""Option -> another without which it says nothing, and what is answered."""
 
 
 def robot_text(a: argparse.Namespace) -> str:
     """The robot.yaml that the options describe; raises ConfigError."""
     count, tendons = a.chambers or a.tendons, a.chambers is None
-    try:
-        length, modulus = to_si(a.length, "m"), to_si(a.modulus or "500 kPa", "Pa")
-        outer = to_si(a.outer_radius, "m") if a.outer_radius else 0.1 * length
-    except UnitError as e:
-        raise ConfigError(f"--length, --outer-radius or --modulus: {e}") from e
+    length, modulus = in_si("--length", a.length, "m"), in_si("--modulus", a.modulus or "500 kPa", "Pa")
+    outer = in_si("--outer-radius", a.outer_radius, "m") if a.outer_radius else 0.1 * length
 
     def line(key: str, value: str, comment: str, given: object = True) -> str:
         return f"{key + ': ' + value:<32} # {comment}{'' if given else f'; {GUESSED}'}"
@@ -121,6 +125,9 @@ def init(a: argparse.Namespace) -> Result:
             raise ConfigError(f"{path}: is there already; give another name, or delete it")
     if a.rig is not None and a.tendons:
         raise ConfigError(f"--rig {a.rig}: {NO_TENDONS}")
+    for key, (needed, answer) in NEEDS.items():
+        if (given := getattr(a, key)) is not None and getattr(a, needed) is None:
+            raise ConfigError(f"--{key.replace('_', '-')} {given}: {answer}")
     demand_writable(a.out, a.rig)
     for name, count in (("--chambers", a.chambers), ("--tendons", a.tendons)):
         if count is not None and not 1 <= count <= 26:
@@ -152,7 +159,8 @@ VERBS = (
             option("--length", required=True, metavar="LENGTH", help="of the part that bends, such as '180 mm'"),
             option("--name", default="my robot", help="its name"),
             option("--outer-radius", metavar="LENGTH", help="a tenth of the length unless given"),
-            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH", help=f"{share:g} times the outer radius unless given")
+            *(option(f"--{key.replace('_', '-')}", metavar="LENGTH",
+                     help=f"{f'{share:g} times the outer radius' if share else '0'} unless given")
               for key, share in SHARES.items()),
             option("--modulus", metavar="PRESSURE", help="Young's modulus, such as '500 kPa'"),
             option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),

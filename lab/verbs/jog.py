@@ -21,9 +21,9 @@ from protocols.parameters import Jam, SpineMotion
 from protocols.steering import Steering
 
 from ..console import Screen, out
-from ..files.config import ConfigError
+from ..files.config import ConfigError, in_si
 from ..files.rig_file import RigFile, load_rig
-from ..files.units import UnitError, shown, to_si
+from ..files.units import shown
 from ..guard.messages import SafeReport
 from ..options import Result, Verb, option, rig
 from ..rig.assembly import Rig
@@ -97,31 +97,28 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
     """Do what a line says and return what was reached; raises ConfigError for one that says nothing or demands too much."""
     word, _, value = line.strip().partition(" ")
     chamber, pressure = re.fullmatch(r"p(\d+)", word), file.instruments.pressure
-    try:
-        if chamber is not None and pressure is not None:
-            target, number = list(bench.need(bench.pressure, "pressure").read().setpoint), int(chamber[1])
-            channel = next((i for i, group in enumerate(bench.chambers.channels) if number in group), None)
-            if channel is None:
-                raise ConfigError(f"{word}: chamber {number} is on no channel of rig.yaml")
-            target[channel] = to_si(value, "Pa")
-            if not 0 <= target[channel] <= pressure.max_pressure:
-                raise ConfigError(f"{line}: must be 0 to {shown(pressure.max_pressure, 'Pa')}, the limit of rig and robot")
-            ramp(bench, target, min(rate, pressure.max_rate))
-            group = ", ".join(map(str, bench.chambers.channels[channel]))
-            return f"set-point of chamber {group}: {shown(target[channel], 'Pa')}"
-        if word == "spine" and bench.spine is not None and file.instruments.spine is not None:
-            length, most = to_si(value, "m"), file.instruments.spine.max_length
-            if not 0 <= length <= most:
-                raise ConfigError(f"{line}: must be 0 to {shown(most, 'm')}, max_length of rig.yaml")
-            release(bench, Jam())
-            home(bench)
-            grow(bench, length, SpineMotion(speed=min(SpineMotion().speed, file.instruments.spine.max_speed)))
-            return f"spine at {shown(bench.spine.read().length, 'm')}"
-        if word == "valve" and bench.valve is not None and value.strip() in ("on", "off"):
-            bench.valve.set(value.strip() == "on")
-            return f"valve {value.strip()}"
-    except UnitError as e:
-        raise ConfigError(f"{word}: {e}") from e
+    if chamber is not None and pressure is not None:
+        target, number = list(bench.need(bench.pressure, "pressure").read().setpoint), int(chamber[1])
+        channel = next((i for i, group in enumerate(bench.chambers.channels) if number in group), None)
+        if channel is None:
+            raise ConfigError(f"{word}: chamber {number} is on no channel of rig.yaml")
+        target[channel] = in_si(word, value, "Pa")
+        if not 0 <= target[channel] <= pressure.max_pressure:
+            raise ConfigError(f"{line}: must be 0 to {shown(pressure.max_pressure, 'Pa')}, the limit of rig and robot")
+        ramp(bench, target, min(rate, pressure.max_rate))
+        group = ", ".join(map(str, bench.chambers.channels[channel]))
+        return f"set-point of chamber {group}: {shown(target[channel], 'Pa')}"
+    if word == "spine" and bench.spine is not None and file.instruments.spine is not None:
+        length, most = in_si(word, value, "m"), file.instruments.spine.max_length
+        if not 0 <= length <= most:
+            raise ConfigError(f"{line}: must be 0 to {shown(most, 'm')}, max_length of rig.yaml")
+        release(bench, Jam())
+        home(bench)
+        grow(bench, length, SpineMotion(speed=min(SpineMotion().speed, file.instruments.spine.max_speed)))
+        return f"spine at {shown(bench.spine.read().length, 'm')}"
+    if word == "valve" and bench.valve is not None and value.strip() in ("on", "off"):
+        bench.valve.set(value.strip() == "on")
+        return f"valve {value.strip()}"
     if word == "vent":
         vent(bench)
         return "vented"
@@ -140,10 +137,7 @@ def jog(rig_path: Path, rate: str) -> Result:
     file = load_rig(rig_path)
     if missing := unlimited(file, file.body):
         raise ConfigError(*missing)
-    try:
-        speed = to_si(rate, "Pa/s")
-    except UnitError as e:
-        raise ConfigError(f"--rate: {e}") from e
+    speed = in_si("--rate", rate, "Pa/s")
     if not speed > 0:
         raise ConfigError(f"--rate {rate}: must be above 0 Pa/s")
     reports: list[SafeReport] = []

@@ -21,6 +21,7 @@ from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
+from model.prediction.predictor import outside_limits
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
@@ -30,6 +31,7 @@ from recordings.table_file import csv_text, read_numbers
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
+from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import Columns, planned_columns, protocol_plan, robot_facts
@@ -55,14 +57,11 @@ Files = tuple[Path | None, Path | None]
 def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -> Result:
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     catalogue = stated_by(robot, effects)
-    count, words = len(robot.actuators.azimuths_deg), robot.actuators.words
-    if not any(re.fullmatch(r"p\d+", name) for name in states):
-        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{count}, in Pa, or p1 [{words.unit}] ..")
+    _judge(robot, states)
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
     bending = {name: column[bent] for name, column in states.items() if name != "protocol"}
-    _beyond(robot, bending)
     unsolved = int((~prediction.converged).sum())
     missing = f"{unsolved} of {len(prediction.tip)} states have no trusted equilibrium and therefore no tip" if unsolved else ""
 
@@ -82,11 +81,11 @@ def _result(
 ) -> Result:  # fmt: skip
     """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
     csv, figure = files
+    written = {str(path): fate(path) for path in files if path is not None}
     if csv is not None:
         csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
     if figure is not None:
         draw(figure.resolve())
-    written = [str(path) for path in files if path is not None]
     covered = robot.actuators.words.fill(INTERVAL, spine=" and spine" if robot.spine is not None else "")
     interval = covered if states_uncertainty(robot) else None
 
@@ -95,13 +94,13 @@ def _result(
         if len(rows) > SHOWN:
             out.print(f"{len(rows) - SHOWN} more rows; --out FILE.csv writes all")
         out.print(NO_INTERVAL if interval is None else f"± {interval}")
-        for path in written:
-            out.print(f"written: {path}")
+        for path, word in written.items():
+            out.print(f"{word}: {path}")
         if missing:
             out.print(missing)
 
     head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
-    return Result({**head, "files": written, kind: rows}, show)
+    return Result({**head, "files": list(written), kind: rows}, show)
 
 
 def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec]) -> Prediction:
@@ -112,7 +111,7 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
         mass = states.get("tip_mass")
         pressures = _pressures(robot, states)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # `_beyond` names what is outside the robot's limits
+            warnings.simplefilter("ignore")  # `_judge` names what is outside the robot's limits
             return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 
@@ -128,9 +127,6 @@ def invert(
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
     table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
     place, weight = _coordinates(targets_path, table)
-    if (far := float(np.nanmax(np.abs(place), initial=0.0))) > 3.0 * robot.length:
-        much = f"a target is {far:g} m from the base of a robot of {robot.length:g} m"
-        raise ConfigError(f"{targets_path}: {much}, which looks like mm or cm; write m")
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
         limits = limits_of(robot, groups, spine=fixed)
@@ -244,13 +240,19 @@ def _pressures(robot: Robot, states: Columns) -> Array:
     return np.stack([np.asarray(states.get(f"p{c}", np.zeros(n)), float) for c in range(1, count + 1)], axis=1)
 
 
-def _beyond(robot: Robot, states: Columns) -> None:
-    """Note pressures above what the robot bears, where the model was never compared with a robot."""
-    highest = float(_pressures(robot, states).max())
-    if robot.max_pressure is not None and highest > robot.max_pressure:
-        words = robot.actuators.words
-        unit, most = words.unit, robot.max_pressure / words.pascal
-        note([f"up to {highest / words.pascal:g} {unit} requested, but robot.yaml allows {most:g} {unit}"])
+def _judge(robot: Robot, states: Columns) -> None:
+    """Note actuators without a column and pressures beyond the robot's limits, where the model was never compared with a robot.
+
+    Raises ConfigError for columns of actuators that it lacks or of none, BadCondition for a tendon that pushes."""
+    own, words = range(1, len(robot.actuators.azimuths_deg) + 1), robot.actuators.words
+    given = {int(name[1:]) for name in states if re.fullmatch(r"p\d+", name)}
+    if not given:
+        raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{own[-1]}, in Pa, or p1 [{words.unit}] ..")
+    if unknown := sorted(given - {*own}):
+        raise ConfigError(f"column p{unknown[0]}: {robot.name} has {words.group(own)}; leave the column out")
+    if lacking := sorted({*own} - given):
+        note([f"no column of {words.group(lacking)}: taken as 0 {words.unit}"])
+    note(filter(None, outside_limits(robot, np.nan_to_num(_pressures(robot, states)))[1:]))
 
 
 def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:

@@ -31,7 +31,10 @@ def watch(what: Path, speed: float | None, bind: str, port: int, browser: bool, 
     """Serve the page of a recording, or of a rig.yaml's runs, until Ctrl-C; `foxglove`: the port at which Foxglove finds it."""
     if speed is not None and not speed > 0:
         raise ConfigError(f"--speed {speed:g}: must be above 0, as a multiple of rig time")
-    file = _recording(what)
+    file = recording_of(what) if what.suffix in (".yaml", ".yml") else what
+    if file is what:
+        with Tail(what):  # refuses what is no recording
+            pass
     going_on = not ended(file) and time.time() - file.stat().st_mtime < GOING_ON
     if going_on and speed is not None:
         raise ConfigError(f"--speed: {file} is being written; an active run is shown live")
@@ -101,14 +104,6 @@ def listening(bind: str, port: int) -> PageAddress:
         return place(bind, port)
     except OSError as e:
         raise ConfigError(f"--bind {bind} --port {port}: cannot listen there: {e.strerror}") from e
-
-
-def _recording(what: Path) -> Path:
-    """Return the recording of the argument. Raises ConfigError, `RecordingError`."""
-    if what.suffix in (".yaml", ".yml"):
-        return recording_of(what)
-    with Tail(what):
-        return what
 
 
 VERBS = (

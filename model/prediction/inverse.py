@@ -116,7 +116,7 @@ def inverse(
     """Pressures and spine lengths of least total pressure for targets (m, 3) m in the base frame.
 
     A coordinate that is NaN is free. `weights` (m, 3) tell which axes matter where not all can be met. Raises
-    `BadCondition` for targets of another shape, or that want nothing.
+    `BadCondition` for targets of another shape, in mm, or that want nothing.
     """
     wanted = np.atleast_2d(np.asarray(targets, float))
     if wanted.ndim != 2 or wanted.shape[1] != 3:
@@ -124,6 +124,9 @@ def inverse(
     free = ~np.isfinite(wanted)
     if free.all(axis=1).any():
         raise BadCondition(f"targets: row {int(np.argmax(free.all(axis=1)))} wants no coordinate at all")
+    far, length = float(np.nanmax(np.abs(wanted), initial=0.0)), at.robot.length
+    if far > 3.0 * length:
+        raise BadCondition(f"a target is {far:g} m from the base of a robot of {length:g} m, which looks like mm or cm; write m")
     weight = np.where(free, 0.0, 1.0 if weights is None else np.broadcast_to(np.asarray(weights, float), wanted.shape))
     if not (weight >= 0).all() or (weight.max(axis=1) <= 0).any():
         raise BadCondition("weights: must be numbers, not negative, and one of each row above 0")

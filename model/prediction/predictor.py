@@ -58,7 +58,7 @@ class Prediction(Shown):
     tip_by_length: Array | None = None
     """(n, 3) m/m: by the spine's length."""
     outside: Mask | None = None
-    """(n,) whether a pressure is below 0 or above the robot's `max_pressure`, by more than `PRESSURE_NOISE`: nothing was
+    """(n,) whether a pressure or tension is below 0 or above the robot's limit, by more than `PRESSURE_NOISE`: nothing was
     measured there. None from `campaign`."""
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
@@ -140,6 +140,10 @@ class Predictor:
         if beyond.size:
             raise BadCondition(f"arcs: {beyond[0]:g} m must lie between 0 and the robot's length {self.robot.length:g} m")
 
+        outside, note = outside_limits(self.robot, states.pressure)
+        if note:
+            warnings.warn(f"{note}; `.outside` marks them", stacklevel=2)
+
         def part(rows: Order) -> Prediction:
             return predicted(self._forward.at(states[rows], places), self._residual, intervals, gradient)
 
@@ -153,21 +157,23 @@ class Predictor:
         else:
             with ThreadPoolExecutor(self._cores) as pool:
                 parts = list(pool.map(part, batches))
-        return replace(_joined(parts, order), outside=self._outside(states.pressure))
+        return replace(_joined(parts, order), outside=outside)
 
-    def _outside(self, pressure: Array) -> Mask:
-        """(n,) of pressures (n, chambers) Pa; warns where there are any."""
-        highest = np.inf if self.robot.max_pressure is None else self.robot.max_pressure
-        outside: Mask = np.any((pressure < -PRESSURE_NOISE) | (pressure > highest + PRESSURE_NOISE), axis=1)
-        if self.robot.chambers is None:
-            return np.zeros(len(pressure), bool)
-        if outside.any():
-            warnings.warn(
-                f"{int(outside.sum())} of {len(pressure)} states have pressures outside 0 to {highest / 1e3:g} kPa, the "
-                f"limits of {self.robot.name}; `.outside` marks them",
-                stacklevel=3,
-            )
-        return outside
+
+def outside_limits(robot: Robot, pressure: Array) -> tuple[Mask, str]:
+    """(n,) whether states of pressures (n, chambers) Pa are outside the robot's limits, and what to say of it, "" if none is.
+
+    Raises `BadCondition` for a tendon that pushes."""
+    highest, words = np.inf if robot.max_pressure is None else robot.max_pressure, robot.actuators.words
+    beyond = np.maximum(-pressure, pressure - highest)
+    outside: Mask = np.any(beyond > PRESSURE_NOISE, axis=1)
+    pushing = robot.tendons is not None and bool((pressure < -PRESSURE_NOISE).any())
+    state, actuator = np.unravel_index(int((-pressure if pushing else beyond).argmax()), pressure.shape)
+    worst = f"{pressure[state, actuator] / words.pascal:g} {words.unit} of {words.actuator} {actuator + 1} in row {state + 1}"
+    if pushing:
+        raise BadCondition(f"{worst}: a tendon cannot push; the least tension is 0 N")
+    limits = f"outside 0 to {highest / words.pascal:g} {words.unit}, the limits of {robot.name}: {worst} is farthest"
+    return outside, f"{int(outside.sum())} of {len(pressure)} states have {words.pressures} {limits}" if outside.any() else ""
 
 
 def predicted(

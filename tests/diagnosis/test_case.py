@@ -84,7 +84,7 @@ def test_what_is_missing_is_said(rows: list[TrialRow], code: str) -> None:
     ("rows", "said"),
     [
         ([replace(r, tip=(40.0, 0.0, 0.4)) for r in sweep()], "looks like cm"),
-        ([replace(r, pressures=(0.0, 1e5)) for r in sweep()], "different robots"),
+        ([replace(r, pressures=(0.0, 1e5)) for r in sweep()], "rows with 2 pressures .*: p3, .* p9 are missing"),
         ([replace(r, spine_length=0.5) for r in sweep()], "longer than the robot"),
         ([replace(r, protocol="stiffness", tip=None) for r in sweep()], "rows has a tip"),
     ],

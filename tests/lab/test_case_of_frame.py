@@ -1,5 +1,6 @@
 """`lab.case(frame, robot)`: a pandas DataFrame as a case, as `lab import` reads the same table from a file."""
 
+import itertools
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -134,6 +135,9 @@ def test_what_is_neither_a_frame_nor_a_path_is_told(small_case: Path) -> None:
                                 ((FRAME, ROBOT), {"files": {"*": {}}}, "files: does not apply")):  # fmt: skip
         with pytest.raises(ConfigError, match=match):
             lab.case(*inputs, **keys)
+    for verb, given in itertools.product((lab.diagnose, lab.fit, lab.compare), ("case1", FRAME)):
+        with pytest.raises(TypeError, match=f"lab.{verb.__name__}: takes a case, not a .*; write .*lab.case"):
+            verb(given)  # type: ignore[operator]
 
 
 # ------------------------------------------------------------------ what a call leaves out

@@ -174,6 +174,13 @@ def test_a_value_without_its_quotes_is_told(cli: Cli) -> None:
     told = cli("plan", "bending", "--set", "rate=20", "kPa/s", code=2).err
     assert "unrecognized arguments: kPa/s; quote a value with spaces: --set 'rate=20 kPa/s'" in told
     assert cli("--sped", "plan", "bending", code=2).err.endswith("unrecognized arguments: --sped\n")
+    assert cli("verify", "a.mcap", "b.mcap", code=2).err.endswith("arguments: b.mcap; lab verify takes one file\n")
+    assert "value with spaces: --length '9 cm'\n" in cli("init", "--tendons", 4, "--length", 9, "cm", code=2).err
+
+
+@pytest.mark.parametrize(("verb", "speed"), [("fakes", 0), ("fakes", -3), ("demo", 201)])
+def test_a_clock_speed_that_no_rig_can_have_is_refused(verb: str, speed: float, cli: Cli) -> None:
+    assert cli(verb, "--speed", speed, code=2).err == f"--speed {speed}: must be 0.1 to 200, times real time\n"
 
 
 @pytest.mark.parametrize("words", [["--", "--sped"], ["--help", "--sped"]])

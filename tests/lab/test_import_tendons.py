@@ -145,6 +145,21 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
     assert "T_S/N are taken as tendons" in text and "not used: load cell [N]; name a force under force_x" in text
 
 
+@pytest.mark.parametrize("kind", ["tendons", "chambers"])
+@pytest.mark.parametrize("numbers", [(1, 2, 3), (1, 2, 4)])
+def test_columns_belong_to_the_numbers_in_their_headings_and_an_actuator_without_one_is_named(
+    numbers: tuple[int, ...], kind: str, trunk: Trunk
+) -> None:
+    unit, table = ("N", "tendons:") if kind == "tendons" else ("kPa", "chambers:\n  radius: 3 mm")
+    trunk.robot.write_text(ROBOT.replace("tendons:", table).replace("[0, 120, 240]", "[0, 90, 180, 270]"))
+    head, rows = trunk.read()
+    trunk.write([head[0], *(f"F{n} [{unit}]" for n in numbers), *head[4:]], rows)
+    proposed, (missing,) = yaml.safe_load(trunk.guessed()[0]), {1, 2, 3, 4} - {*numbers}
+    assert {k: c["column"] for k, c in proposed["columns"].items() if k[0] == "p"} == {f"p{n}": f"F{n} [{unit}]" for n in numbers}
+    assert proposed["constants"] == {f"p{missing}": f"0 {unit}"}
+    assert f"constants.p{missing}: no column of {kind[:-1]} {missing}: was its" in str(proposed["unconfirmed"])
+
+
 def test_a_map_that_is_guessed_is_not_asked_about_and_one_of_another_frame_is(trunk: Trunk) -> None:
     proposed = yaml.safe_load(trunk.guessed()[0])
     for frame, doubted in ((FRAME, False), ({"x": "-x", "y": "-z", "z": "-y"}, True)):
@@ -294,7 +309,11 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
     assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
     for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name the same tendon")):
         assert says in predicted(text, code=2).flat_err
-    assert "up to 6 N requested, but robot.yaml allows 5 N" in predicted("p1 [N]\n6\n").err
+    beyond = predicted("p1 [N]\n6\n").flat_err
+    assert "tensions outside 0 to 5 N, the limits of trunk: 6 N of tendon 1 in row 1" in beyond
+    assert "note: no column of tendons 2, 3: taken as 0 N" in beyond
+    assert "-1 N of tendon 2 in row 1: a tendon cannot push" in predicted("p2 [N]\n-1\n", code=2).flat_err
+    assert "column p4: trunk has tendons 1, 2, 3; leave" in predicted("p4 [N]\n1\n", code=2).flat_err
     said = predicted("x,y,z\n0.03,,\n", "--inverse").out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
 
@@ -352,7 +371,7 @@ def test_a_marker_is_named_without_its_axes_however_the_file_writes_them(spelt: 
     with known.changed() as values:
         values["columns"] = {n: c for n, c in values["columns"].items() if n not in tuple("xyz")}
         values["points"] = {"tip": {"of": ["Knoten4"], "unit": "mm"}}
-    known.imported("again")
+    assert ["written: " in known.imported("again").out for _ in range(2)] == [True, False]
     assert (tmp_path / "again/trials.csv").read_text() == (tmp_path / "case/trials.csv").read_text()
     with known.changed() as values:
         values["points"]["tip"]["of"] = ["Knoten"]

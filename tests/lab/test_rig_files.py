@@ -46,8 +46,18 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
-    unclear = cli("init", "--chambers", 3, "--length", "180", "--out", tmp_path / "b", code=2).err
-    assert "did you mean 180 cm or 180 mm?" in unclear
+    for given, said in (
+        (("--chambers", 3, "--length", "180"), r"did you mean 180 cm or 180 mm\?"),
+        (("--chambers", 3, "--length", "5 N"), "^--length: .*5 N"),
+        (("--chambers", 3, "--length", "9 cm", "--max-tension", "4 N"), "^--max-tension 4 N: is of tendons; .*--max-pressure"),
+        (
+            ("--tendons", 4, "--length", "9 cm", "--max-pressure", "4 bar"),
+            "^--max-pressure 4 bar: is of chambers; .*--max-tension",
+        ),
+        (("--tendons", 4, "--length", "9 cm", "--chamber-radius", "4 mm"), "--chamber-radius 4 mm: is of chambers"),
+        (("--chambers", 3, "--length", "9 cm", "--instruments", "mocap"), "--instruments mocap: needs --rig"),
+    ):
+        assert re.search(said, cli("init", *given, "--out", tmp_path / "b", code=2).flat_err)
 
 
 @pytest.mark.parametrize("instruments", ["pressure,mocap", "pressure=smc_itv", "pressure,arm=ur5,force=ft300s", "spine=tmcl"])

@@ -148,6 +148,8 @@ def test_targets_out_of_reach_are_told_with_the_nearest_point(paper_robot: Robot
     assert away.min() > found.miss[0] - 1e-4
     with pytest.raises(BadCondition, match="weights: must be numbers"):
         inverse(Predictor(robot), [[1.0, 0.0, 0.2]], limits_of(robot), weights=[[nan, 1.0, 1.0]])
+    with pytest.raises(BadCondition, match="a target is 30 m from the base of a robot of 0.4 m, which looks like mm"):
+        inverse(Predictor(robot), [[20.0, 30.0, nan]], limits_of(robot))
 
 
 @pytest.mark.parametrize(
