@@ -36,8 +36,9 @@ def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | No
     labels = np.zeros(n) if trial is None else np.asarray(trial)
     if labels.shape != (n,):
         raise BadCondition(f"trial: shape {labels.shape}, must be ({n},)")
-    trials = np.unique(labels)
-    dy, df = (data[name] - _trial_means(data[name], labels, trials) for name in ("deflection", "force"))
+    trials, own, count = np.unique(labels, return_inverse=True, return_counts=True)
+    # from the mean of each reading's own trial
+    dy, df = (data[name] - (np.bincount(own, data[name]) / count)[own] for name in ("deflection", "force"))
     spread = float(dy @ dy)
     if not spread > 0:
         raise NotIdentified("deflection: all readings of a trial are at the same place, no slope can be fitted")
@@ -50,14 +51,6 @@ def youngs_modulus(stiffness: Estimate, length: float, second_moment: float) -> 
     if not (length > 0 and second_moment > 0):
         raise BadCondition(f"cantilever of length {length:g} m with second moment {second_moment:g} m^4: must be positive")
     return stiffness.scaled(bar_deflection(length, length, second_moment))
-
-
-def _trial_means(values: Array, labels: Labels, names: Labels) -> Array:
-    """The mean of each reading's own trial, (n,)."""
-    means = np.empty_like(values)
-    for name in names:
-        means[labels == name] = values[labels == name].mean()
-    return means
 
 
 AXES = 3
