@@ -130,8 +130,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
-            hidden = finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight)
-            reasons = (hidden, *reasons)
+            reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
         causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.numbers, *tense), len(alone)))
     excess = prepared.noise_components.excess_scatter
     answer = Diagnosis(

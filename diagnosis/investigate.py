@@ -24,7 +24,7 @@ from .data.case import Case, CaseLike, states
 from .diagnose import Examined, Options, examine
 from .errors import BadCase
 from .inference.prepare import table_columns
-from .judgement import CERTAIN, LEAST_BITS, UNFORESEEN
+from .judgement import CERTAIN, UNFORESEEN
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def investigate(
             return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
         for proposal in examined.diagnosis.next_experiment:
-            if proposal.id in ids_done or proposal.expected_bits < LEAST_BITS:
+            if proposal.id in ids_done or not proposal.worth_doing:
                 continue
             try:
                 predicted, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from diagnosis.answer.result import Diagnosis, Proposal
-from diagnosis.judgement import LEAST_BITS
 
 from .plain import typed
 
@@ -18,7 +17,7 @@ SETTLED = "Nothing: robot and model agree, and no experiment on this rig is expe
 
 def worth_doing(d: Diagnosis) -> Diagnosis:
     """Return the answer without uninformative experiments."""
-    return replace(d, next_experiment=tuple(p for p in d.next_experiment if p.expected_bits >= LEAST_BITS))
+    return replace(d, next_experiment=tuple(p for p in d.next_experiment if p.worth_doing))
 
 
 def nothing_next(d: Diagnosis) -> str:

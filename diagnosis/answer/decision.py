@@ -82,8 +82,8 @@ def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     more than `DOUBTED_PROBABILITY`. What is taken off, of all answers of the catalogue alike, goes to causes outside and mistakes
     in the description."""
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
-    probability = min(d.probability / (1 + as_good), most)
-    return replace(d, probability=probability, outside=1 - probability / max(d.probability, 1e-9) * (1 - d.outside))
+    kept = min(1 / (1 + as_good), most / max(d.probability, most))
+    return replace(d, probability=min(d.probability / (1 + as_good), most), outside=1 - kept * (1 - d.outside))
 
 
 def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:

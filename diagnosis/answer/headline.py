@@ -85,9 +85,7 @@ def stated(probability: float) -> str:
     >>> stated(0.876), stated(1e-4), stated(0.8)
     ('0.88', '< 0.01', '≤ 0.80')
     """
-    if probability < LEAST_STATED:
-        return "< 0.01"
-    return f"{'≤ ' * (probability == DOUBTED_PROBABILITY)}{probability:.2f}"
+    return "< 0.01" if probability < LEAST_STATED else f"{'≤ ' * (probability == DOUBTED_PROBABILITY)}{probability:.2f}"
 
 
 def percent(share: float) -> str:

@@ -310,6 +310,11 @@ class Proposal:
     channels: tuple[str, ...] = ()
     """Channels that are measured in addition to those of the campaign."""
 
+    @property
+    def worth_doing(self) -> bool:
+        """Whether it is expected to tell enough."""
+        return self.expected_bits >= LEAST_BITS
+
 
 @dataclass(frozen=True)
 class Change:
@@ -379,8 +384,7 @@ class Diagnosis(Shown):
 
     def __str__(self) -> str:
         first, against = ([f"- {text}" for text in self.texts(severity)] for severity in ("critical", "warning"))
-        worth = [x for x in self.next_experiment if x.expected_bits >= LEAST_BITS]
-        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in worth[:1]]
+        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment if x.worth_doing][:1]
         return "\n".join([*[self.headline] * bool(self.headline), *first, self.statement, *against, *following])
 
     def _columns(self) -> dict[str, Any]:

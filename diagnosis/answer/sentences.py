@@ -46,8 +46,8 @@ def _what(d: Diagnosis) -> tuple[str, int]:
 def _verdict(d: Diagnosis) -> str:
     """The conclusion: cause, candidates or none, with its probability; the stage in error if outside the catalogue."""
     a, named = d.attribute, _named(d.attribute.effects, d)
-    sure = f"p is at most {a.probability:.2f}, as {reason}" if (reason := limited_by(d)) else f"{a.p}; {judgement.BENCHMARK}"
-    if not reason and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
+    sure = (limit := limited(d)) or f"{a.p}; {judgement.BENCHMARK}"
+    if not limit and a.verdict != "unknown" and a.outside >= judgement.OUTSIDE_STATED:
         sure = f"{a.p}; {a.within:.2f} if it is in the catalogue; {judgement.BENCHMARK}"
     each = [f"{with_id(e, d.names)} (p = {p:.2f})" for e, p in a.second.items()]
     second = f" A second cause of comparable size acts with it: {' or '.join(each)}." if each else ""
@@ -78,11 +78,12 @@ def _verdict(d: Diagnosis) -> str:
     return f"The cause is not in the catalogue ({sure}).{stage_clause}{_relatives(d)}"
 
 
-def limited_by(d: Diagnosis) -> str:
-    """The first doubt that limits the probability of the cause; empty where none does."""
+def limited(d: Diagnosis) -> str:
+    """That a doubt limits the probability of the cause, and the first that does; empty where none does."""
     if not d.attribute.limited:
         return ""
-    return next((why.partition(": ")[2] for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
+    doubt = next((why.partition(": ")[2] for why in d.attribute.doubts), "numbers of robot.yaml are in doubt")
+    return f"p is at most {d.attribute.probability:.2f}, as {doubt}"
 
 
 def _relatives(d: Diagnosis) -> str:

@@ -16,9 +16,9 @@ from model.robot import Robot
 from recordings.trials import Table
 
 from ..arrays import Array, Ints, Mask, rows_by
-from ..edits.remedies import of_trials
 from ..errors import BadCase
 from ..findings import Finding, finding
+from ..remedies import of_trials
 from . import levels as gaps
 from .campaign import Campaign
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
@@ -178,9 +178,8 @@ def _concerns(s: Campaign, robot: Robot) -> Iterator[Finding]:
         yield finding("probabilities_not_calibrated")
     if len(pushes):
         if pushes.repeats < 3:
-            yield finding(
-                "deflections_not_repeated", how="were not repeated" if pushes.repeats < 2 else "were repeated only once"
-            )
+            how = "were not repeated" if pushes.repeats < 2 else "were repeated only once"
+            yield finding("deflections_not_repeated", how=how)
         if len(np.unique(levels(pushes.spine_length, gaps.SPINE_GAP))) < 2:
             yield finding("one_stiffness_length")
 

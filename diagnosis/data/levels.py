@@ -13,6 +13,8 @@ SPINE_GAP, PRESSURE_GAP, VACUUM_GAP = 3e-3, 3e3, 10e3
 """m, Pa, Pa: readings that differ by less were meant to be the same setting. Of pressures this is the most, see below."""
 MASS_GAP, FORCE_GAP, ROLL_GAP, RATE_GAP = 2e-3, 0.02, 1.0, 1e3
 """kg and N at the tip, degrees, Pa/s: the same."""
+REST = 2e3
+"""Pa up to which a robot is at rest, as zeros of sensors are not exact, unless a map says another number (`trials.below`)."""
 OF_RANGE, OF_SCATTER = 0.02, 3.0
 """Pressures are distinguished from this share of the highest on; never finer than this many times their scatter in a reading."""
 

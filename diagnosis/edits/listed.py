@@ -22,10 +22,9 @@ from model.rotation import CONJUGATE, from_vector, multiply
 from model.section import body_mass
 from recordings.trials import TIP, Mapped, Table
 
-from .. import judgement
+from .. import judgement, remedies
 from ..arrays import Array
 from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
-from . import remedies
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 

@@ -17,10 +17,10 @@ from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
+from ..remedies import named, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
 from .listed import FRAMES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
-from .remedies import named, of_unit
 
 AT_REST = 0.03
 """Share of the range of pressures above the lowest within which a robot is at rest."""

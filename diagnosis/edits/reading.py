@@ -27,9 +27,9 @@ from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
+from ..remedies import of_origin, of_unit
 from .edit import AREA, MODULUS
 from .misfit import as_described, sample_of
-from .remedies import of_origin, of_unit
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""

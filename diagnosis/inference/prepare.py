@@ -183,8 +183,7 @@ def _as_placed(robot: Robot, states: Campaign) -> Robot:
     """The robot with places of tip and markers that nobody knows, where the map moved them to the model at rest."""
     if not states.trials.moved_to_model:
         return robot
-    scale = {"frame_shift": robot.length, "marker_shift": robot.length, "tracked_turn": 1.0}
-    unknown = {name: OF_MOVED * unit for name, unit in scale.items()}
+    unknown = {"frame_shift": OF_MOVED * robot.length, "marker_shift": OF_MOVED * robot.length, "tracked_turn": OF_MOVED}
     return robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
 
 

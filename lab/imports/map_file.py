@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from diagnosis.data.levels import REST
 from model.actuators import Words
 from model.arrays import Array
 from recordings.trials import AXES, TEXTS, column_order, unit_of
@@ -173,7 +174,7 @@ class Trials(FileTable):
     change: tuple[Name, ...] = ()
     """Columns that count runs or name the chambers inflated, in numbers or words: each change begins a trial. With `begin: rest`
     none begins away from rest, and a note names the row."""
-    below: FiniteFloat = Field(default=2000.0, gt=0, json_schema_extra={"unit": "Pa"})
+    below: FiniteFloat = Field(default=REST, gt=0, json_schema_extra={"unit": "Pa"})
     """What counts as at rest."""
 
     @model_validator(mode="after")

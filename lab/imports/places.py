@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from diagnosis.data.campaign import settings
+from diagnosis.data.levels import REST
 from model.arrays import Array, Mask
 from model.effects import ForwardModel
 from model.errors import ModelError
@@ -108,10 +109,6 @@ def other_order(files: Sequence[tuple[str, Array]], length: float, moved: bool) 
 
 
 # ------------------------------------------------------------------ at rest
-REST = 2e3
-"""Pa within which a robot at rest is read: zeros of sensors are not exact."""
-
-
 def at_rest_by_model(robot: Robot, states: Table) -> tuple[Array, scipy.spatial.transform.Rotation, Array]:
     """Tip (n, 3) m, its turn and markers (n, k, 3) m of states in the base frame, as the model of robot.yaml has them: with their
     spine, mass, roll and force, without pressures up to `REST`. Raises ConfigError where it finds no equilibrium."""

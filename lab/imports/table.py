@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from diagnosis.data.levels import SPINE_GAP, levels, pressure_gap
+from diagnosis.data.levels import REST, SPINE_GAP, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -31,7 +31,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import Map, Name, named
-from .places import REST, Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
+from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import Series, at_rest
 from .trials import Cut, cuts, trials_of_rows

@@ -135,8 +135,7 @@ def small(d: Diagnosis) -> str:
     """Identifiers of what is named, to type into commands, and what the probability rests on."""
     named = f"Identifier: {' + '.join(d.attribute.effects)}. " if d.attribute.effects else ""
     present = sentences.also_present(d.budget, lambda effect: plain_name(effect, d.names), 2)
-    limit = sentences.limited_by(d)
-    sure = f"p is at most {d.attribute.probability:.2f}, as {limit}" if limit else f"Probability p: {d.detail['calibrated_on']}"
+    sure = sentences.limited(d) or f"Probability p: {d.detail['calibrated_on']}"
     return f"{present and present + ' '}{named}{sure}. Gap: error of the {d.locate.of}."
 
 

@@ -14,7 +14,7 @@ import lab
 from diagnosis.edits.edit import Variants
 from diagnosis.edits.listed import FRAMES
 from diagnosis.edits.reading import Reading, read
-from diagnosis.edits.remedies import named, of_frame
+from diagnosis.remedies import named, of_frame
 from lab.files.robot_numbers import doubts
 from model.actuators import Chambers
 from model.condition import conditions

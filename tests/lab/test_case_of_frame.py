@@ -16,11 +16,11 @@ import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
 from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
-from diagnosis.edits.remedies import AXES
 from lab.files.config import ConfigError
 from model.effects import CATALOGUE
 from model.stated import Stated
 from recordings.table_file import write_csv
+from recordings.trials import AXES
 
 COLUMNS = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
 

@@ -9,10 +9,9 @@ import numpy as np
 from model.robot import Robot
 from recordings.trials import AXES, Mapped, Table, pressure_columns
 
-from ..arrays import Array
+from .arrays import Array
+from .data.levels import REST
 
-RESTS = 2e3
-"""Pa up to which a robot is at rest, unless a map says another number (`trials.below`)."""
 MIRRORS = {
     **{f"change the sign of column {a} (`scale: -1`)": np.array(AXES[a]) for a in "xyz"},
     **{f"swap columns {a} and {b}": np.subtract(AXES[a], AXES[b]) for a, b in combinations("xyz", 2)},
@@ -54,7 +53,7 @@ def of_trials(trials: Table) -> str:
     """Say what makes the repeats in one trial several: it begins where the robot rests, if it rests in between, else anywhere."""
     if (mapped := trials.mapped) is None:
         return "number the repeats in column `trial`"
-    away = np.abs(trials.pressures).max(axis=1) > RESTS
+    away = np.abs(trials.pressures).max(axis=1) > REST
     begin = "rest" if np.count_nonzero(away[1:] & ~away[:-1]) > 1 else "state"
     return _write("trials", f'{{"begin": "{begin}"}}' if mapped.call else f"{{begin: {begin}}}", mapped)
 
