@@ -21,7 +21,7 @@ from scipy.special import softmax
 
 from model.calibration import AXES, AreaFit
 from model.effects.catalogue import CATALOGUE
-from model.effects.nominal import TOLERANCES, stated_effects
+from model.effects.nominal import OF_SET_UP, stated_effects
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
 from model.estimate import Estimate
@@ -284,7 +284,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     return place | {
         name: i
         for i, name in enumerate(parameters.names)
-        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in TOLERANCES and not parameters.recurs[i])
+        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in OF_SET_UP and not parameters.recurs[i])
     }
 
 

@@ -21,7 +21,7 @@ from .problem import FormError, Problem, derivatives
 
 LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
 """Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
-DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4)
+DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e7)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
 FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are

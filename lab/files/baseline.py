@@ -13,7 +13,7 @@ from diagnosis.data.campaign import settings
 from diagnosis.inference.on_baseline import Baseline
 from model.arrays import Array, Ints
 from model.condition import conditions
-from model.effects.nominal import TOLERANCES
+from model.effects.nominal import tolerances
 from model.effects.spec import EffectSpec
 from model.effects.tolerance import AREA
 from model.errors import ModelError, nearest
@@ -123,7 +123,7 @@ def from_simulator(
     """Return a simulator's predictions of a case, nominal and, if wanted, with each of its own parameters varied.
 
     Each setting is simulated once. Raises ConfigError for results that violate `Forward`."""
-    specs = (*catalogue.values(), *TOLERANCES.values(), AREA)
+    specs = (*catalogue.values(), *tolerances(case.robot).values(), AREA)
     scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
     unknown = [p for p in forward.parameters if p not in scale]
     if unknown:

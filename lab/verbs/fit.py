@@ -14,7 +14,7 @@ from diagnosis.answer.result import Diagnosis, FittedRobot
 from diagnosis.errors import DiagnosisError
 from diagnosis.fit_effects import Fitted, fit_effects
 from model.arrays import Array
-from model.effects.nominal import TOLERANCES, stated_effects
+from model.effects.nominal import stated_effects, tolerances
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 from model.estimate import Estimate
@@ -242,8 +242,9 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     names, covariance = robot.joint_uncertainty()
     if not names:
         raise ConfigError(f"robot {robot.name!r} states no uncertainty, so no robots can be drawn; see `lab fit --with`")
-    stated, effects, own = robot.stated, {**TOLERANCES, **stated_effects(robot, catalogue)}, scales(robot)
-    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.of(own).parameters}
+    stated, own = robot.stated, scales(robot)
+    effects = tolerances(robot) | {id: spec.of(own) for id, spec in stated_effects(robot, catalogue).items()}
+    bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.parameters}
     limits = np.array([bounds.get(name, (LEAST_AREA, MOST_AREA)) for name in names], float)
     factor = robot.area_factor
     area = factor if isinstance(factor, float) else 0.0

@@ -14,13 +14,19 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec, Law, Values
-from model.effects.tolerance import ALWAYS, JAMMING
+from model.effects.tolerance import ALWAYS, JAMMING, as_stated
 from model.errors import BadRobot, nearest
 from model.robot import Robot
 from model.stated import Stated, Table
 
-TOLERANCES: Mapping[str, EffectSpec] = {source.spec.id: source.spec for source in (*ALWAYS, JAMMING)}
+OF_SET_UP = {source.spec.id: source for source in (*ALWAYS, JAMMING)}
 """Tolerances of a whole set-up, by id."""
+
+
+def tolerances(robot: Robot) -> dict[str, EffectSpec]:
+    """The same with what robot.yaml states of their uncertainty, or is usual for such a robot."""
+    own, stated = scales(robot), robot.uncertainty.stated
+    return {id: as_stated(source, own, stated).spec for id, source in OF_SET_UP.items()}
 
 
 def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> dict[str, EffectSpec]:
@@ -33,7 +39,7 @@ def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE
     sized = {id: spec.of(own) for id, spec in known.items() if id in robot.causes}
     problems = [
         *_problems("effects", robot.causes, {**known, **sized}),
-        *_problems("tolerances", robot.tolerances, {id: spec.of(own) for id, spec in TOLERANCES.items()}),
+        *_problems("tolerances", robot.tolerances, tolerances(robot)),
     ]
     if problems:
         raise BadRobot("\n".join(f"robot {robot.name!r}: {line}" for line in problems))

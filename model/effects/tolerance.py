@@ -166,7 +166,7 @@ JAMMING = _tolerance(
 )
 
 
-def _as_stated(source: VariationSource, sized: Scales, uncertainty: Mapping[str, float]) -> VariationSource:
+def as_stated(source: VariationSource, sized: Scales, uncertainty: Mapping[str, float]) -> VariationSource:
     """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %, else
     the usual one of a robot with these scales."""
     sd = uncertainty.get(source.spec.id)
@@ -189,7 +189,8 @@ def mounts(design: States) -> list[tuple[float, int]]:
 def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
     chosen = [VariationSource(spec, "effect") for spec in effects]
-    chosen += [*(_as_stated(source, scales(robot), {}) for source in ALWAYS), VariationSource(AREA, "calibration")]
+    own, stated = scales(robot), robot.uncertainty.stated
+    chosen += [*(as_stated(source, own, stated) for source in ALWAYS), VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         chosen += [replace(source, scope="all") for source in BY_TRIAL]
     return (*chosen, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(chosen)
@@ -207,13 +208,13 @@ def sources(
     where it is not the usual one."""
     chosen = [VariationSource(spec, "effect") for spec in catalogue]
     of_robot = bool((~design.stiffness).any())
-    chosen += [_as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
+    chosen += [as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
     if of_robot:
         chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:
-        chosen.append(_as_stated(TRACKED_TURN, sized, uncertainty))
+        chosen.append(as_stated(TRACKED_TURN, sized, uncertainty))
     if design.markers and "marker_shift" in uncertainty:
         by_marker = _xyz("m", uncertainty["marker_shift"], [f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"])
         chosen.append(_tolerance("marker_shift", "measurement", Law(after=_marker_shift), *by_marker))
@@ -227,5 +228,5 @@ def sources(
         if np.ptp(with_spine) > VACUUM_SWEEP * design.nominal_vacuum:
             chosen.append(JAMMING)
     if design.stiffness.any():
-        chosen += [*BY_PUSH, *([_as_stated(PUSH_PLACE, sized, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
+        chosen += [*BY_PUSH, *([as_stated(PUSH_PLACE, sized, uncertainty)] if PUSH_PLACE.spec.id in uncertainty else [])]
     return tuple(chosen)
