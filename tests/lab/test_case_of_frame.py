@@ -17,6 +17,7 @@ from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
 from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
 from lab.files.config import ConfigError
+from lab.verbs.fit import drawn
 from model.effects import CATALOGUE
 from model.stated import Stated
 from recordings.table_file import write_csv
@@ -173,8 +174,10 @@ def test_a_tip_that_a_map_moved_to_the_model_says_nothing_of_where_it_was(effect
     weighed = ("base_tilt", "frame_misalignment", "marker_offset", "chamber_azimuth", "tether_load")
     answer = diagnose(case, Options(False, False, {id: CATALOGUE[id] for id in weighed}))
     said = answer.attribute
-    assert said.effects == effect[:1] and "frame_shift" not in str(answer)
-    assert "`straight: at rest` moved tip and markers to the model" in str(answer) and "as `zero` of columns" in str(answer)
+    assert said.effects == effect[:1] and "frame_shift" not in answer.headline
+    assert (
+        "`straight: at rest` moved tip and markers to the model" in answer.headline and "as `zero` of columns" in answer.headline
+    )
     sizes = next(r.parameters for r in said.ranking if r.effects == said.effects)
     assert sizes[".".join(effect[:2])].value == pytest.approx(effect[2], rel=0.15)
     if said.rivals:
@@ -213,3 +216,29 @@ def test_a_frame_that_a_turn_explains_is_no_mirror_image(axes: Sequence[str], gr
     if (written := re.search("write frame=({.*?}) in lab.case", said)) is not None and groups > 1:
         case = lab.case(frame, FINGER, frame=json.loads(written[1]), straight="at rest", **BY_REST)
         assert case.table.warnings == (), said
+
+
+def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predicted_as_written(tmp_path: Path) -> None:
+    given = {
+        "name": "finger", "length": 0.12, "outer_radius": 9e-3, "inner_radius": 0, "density": 1070, "tip_mass": 3e-3,
+        "area_factor": 1.0, "shear_modulus": "200 kPa", "youngs_modulus": "800 kPa +- 50 %", "gravity": [-9.81, 0, 0], "max_pressure": "60 kPa",
+        "chambers": {"path_radius": 5.2e-3, "radius": 2.8e-3, "azimuths_deg": [0, 180]},
+    }  # fmt: skip
+    tilt = {"base_tilt": {"x": {"value": 0.05, "unit": "rad"}}}
+    robots = []
+    for name, own in (("given", {}), ("true", {"youngs_modulus": "440 kPa", "effects": tilt})):
+        (tmp_path / f"{name}.yaml").write_text(json.dumps(given | own))
+        robots.append(lab.load_robot(tmp_path / f"{name}.yaml"))
+    levels = 1e3 * np.array([0, 20, 40, 48, 40, 20])
+    pressure = np.vstack([np.outer(levels, on) for _ in range(3) for on in ([1, 0], [0, 1], [1, 1])])
+    tips = np.asarray(lab.predict(robots[1], pressure).tip)
+    tips += 1e-4 * np.random.default_rng(1).normal(size=tips.shape)
+    frame = pd.DataFrame(np.hstack([pressure, tips]), columns=["p1", "p2", "x", "y", "z"])
+    found = lab.case(frame, tmp_path / "given.yaml", trials={"begin": "rest"})
+    answer = diagnose(found, Options(experiments=False))
+    assert answer.attribute.effects == ("base_tilt",) and answer.locate.gap_rmse_mm < 1, answer.headline
+    fitted = lab.fit(found, effects=("base_tilt",))
+    assert fitted.robot.stated["youngs_modulus.excess"].value == pytest.approx(-0.45, abs=0.08) and fitted.left_mm < 0.25
+    _, _, (drawn_robot,) = drawn(fitted.robot, CATALOGUE, 1, 0)
+    for robot in (fitted.robot, drawn_robot):
+        assert np.linalg.norm(np.asarray(lab.predict(robot, pressure).tip) - tips, axis=1).max() < 2e-3
