@@ -175,9 +175,7 @@ def test_a_tip_that_a_map_moved_to_the_model_says_nothing_of_where_it_was(effect
     answer = diagnose(case, Options(False, False, {id: CATALOGUE[id] for id in weighed}))
     said = answer.attribute
     assert said.effects == effect[:1] and "frame_shift" not in str(answer)
-    assert (
-        "`straight: at rest` moved tip and markers to the model" in str(answer) and "as `zero` of columns" in str(answer)
-    )
+    assert "`straight: at rest` moved tip and markers to the model" in str(answer) and "as `zero` of columns" in str(answer)
     sizes = next(r.parameters for r in said.ranking if r.effects == said.effects)
     assert sizes[".".join(effect[:2])].value == pytest.approx(effect[2], rel=0.15)
     if said.rivals:
@@ -222,7 +220,8 @@ def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predic
     given = {
         "name": "finger", "length": 0.12, "outer_radius": 9e-3, "inner_radius": 0, "density": 1070, "tip_mass": 3e-3,
         "youngs_modulus": "800 kPa +- 50 %", "shear_modulus": "200 kPa", "area_factor": 1.0,
-        "gravity": [-9.81, 0, 0], "max_pressure": "60 kPa", "chambers": {"path_radius": 5.2e-3, "radius": 2.8e-3, "azimuths_deg": [0, 180]},
+        "gravity": [-9.81, 0, 0], "max_pressure": "60 kPa",
+        "chambers": {"path_radius": 5.2e-3, "radius": 2.8e-3, "azimuths_deg": [0, 180]},
     }  # fmt: skip
     tilt = {"base_tilt": {"x": {"value": 0.05, "unit": "rad"}}}
     robots = []
