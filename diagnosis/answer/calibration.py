@@ -128,17 +128,18 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
         by_wall = 4 * float(np.hypot(outer**3, inner**3)) / (outer**4 - inner**4)
         powers |= {"youngs_modulus": (1.0, modulus_sd), "outer_radius": (0.25, GEOMETRY_SD * by_wall)}
     d, total = abs(np.log(stiffness)), sum(s**2 for _, s in powers.values())
-    out, without_cavities = [], 1.0  # probability that the section is as drawn
+    out, change, cavities = [], 0.0, 0.0  # the cavities' -c, and the probability that they change E I
     if robot.chambers is not None and robot.bending_stiffness is None and robot.area_factor == 1.0 and stiffness < 1:
         area = robot.chambers.area
         second = len(robot.chambers.azimuths_deg) * area * (area / (4 * np.pi) + path**2 / 2)
-        ratio = max(1 - second / body_of(robot).mean_second, TINY)
-        without_cavities = float(expit(np.log(ratio) * (np.log(ratio) / 2 - np.log(stiffness)) / total))
-        out.append(Origin("cavities", ratio, 1 - without_cavities))
+        change = -float(np.log(max(1 - second / body_of(robot).mean_second, TINY)))
+        cavities = float(expit(change * (d - change / 2) / total))
+        if change > d / 2:
+            out.append(Origin("cavities", float(np.exp(-change)), cavities))
     for name, (power, s) in powers.items():
         w = s**2 / total
-        p = float(ndtr(d * (w - 0.5) / (s * np.sqrt(1 - w))))
-        out.append(Origin(name, float(stiffness**power), without_cavities * p))
+        alone, beside = (float(ndtr((w * rest - d / 2) / (s * np.sqrt(1 - w)))) for rest in (d, d - change))
+        out.append(Origin(name, float(stiffness**power), (1 - cavities) * alone + (0 if change > d / 2 else cavities * beside)))
     return tuple(sorted(out, key=lambda o: -o.probability))
 
 
