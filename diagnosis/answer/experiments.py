@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 
 from model.actuators import Words
 from model.condition import NOMINAL_VACUUM
+from model.effects.scales import scales
 from model.robot import Robot
 
 from ..arrays import Array
@@ -34,8 +35,8 @@ Columns = dict[str, NDArray[np.generic]]
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
-TURN, MASS = 90.0, 0.1
-"""deg the body is turned, kg hung on in addition."""
+TURN, MASS = 90.0, 0.07
+"""deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on a finger of 12."""
 TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 
@@ -53,6 +54,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
     offered: list[Proposal] = []
+    more = float(f"{MASS * scales(robot).of('kg'):.1g}")
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         protocol = {**base, **changed}
@@ -66,7 +68,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     if other_group := _other_chambers(chambers, count, s):
         offer("other_chambers", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
-    offer("tip_mass", f"hang {MASS * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + MASS, 4))
+    offer("tip_mass", f"hang {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])
     offer("rate", "ramp fast up and down, and read without stopping", reading="sweep", rate=100e3, unload=True)
     if robot.spine is not None and (between := _between(s.spine_length, 0.005)):

@@ -169,15 +169,15 @@ def _held_out(path: Path, robot: Path | None) -> Case:
 
 
 def write_protocols(proposals: Sequence[Proposal], folder: Path, robot: Robot) -> list[Path]:
-    """Write a protocol file for each proposed experiment; a table of states if no rig drives the robot."""
+    """Write the states of each proposed experiment as a table, and its protocol if a rig drives such robots."""
     from ..files.all_protocols import found_protocols  # brings all drivers' interfaces, which an answer does not need
 
     folder.mkdir(parents=True, exist_ok=True)
     protocols = found_protocols().usable
     written = []
     for p in proposals:
+        written.append(_write_states(p, folder / f"{p.id}.csv", robot))
         if not robot.actuators.words.by_rig:
-            written.append(_write_states(p, folder / f"{p.id}.csv", robot))
             continue
         path = folder / f"{p.id}.yaml"
         head = f"# {p.do}; expected information {p.expected_bits:.2f} bits, about {p.cost_min:.0f} min\n"
@@ -224,20 +224,16 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     if first.separates:
         pairs = " and ".join(" from ".join(pair) for pair in first.separates[:3])
         out.print(f"{first.id} is expected to distinguish {pairs}.")
-    if not d.words.by_rig:
-        where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
-        out.print(
-            f"The states of the first are in {where}. Measure them, import the table, and diagnose both cases together",
-            soft_wrap=True,
-        )
-        return
+    where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
+    by_hand = f"measure the states in {where}, import the table, and diagnose both cases together"
     run = command(first, protocols)
-    out.print(
-        f"Run the first: {run}"
-        if protocols
-        else f"To run the first, repeat this command with --protocols next, which writes its file; then {run}",
-        soft_wrap=True,
-    )
+    if not d.words.by_rig:
+        what_to_do = f"M{by_hand[1:]}"
+    elif protocols:
+        what_to_do = f"Run the first: {run}; without a rig, {by_hand}"
+    else:
+        what_to_do = f"To run the first, repeat this command with --protocols next, which writes its file; then {run}"
+    out.print(what_to_do, soft_wrap=True)
 
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:

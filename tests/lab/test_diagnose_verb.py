@@ -120,7 +120,8 @@ def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
     answered: Answered, answer: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = answered.protocols / f"{answer['next_experiment'][0]['id']}.yaml"
-    assert f"Run the first: lab run {file} --rig RIG.yaml" in answered.said and file.exists()
+    assert f"Run the first: lab run {file} --rig RIG.yaml; without a rig, measure the states in" in answered.said
+    assert file.exists() and file.with_suffix(".csv").exists()
     show(Diagnosis.from_json(answered.json.read_text()), None)
     assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig RIG.yaml" in capsys.readouterr().out
 

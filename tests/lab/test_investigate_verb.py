@@ -141,7 +141,7 @@ def offered() -> dict[str, Proposal]:
 
 def written(folder: Path, e: Proposal, **changes: object) -> Path:
     """The protocol file of an experiment, some of its parameters changed."""
-    (path,) = write_protocols([replace(e, protocol={**e.protocol, **changes})], folder, ROBOT)
+    _, path = write_protocols([replace(e, protocol={**e.protocol, **changes})], folder, ROBOT)
     return path
 
 
