@@ -32,7 +32,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
         words = case.robot.actuators.words
-        with whole(folder, OWN, replace, inputs) as place:
+        with whole(folder, OWN, replace, inputs) as (place, _):
             figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
             if quantities(case.table):
                 measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name

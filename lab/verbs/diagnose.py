@@ -37,7 +37,7 @@ from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
 from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, REPLACE, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
@@ -89,8 +89,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
     if wanted.protocols is not None:
-        word = fate(wanted.protocols)
-        with whole(wanted.protocols, replace=wanted.replace, inputs=inputs) as place:
+        with whole(wanted.protocols, replace=wanted.replace, inputs=inputs) as (place, word):
             paths = write_protocols(answer.next_experiment, place, case.robot)
         written = [wanted.protocols / path.name for path in paths]
     show(answer, wanted.protocols)

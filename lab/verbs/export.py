@@ -20,7 +20,7 @@ from recordings.campaign.export import export_case, export_streams
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import RECORD
-from recordings.campaign.replay import tables
+from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.own_files import copied, replaced
 from recordings.table_file import read_csv
@@ -162,7 +162,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool, rate
         raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
     table: Table | None = None
     dataset: dict[str, Any] = {}
-    with whole(folder, replace=replace, inputs=inputs) as place:
+    with whole(folder, replace=replace, inputs=inputs) as (place, _):
         given = without_torn(inputs)
         if form == "crate":
             table = _crate(given, place, folder.resolve().name)
@@ -211,7 +211,7 @@ def _of_one_robot(recordings: Sequence[Recording]) -> Sequence[Recording]:
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     """robot.yaml and trials.csv of recordings of one robot."""
-    table = Table.joined(tables(_of_one_robot(recordings)))
+    table = Table.joined(map(merged, campaigns(_of_one_robot(recordings))))
     export_case(recordings[0], folder, table)
     return table
 

@@ -26,7 +26,7 @@ from ..calibration import calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
@@ -82,8 +82,7 @@ def fit(
         note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
-        word = fate(folder / "robot.yaml")
-        with whole(folder, OWN, replace, inputs) as place:
+        with whole(folder, OWN, replace, inputs) as (place, word):
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
             if samples:

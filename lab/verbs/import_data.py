@@ -15,7 +15,7 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
@@ -47,8 +47,7 @@ def import_files(
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
-    word = fate(folder / "trials.csv")
-    with whole(folder, OWN, replace_all, inputs) as place:
+    with whole(folder, OWN, replace_all, inputs) as (place, word):
         for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
             copied(source, place / name)
         write_csv(result.table, place / "trials.csv")
@@ -123,7 +122,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
     series, proposed = _first_proposal(inputs, robot)
     checks = [*series.notes, *proposed.doubts]
     result = None
-    with whole(folder, files, replace_all, inputs) as place:
+    with whole(folder, files, replace_all, inputs) as (place, _):
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
