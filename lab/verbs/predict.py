@@ -33,6 +33,8 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
+from ..imports.headings import unit_named
+from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import Columns, planned_columns, protocol_plan, robot_facts
 
@@ -125,7 +127,7 @@ def invert(
     groups: tuple[tuple[int, ...], ...] | None,
 ) -> Result:
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
-    table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
+    table, _ = _columns_in_si(targets_path, "w?[xyz]", "x, y, z (m, or x [mm] ..)", robot.actuators.words)
     place, weight = _coordinates(targets_path, table)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
@@ -156,20 +158,16 @@ def invert(
 def table_states(path: Path, words: Words) -> Columns:
     """Columns (SI) of the states in a table: trials.csv, or one with p1 .. and spine_length (default 0) alone.
 
-    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit. Raises ConfigError, also for pressures too low for Pa."""
-    example = f"p1 [{words.unit}]"
-    columns = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {example} .., and spine_length (m)")
-    for name in [name for name in columns if "[" in name]:
-        bare = name.partition("[")[0].strip()
-        if bare in columns:
-            raise ConfigError(f"{path}: the columns {bare} and {name} name the same {words.actuator}: leave one out")
-        columns[bare] = np.asarray(columns.pop(name), float) * words.pascal
+    Without a unit in its heading a column is in SI. Raises ConfigError, also for pressures too low for Pa."""
+    needed = f"p1 .. (Pa) or p1 [{words.unit}] .., and spine_length (m)"
+    columns, in_unit = _columns_in_si(path, "|".join(("p[0-9]+", *ASKED)), needed, words)
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
     n = len(next(iter(columns.values())))
     columns.setdefault("spine_length", np.zeros(n))
-    highest = {name: float(np.nanmax(np.abs(column))) for name, column in columns.items() if re.fullmatch(r"p\d+", name)}
+    bare = {name: column for name, column in columns.items() if re.fullmatch(r"p\d+", name) and name not in in_unit}
+    highest = {name: float(np.nanmax(np.abs(column))) for name, column in bare.items()}
     if highest and 0 < max(highest.values()) < LOWEST_USUAL:
         name = max(highest, key=lambda n: highest[n])
         raise ConfigError(
@@ -178,6 +176,25 @@ def table_states(path: Path, words: Words) -> Columns:
             f"'{name} [{words.unit}]'"
         )
     return columns
+
+
+def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple[Columns, set[str]]:
+    """Columns whose names match the pattern, in SI, and those of them in whose headings a unit stands. Raises ConfigError."""
+    columns, in_unit = Columns(), set[str]()
+    for heading, column in read_numbers(path, (), rf"({pattern})(\s*[\[(].+[\])])?", needed).items():
+        name, _, stated = re.sub(r"[\[(\])]", " ", heading).partition(" ")
+        if name in columns:
+            raise ConfigError(f"{path}: several columns are {name}, such as {heading!r}: leave one out")
+        kind, unit = unit_named(stated) or ("", stated.strip())
+        own_kind, _ = unit_named(words.unit) or ("", "")
+        if re.fullmatch(r"p\d+", name) and kind in {"N", "Pa"} - {own_kind}:
+            raise ConfigError(
+                f"{path}: column {heading!r}: a robot with {words.kind} takes {words.pressures} in {words.unit} (1 {words.unit} is "
+                f"{words.pascal:g} Pa in tables): convert the column and name it '{name} [{words.unit}]'"
+            )
+        columns[name] = column if not unit else column * factor(unit, name, words, f"{path}: column {heading!r}: unit")
+        in_unit |= {name} if unit else set()
+    return columns, in_unit
 
 
 def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:

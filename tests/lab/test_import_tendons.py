@@ -294,7 +294,11 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     assert "p in N" in cli(*words, tmp_path / f"next/{first.id}.csv", "--out", tmp_path / "tips.csv").out
 
 
-NEWTONS = "p1 [N],p2,p3[N]\n2.5,0,0\n"
+NEWTONS = "p1 (mN),p2,p3[N],spine_length [mm]\n2500,0,0,0\n"
+OTHER = (
+    ("p1 [kPa]\n25\n", "column 'p1 [kPa]': a robot with tendons takes tensions in N (1 N is 10000 Pa in tables)"),
+    ("p1 [kPa]\n25\n", "name it 'p1 [N]'"), ("p1 [mm]\n2\n", "unit = 'mm': p1 needs one of Pa"),
+)  # fmt: skip
 
 
 def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_path: Path, cli: Cli) -> None:
@@ -307,14 +311,14 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
 
     in_newtons, in_pascal = (predicted(t, "--json", "--table").json["states"][0] for t in (NEWTONS, "p1,p2,p3\n25000,0,0\n"))
     assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
-    for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "name the same tendon")):
+    for text, says in (("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "several columns are p1"), *OTHER):
         assert says in predicted(text, code=2).flat_err
     beyond = predicted("p1 [N]\n6\n").flat_err
     assert "tensions outside 0 to 5 N, the limits of trunk: 6 N of tendon 1 in row 1" in beyond
     assert "note: no column of tendons 2, 3: taken as 0 N" in beyond
     assert "-1 N of tendon 2 in row 1: a tendon cannot push" in predicted("p2 [N]\n-1\n", code=2).flat_err
     assert "column p4: trunk has tendons 1, 2, 3; leave" in predicted("p4 [N]\n1\n", code=2).flat_err
-    said = predicted("x,y,z\n0.03,,\n", "--inverse").out
+    said = predicted("x [mm],y,z\n30,,\n", "--inverse").out
     assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
 
 
