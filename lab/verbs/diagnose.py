@@ -195,7 +195,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
     names += ["spine_length", "vacuum"] if robot.spine is not None else []
     shown = {name: table[name] for name in names}
     shown[f"rate [{words.unit}/s]"] = np.where(table["branch"] == "unload", -1, 1) * table["rate"] / words.pascal
-    shown |= {f"p{c} [{words.unit}]": np.asarray(table[f"p{c}"], float) / words.pascal for c in range(1, count + 1)}
+    shown |= words.columns(np.column_stack([table[f"p{c}"] for c in range(1, count + 1)]))
     replaced(path, csv_text([shown, *zip(*(v.tolist() for v in shown.values()), strict=True)]))
     return path
 

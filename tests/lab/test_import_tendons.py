@@ -292,6 +292,17 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
     words = ["predict", "--robot", str(tmp_path / "case/robot.yaml"), "--table"]
     assert "p in N" in cli(*words, tmp_path / f"next/{first.id}.csv", "--out", tmp_path / "tips.csv").out
+    trials = tmp_path / "case/trials.csv"
+    trials.write_text(trials.read_text().replace("bending", "elongation"))
+    told = cli("compare", tmp_path / "case").out
+    assert "lowest tension" in told and "2.0 N" in told and not OF_CHAMBERS.search(told)
+
+
+def test_frames_in_python_hold_tensions_in_newtons(known: Trunk) -> None:
+    case = read_case([known.folder.with_name("case")])
+    found = case.robot.replace(max_tension=5.0).inverse([[0.03, 0.0, float("nan")]])
+    for frame in (lab.compare(case).to_frame(), found.to_frame()):
+        assert list(frame)[:3] == ["p1 [N]", "p2 [N]", "p3 [N]"] and 1 < frame["p1 [N]"].max() < 5
 
 
 NEWTONS = "p1 (mN),p2,p3[N],spine_length [mm]\n2500,0,0,0\n"
