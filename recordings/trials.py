@@ -277,7 +277,7 @@ class Table:
     sensor_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
     mapped: Mapped | None = None
-    """None where nothing states it: of recordings, and of a trials.csv without map.yaml. Of several, one that moved its points."""
+    """None where nothing states it: of recordings, and of a trials.csv without map.yaml. Of several one that moved points."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", {name: self.values[name] for name in _ordered(self.values)})

@@ -21,14 +21,11 @@ from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
 from .map_file import Column, Map, demand_units
 from .quantities import File, in_si, quantities_of, translated
-from .series import FRAME, Series, cleaned, name_of
+from .series import CALL, FRAME, Series, cleaned, name_of
 from .table import conclude
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-CALL = "lab.case"
-"""Stands for map.yaml in messages."""
 
 
 def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None = None, /, **keys: Any) -> Table:

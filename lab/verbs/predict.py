@@ -189,8 +189,8 @@ def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple
         own_kind, _ = unit_named(words.unit) or ("", "")
         if re.fullmatch(r"p\d+", name) and kind in {"N", "Pa"} - {own_kind}:
             raise ConfigError(
-                f"{path}: column {heading!r}: a robot with {words.kind} takes {words.pressures} in {words.unit} (1 {words.unit} is "
-                f"{words.pascal:g} Pa in tables): convert the column and name it '{name} [{words.unit}]'"
+                f"{path}: column {heading!r}: a robot with {words.kind} takes {words.pressures} in {words.unit} (1 {words.unit} "
+                f"is {words.pascal:g} Pa in tables): convert the column and name it '{name} [{words.unit}]'"
             )
         columns[name] = column if not unit else column * factor(unit, name, words, f"{path}: column {heading!r}: unit")
         in_unit |= {name} if unit else set()

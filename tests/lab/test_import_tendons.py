@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from commands import Cli, Done
@@ -15,6 +16,7 @@ from foreign import plain
 
 import lab
 from diagnosis.diagnose import Options, diagnose
+from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
 from lab.imports.headings import heading, tendon
@@ -145,6 +147,26 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
     assert "T_S/N are taken as tendons" in text and "not used: load cell [N]; name a force under force_x" in text
 
 
+@pytest.mark.parametrize("word", ["F", "T", "tension_", "p"])
+def test_tensions_without_a_unit_are_proposed_in_newtons_and_asked_about(word: str, trunk: Trunk) -> None:
+    head, rows = trunk.read()
+    trunk.write([head[0], *(f"{word}{k}" for k in (1, 2, 3)), *head[4:]], rows)
+    text, _ = trunk.guessed()
+    assert yaml.safe_load(text)["columns"]["p2"] == {"column": f"{word}2", "unit": "N"}
+    assert f"the file states no unit for {word}1, {word}2, {word}3" in text
+
+
+@pytest.mark.parametrize("word", ["F{}", "tension_{} [N]"])
+def test_without_tensions_the_entries_to_write_are_named(word: str, trunk: Trunk) -> None:
+    names = [word.format(k) for k in (1, 2, 3)]
+    frame = pd.DataFrame(np.ones((2, 6)), columns=[*names, *"xyz"])
+    first = f'columns={{"p1": "{names[0].removesuffix(" [N]")} [N]", "p2": '
+    with pytest.raises(ConfigError, match=rf"no tension is given; write {re.escape(first)}.* in lab.case"):
+        lab.case(frame, trunk.robot)
+    trunk.mapped({k: v for k, v in COLUMNS.items() if k[0] != "p"})
+    assert "`p1: {column: 'Seil_1 [N]', unit: N}, p2: " in trunk.imported(code=2).flat_err
+
+
 @pytest.mark.parametrize("kind", ["tendons", "chambers"])
 @pytest.mark.parametrize("numbers", [(1, 2, 3), (1, 2, 4)])
 def test_columns_belong_to_the_numbers_in_their_headings_and_an_actuator_without_one_is_named(
@@ -186,7 +208,7 @@ def test_a_robot_with_tendons_takes_no_column_of_pressures_for_one(trunk: Trunk)
 @pytest.mark.parametrize("straight", ["first state", "first row"])
 def test_markers_too_are_taken_from_the_straight_robot(straight: str, trunk: Trunk) -> None:
     trunk.mapped(straight=straight, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
-    trunk.imported()
+    assert "write `trials: {begin: rest}` in map.yaml" in trunk.imported().flat_err
     (first, *others) = trunk.case().rows
     assert first.markers[0] == pytest.approx((0.0, 0.0, 0.09), abs=1e-9)
     assert max(abs(r.markers[0][0]) for r in others) > 0.005
