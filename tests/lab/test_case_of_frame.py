@@ -195,9 +195,9 @@ def test_a_case_knows_what_its_map_moved(tmp_path: Path) -> None:
 def test_repeats_that_are_one_trial_are_several_once_the_remedy_is_written() -> None:
     frame = seen("chamber_azimuth", "angle", 0.14, "rad", groups=2)
     for table in (frame, frame[frame[["p1", "p2", "p3"]].max(axis=1) > 5e3]):
-        with pytest.warns(match="write trials=({.*}) in lab.case") as (found,):
+        with pytest.warns(match="write trials=({.*}) in lab.case") as told:
             lab.case(table, FINGER, **AT_REST)
-        remedy = json.loads(re.search("write trials=({.*}) in lab.case", str(found.message))[1])  # type: ignore[index]
+        remedy = json.loads(re.search("write trials=({.*}) in lab.case", str(told[0].message))[1])  # type: ignore[index]
         campaign, left = states(lab.case(table, FINGER, **AT_REST, trials=remedy))
         assert campaign.repeats >= 3 and not {"repeated_within_trials", "not_repeated"} & {f.code for f in left}
 
