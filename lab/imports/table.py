@@ -301,10 +301,8 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
     if q.no_unit and np.nanmax(q.table.pressures) < LOWEST_USUAL:
-        return (
-            f"nothing says the unit of the {words.pressures}, which were read as Pa: name it, as in 'p1 [{words.unit}]', or "
-            f"write `unit: {words.unit}` in columns.p1 .. of the map"
-        )
+        unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
+        return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "

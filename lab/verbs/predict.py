@@ -70,11 +70,12 @@ def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -
     def draw(path: Path) -> None:
         from ..pages.figures import tips
 
-        highest = _pressures(robot, bending).max(axis=1)
-        tips(highest, np.asarray(bending["spine_length"], float), prediction, path, robot.actuators.words)
+        tips(pressures.max(axis=1), np.asarray(lengths, float), prediction, path, robot.actuators.words)
 
-    rows = prediction_rows(bending, prediction)
-    return _result(robot, files, "states", rows, lambda: _sheet(robot, bending, prediction), draw, missing)
+    named = f"{robot.name}, {' + '.join(robot.effects) or 'no effect'}"
+    title = f"Expected readings of the tip, p in {robot.actuators.words.unit}: {named}"
+    lengths, pressures, rows = bending["spine_length"], _pressures(robot, bending), prediction_rows(bending, prediction)
+    return _result(robot, files, "states", rows, lambda: _sheet(title, robot, {}, lengths, pressures, prediction), draw, missing)
 
 
 def _result(
@@ -151,8 +152,16 @@ def invert(
 
         targets(place, reached, path)
 
-    rows = inverse_rows(place, reached)
-    return _result(robot, files, "targets", rows, lambda: _inverse_sheet(place, reached, robot), draw, missing)
+    def sheet() -> Sheet:
+        words, there = robot.actuators.words, zip(reached.reached.tolist(), reached.miss.tolist(), strict=True)
+        lead = {
+            "target, mm": [" ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in target) for target in place],
+            "there": ["yes" if yes else f"{MM * miss:.1f} mm off" for yes, miss in there],
+        }
+        title = f"{words.pressures.capitalize()} for wanted tips, p in {words.unit} (there: within {MM * REACHED:g} mm)"
+        return _sheet(title, robot, lead, reached.spine_length, reached.pressures, reached.prediction, model_only=True)
+
+    return _result(robot, files, "targets", inverse_rows(place, reached), sheet, draw, missing)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -283,43 +292,25 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
-def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:
-    """The first states and their predicted readings (± half of the interval, mm) as a table."""
-    low, high = prediction.interval()
-    pressures, words = _pressures(robot, states), robot.actuators.words
-    count = pressures.shape[1]
+def _sheet(
+    title: str, robot: Robot, lead: Mapping[str, Sequence[str]], lengths: Array, pressures: Array, prediction: Prediction,
+    model_only: bool = False,
+) -> Sheet:  # fmt: skip
+    """The first states and predicted tips (± half of the interval, mm) as a table, behind the columns `lead`."""
+    low, high = prediction.interval(model_only)
+    words, spine, count = robot.actuators.words, robot.spine is not None, pressures.shape[1]
     # chambers of a robot with more are listed in one column
     one_by_one = count <= 4
     columns = [f"p{c}" for c in range(1, count + 1)] if one_by_one else [f"p ({words.actuators})"]
-    named = " + ".join(robot.effects) or "no effect"
-    t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
-    spine = robot.spine is not None
-    for column in (*(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
+    t = Sheet(title=title, title_justify="left")
+    for column in (*lead, *(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
-    for i in range(min(len(prediction.tip), SHOWN)):
+    for i in range(min(len(pressures), SHOWN)):
         t.add_row(
-            *([f"{100 * float(states['spine_length'][i]):.1f} cm"] if spine else []),
+            *(cells[i] for cells in lead.values()),
+            *([f"{100 * float(lengths[i]):.1f} cm"] if spine else []),
             *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words)]),
             *_with_half(prediction.tip[i], low[i], high[i]),
-        )
-    return t
-
-
-def _inverse_sheet(wanted: Array, reached: Reached, robot: Robot) -> Sheet:
-    """The first targets, (n, 3) m, whether each is reached, and what to ask of the robot for it, as a table."""
-    words, spine = robot.actuators.words, robot.spine is not None
-    low, high = reached.prediction.interval(model_only=True)
-    columns = ("target, mm", "there", *(("spine",) if spine else ()), f"{words.unit} ({words.actuators})")
-    title = f"{words.pressures.capitalize()} for wanted tips (there: within {MM * REACHED:g} mm)"
-    t = Sheet(*columns, "x, mm", "y, mm", "z, mm", title=title, title_justify="left")
-    for i in range(min(len(wanted), SHOWN)):
-        target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
-        t.add_row(
-            target,
-            "yes" if reached.reached[i] else f"{MM * reached.miss[i]:.1f} mm off",
-            *([f"{100 * reached.spine_length[i]:.1f} cm"] if spine else []),
-            _inflated(reached.pressures[i], words),
-            *_with_half(reached.prediction.tip[i], low[i], high[i]),
         )
     return t
 

@@ -352,7 +352,7 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
     assert "-1 N of tendon 2 in row 1: a tendon cannot push" in predicted("p2 [N]\n-1\n", code=2).flat_err
     assert "column p4: trunk has tendons 1, 2, 3; leave" in predicted("p4 [N]\n1\n", code=2).flat_err
     said = predicted("x [mm],y,z\n30,,\n", "--inverse").out
-    assert "N (tendons)" in said and not OF_CHAMBERS.search(said)
+    assert "p in N" in said and not OF_CHAMBERS.search(said)
 
 
 def test_a_unit_of_the_file_that_contradicts_the_map_is_asked_about(known: Trunk) -> None:
