@@ -24,7 +24,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Result, Verb, option, rig, settings
+from ..options import OWN_EFFECTS, READS, Result, Verb, option, rig, settings
 from ..verbs.run import planned_columns, protocol_plan, robot_facts
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -153,8 +153,7 @@ VERBS = (
         "power",
         run,
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
             option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),

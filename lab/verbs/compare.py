@@ -15,7 +15,7 @@ from ..console import note, out
 from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
-from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, option
+from ..options import JSON, OF_CASE, REPLACE, Result, Verb, option
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
@@ -80,9 +80,7 @@ VERBS = (
         lambda a: compare(a.inputs, a.robot, a.out, a.replace),
         options=(
             JSON,
-            ANY_SIZE,
-            INPUTS,
-            ROBOT,
+            *OF_CASE,
             option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
             REPLACE,
         ),

@@ -40,7 +40,7 @@ from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
-from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, REPLACE, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
+from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result, Verb, option
 from ..processes import cluster, for_case
 
 
@@ -285,9 +285,7 @@ VERBS = (
         "diagnose",
         _diagnose_verb,
         options=(
-            ANY_SIZE,
-            INPUTS,
-            ROBOT,
+            *OF_CASE,
             option("--json", type=Path, metavar="OUT", help="write diagnosis.json here"),
             option("--report", type=Path, metavar="OUT.html", help="write the page with all figures here"),
             option(

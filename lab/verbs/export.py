@@ -31,7 +31,7 @@ from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Option, Result, Verb, inputs, option
+from ..options import READS, REPLACE, OneOf, Option, Result, Verb, inputs, option
 from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
@@ -247,8 +247,7 @@ VERBS = (
         "export",
         lambda a: export(a.inputs, a.out, a.form, a.replace, a.rate),
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             inputs("recordings (.mcap); with --crate also a case folder"),
             option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
             REPLACE,

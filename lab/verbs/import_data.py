@@ -24,7 +24,7 @@ from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import imported
-from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
+from ..options import READS, REPLACE, Result, Verb, inputs, option
 from ..plain import typed
 
 MAP, PICTURE = "map.yaml", "states.png"
@@ -167,8 +167,7 @@ VERBS = (
         "import",
         _import_verb,
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
             option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
