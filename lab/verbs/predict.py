@@ -176,13 +176,11 @@ def table_states(path: Path, words: Words) -> Columns:
     n = len(next(iter(columns.values())))
     columns.setdefault("spine_length", np.zeros(n))
     bare = {name: column for name, column in columns.items() if re.fullmatch(r"p\d+", name) and name not in in_unit}
-    highest = {name: float(np.nanmax(np.abs(column))) for name, column in bare.items()}
-    if highest and 0 < max(highest.values()) < LOWEST_USUAL:
-        name = max(highest, key=lambda n: highest[n])
+    highest, name = max(((float(np.nanmax(np.abs(column))), name) for name, column in bare.items()), default=(0.0, ""))
+    if 0 < highest < LOWEST_USUAL:
         raise ConfigError(
-            f"{path}: column {name}: the highest {words.pressure} is {highest[name]:g} Pa, which looks like another "
-            f"unit; write Pa ({highest[name]:g} {words.unit} is {words.pascal * highest[name]:g}), or name the column "
-            f"'{name} [{words.unit}]'"
+            f"{path}: column {name}: the highest {words.pressure} is {highest:g} Pa, which looks like another unit; write Pa "
+            f"({highest:g} {words.unit} is {words.pascal * highest:g}), or name the column '{name} [{words.unit}]'"
         )
     return columns
 
