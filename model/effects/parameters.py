@@ -103,7 +103,7 @@ class ParameterTable:
 
     def values(self, source: int, spread: Spread) -> Values:
         """The values of one source by its own parameter names, (v, n) each."""
-        first = self.first_slot[source]
+        first = self.source_of_slot.index(source)
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
     @cached_property
@@ -119,12 +119,6 @@ class ParameterTable:
     def source_of_slot(self) -> list[int]:
         """(slots,) the place among `sources` of the source that each belongs to."""
         return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
-
-    @cached_property
-    def first_slot(self) -> list[int]:
-        """The slot at which each source begins."""
-        counts = [len(s.spec.parameters) for s in self.sources]
-        return [sum(counts[:i]) for i in range(len(counts))]
 
     def of_effect(self, id: str) -> list[int]:
         """Indices of the parameters of one effect (or tolerance) by its id."""
