@@ -59,10 +59,9 @@ def run(a: argparse.Namespace) -> Result:
 
 def _plan(case: Case) -> str:
     """Describe the plan or the measured case in one line."""
-    robot, table = case.robot, case.table
-    words = robot.actuators.words
+    robot, table, words = case.robot, case.table, case.robot.actuators.words
     highest = float(np.nanmax(table.pressures, initial=0.0))
-    open_end = "" if robot.max_pressure is not None else ", and robot.yaml states no max_pressure"
+    open_end = "" if robot.max_pressure is not None else f", and robot.yaml states no max_{words.pressure}"
     states, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
     return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 

@@ -83,7 +83,6 @@ def test_rows_that_lack_a_value_are_left_out_and_named(small_case: Path) -> None
     with pytest.warns(match=r"2 of 14 rows have no pressure \(first: index 3\)") as told:
         mapped = lab.case(frame.drop(columns="step"), case.robot, columns={"p1": "p1"}).table
     assert len(mapped) == len(kept) and {Path(w.filename) for w in told} == {Path(__file__)}
-    assert tuple(str(w.message) for w in told) == mapped.warnings
 
 
 @pytest.mark.parametrize(
