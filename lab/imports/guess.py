@@ -95,8 +95,7 @@ def _missing(g: Guess, series: Series) -> None:
 
 # ------------------------------------------------------------------ pressures
 def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
-    """Column of numbers -> chamber or tendon that its heading names; else one column for each tendon: in N, in their order, or
-    numbered as F1 .. without a unit."""
+    """Column of numbers -> chamber or tendon that its heading names; else one for each tendon: in N, or numbered without unit."""
     number = chamber if robot.tendons is None else tendon
     named = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
     if named or robot.tendons is None:

@@ -16,8 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from diagnosis.data.case import Case
-from diagnosis.data.case import states as campaign_states
+from diagnosis.data import case as measured
 from diagnosis.data.levels import REST, SPINE_GAP, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
 from diagnosis.errors import BadCase
@@ -247,7 +246,7 @@ def conclude(
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
     with suppress(BadCase):  # which is said where the table is used
-        notes += [str(found) for found in campaign_states(Case(robot, table))[1] if found.code == "repeated_within_trials"]
+        notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]

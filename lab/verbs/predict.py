@@ -193,8 +193,7 @@ def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple
         if name in columns:
             raise ConfigError(f"{path}: several columns are {name}, such as {heading!r}: leave one out")
         kind, unit = unit_named(stated) or ("", stated.strip())
-        own_kind, _ = unit_named(words.unit) or ("", "")
-        if re.fullmatch(r"p\d+", name) and kind in {"N", "Pa"} - {own_kind}:
+        if re.fullmatch(r"p\d+", name) and kind == ("Pa" if words.unit == "N" else "N"):
             raise ConfigError(
                 f"{path}: column {heading!r}: a robot with {words.kind} takes {words.pressures} in {words.unit} (1 {words.unit} "
                 f"is {words.pascal:g} Pa in tables): convert the column and name it '{name} [{words.unit}]'"

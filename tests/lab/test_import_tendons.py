@@ -316,12 +316,6 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
 
     in_newtons, in_pascal = (predicted(t, "--json", "--table").json["states"][0] for t in (NEWTONS, "p1,p2,p3\n25000,0,0\n"))
     assert in_newtons == pytest.approx(in_pascal) and in_newtons["x"] > 0.01
-    by_offset = []
-    for stated in ("value: 0.2, unit: N", "value: 2000.0, unit: Pa"):
-        robot.write_text(ROBOT + f"max_pressure: 5 N/cm^2\neffects: {{pressure_offset: {{offset: {{{stated}}}}}}}\n")
-        by_offset.append(predicted(NEWTONS, "--json", "--table").json["states"][0]["x"])
-    assert by_offset[0] == pytest.approx(by_offset[1]) and by_offset[0] > in_newtons["x"] + 1e-3
-    robot.write_text(ROBOT + "max_pressure: 5 N/cm^2\n")
     for text, says in (
         ("p1\n2.5\n", "name the column 'p1 [N]'"), ("p1,p1 [N]\n0,2.5\n", "several columns are p1"),
         ("p1 [kPa]\n25\n", "tensions in N (1 N is 10000 Pa in tables): convert the column and name it 'p1 [N]'"),
