@@ -126,10 +126,9 @@ def known(trunk: Trunk) -> Trunk:
     return trunk
 
 
-WORDS = ("Seil_{} [N]", "tension {} [N]", "F{} [N]", "Zugkraft{} [N]", "Seilzug {} [N]", "p{} [N]")
-
-
-@pytest.mark.parametrize("word", [*WORDS, "F{}", "T{}", "p{}"])
+@pytest.mark.parametrize(
+    "word", ["Seil_{} [N]", "tension {} [N]", "F{} [N]", "Zugkraft{} [N]", "Seilzug {} [N]", "p{} [N]", "F{}", "T{}", "p{}"]
+)
 def test_a_map_of_tensions_is_guessed_and_the_tip_goes_to_where_they_pull(word: str, tmp_path: Path, cli: Cli) -> None:
     trunk = Trunk(tmp_path / "lab", cli, word)
     text, done = trunk.guessed()
@@ -254,7 +253,8 @@ def test_places_that_are_no_points_along_the_body_are_asked_about(
     head, rows = trunk.read()
     trunk.write(head, [row for row in rows if row[2:4] == ["0,000", "0,000"]])
     places = {a: {"column": c.lstrip("-"), "scale": -1 if c[0] == "-" else 1} for a, c in zip("xyz", tip, strict=True)}
-    trunk.mapped(COLUMNS | places, straight="at rest", points={"m1": {"of": [list(marker)], "unit": "mm"}})
+    points, trials = {"m1": {"of": [list(marker)], "unit": "mm"}}, {"begin": "rest"}
+    trunk.mapped(COLUMNS | places, straight="at rest", points=points, trials=trials)
     doubts = trunk.imported().flat_err
     assert said in doubts if said else doubts == "", doubts
 
