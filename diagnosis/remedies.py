@@ -61,9 +61,7 @@ def of_trials(trials: Table) -> str:
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     """Say where the unit of all pressures is stated; `unit` may say more, as "Pa read as kPa" does."""
     if mapped is None or not mapped.call:
-        return (
-            f"correct their unit in the table, or write `unit: {unit.split()[0]}` under columns.p1 .. of map.yaml (or a `scale`)"
-        )
+        return f"correct their unit in the table, or write `unit: {unit.split()[0]}` (or a `scale`) in columns.p1 .. of map.yaml"
     names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
     columns = ", ".join(f'"p{k}": "{name} [{unit.split()[0]}]"' for k, name in enumerate(names, 1))
     return f"write columns={{{columns}}} in lab.case"
