@@ -74,8 +74,8 @@ def drawn(seed: int) -> dict[str, Robot]:
         down = 9.81 * np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
         gravity = Rotation.from_euler("z", rng.uniform(0, 360), degrees=True).apply(down).round(4).tolist()
         one = _robot(length, radius, chambers, 100e3, gravity, modulus)
-        bends = abs(one.bending_directions[:1].sum()) * body_of(one).mean_arm[0] * length / (modulus * body_of(one).mean_second)
-        pressure = rng.uniform(0.5, 1.0) / (TRUE_AREA * bends)
+        arm = abs(one.bending_directions[:1].sum()) * one.actuators.area * one.actuators.path_radius
+        pressure = rng.uniform(0.5, 1.0) * modulus * body_of(one).mean_second / (TRUE_AREA * arm * length)
         robots[attitude] = one.model_copy(update={"max_pressure": float(pressure), "name": f"{attitude}, {chambers} chambers"})
     return robots
 

@@ -59,11 +59,11 @@ def of_trials(trials: Table) -> str:
 
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
-    """Say where the unit of all pressures is stated."""
+    """Say where the unit of all pressures is stated; `unit` may say more, as "Pa read as kPa" does."""
     if mapped is None or not mapped.call:
-        return "correct their unit in the table, or `unit` or `scale` in map.yaml"
+        return f"correct their unit in the table, or write `unit: {unit.split()[0]}` (or a `scale`) in columns.p1 .. of map.yaml"
     names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
-    columns = ", ".join(f'"p{k}": "{name} [{unit}]"' for k, name in enumerate(names, 1))
+    columns = ", ".join(f'"p{k}": "{name} [{unit.split()[0]}]"' for k, name in enumerate(names, 1))
     return f"write columns={{{columns}}} in lab.case"
 
 

@@ -6,6 +6,7 @@ The package `lab` says how to begin. Everything is in SI units. Errors are those
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -53,18 +54,25 @@ def case(*inputs: Any, robot: Place | Robot | None = None, columns: Mapping[str,
 
     Or a pandas DataFrame and its robot: `case(frame, robot)`. `columns`: column of trials.csv -> heading, `"P_left [bar]"` for a
     column `P_left`, or entry of map.yaml; others go by their names, in SI. `keys`: further keys of map.yaml.
-    `case.table.warnings` says what was left out.
+    Warns of doubts, kept in `case.table.warnings`.
     """
     from .files.inputs import read_case
 
     if inputs and not isinstance(inputs[0], str | Path):
-        return _case_of_frame(*inputs, robot=robot, columns=columns, keys=keys)
+        return _warned(_case_of_frame(*inputs, robot=robot, columns=columns, keys=keys))
     if not inputs:
         raise ConfigError("case: nothing is given; give recordings, a case folder, or a DataFrame and its robot")
     if columns or keys or isinstance(robot, Robot):
         given = ", ".join([*(["columns"] if columns else []), *keys]) or "a Robot"
         raise ConfigError(f"case: {given}: only with a DataFrame; give the path of robot.yaml, or lab import")
-    return read_case([Path(place) for place in inputs], None if robot is None else Path(robot))
+    return _warned(read_case([Path(place) for place in inputs], None if robot is None else Path(robot)))
+
+
+def _warned(made: Case) -> Case:
+    """The case, after a warning for each doubt about its table, at the line that asked for it."""
+    for text in made.table.warnings:
+        warnings.warn(text, stacklevel=3)
+    return made
 
 
 def _case_of_frame(

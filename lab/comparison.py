@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.data.case import states
 from diagnosis.data.levels import PRESSURE_GAP, levels
 from diagnosis.inference.prepare import table_columns
+from model.actuators import Words
 from model.arrays import Array, Ints
 from model.compare import ErrorTable, error_table
 from model.condition import States
@@ -34,6 +35,7 @@ class Comparison(Shown):
     protocol: NDArray[np.str_]
     table: ErrorTable
     unsolved: int
+    words: Words
 
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
@@ -53,9 +55,12 @@ class Comparison(Shown):
         return rows
 
     def _columns(self) -> dict[str, Array]:
-        pressures = {f"p{c} [kPa]": 1e-3 * p for c, p in enumerate(self.condition.pressure.T, 1)}
         tips = by_axis("measured {} [mm]", self.measured) | by_axis("predicted {} [mm]", self.predicted)
-        return {**pressures, **tips, "error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1)}
+        return {
+            **self.words.columns(self.condition.pressure),
+            **tips,
+            "error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1),
+        }
 
 
 @dataclass(frozen=True)
@@ -87,4 +92,4 @@ def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> C
     ok = np.asarray(np.isfinite(tip).all(axis=1))
     branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()))
+    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), case.robot.actuators.words)

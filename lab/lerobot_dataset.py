@@ -73,12 +73,11 @@ def episodes(recordings: Sequence[Recording], rate: int) -> Iterator[Episode]:
                 tasks[asked.state.trial] = ", ".join(filter(None, (asked.state.protocol, asked.state.specimen)))
             for read in recording.trials:
                 spans.setdefault(read.row.trial, []).append(read.t)
-            skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
             budget = ReadingBudget(str(recording.path), recording.contents.size)
             for trial, times in (spans or {0: [first, last]}).items():
                 begin = max(first, min(times))
                 frames = int((min(last, max(times)) - begin) * rate + 1)
-                if frames > 0 and trial not in skipped and (again is None or trial < again):
+                if frames > 0 and trial not in recording.skipped and (again is None or trial < again):
                     budget.take(Cost.LOOKED_AT, 10 * frames)  # a frame costs about as much as ten samples
                     yield Episode(recording, trial, tasks.get(trial, "no protocol"), begin + np.arange(frames) / rate)
 

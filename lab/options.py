@@ -151,6 +151,7 @@ ANY_SIZE = option(
 REPLACE = option("--replace", action="store_true", help="delete and replace the output folder with everything in it")
 INPUTS = inputs("recordings (.mcap) or case folders, read as one campaign")
 ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
+READS, OF_CASE = (JSON, ANY_SIZE), (ANY_SIZE, INPUTS, ROBOT)
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
 SCHEDULER = option("--scheduler", help="use a Dask scheduler instead, tcp://host:port (extra `cluster`)")
 OWN_EFFECTS = option("--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)")

@@ -9,6 +9,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
+from model.arrays import Array
+
 PULL_AREA = 1e-4
 """m^2: tables hold the tension T of a tendon as the pressure T / 1 cm^2, so 1 N is 10 kPa."""
 
@@ -59,6 +61,10 @@ class Words:
         ('60', '6.0', '60.0')
         """
         return f"{pressure / self.pascal:.{self.digits + more}f}"
+
+    def columns(self, pressures: Array) -> dict[str, Array]:
+        """Columns of a table for people, with the unit in their headings, of pressures (n, actuators) Pa."""
+        return {f"p{k} [{self.unit}]": values / self.pascal for k, values in enumerate(pressures.T, 1)}
 
     def group(self, numbers: Sequence[int]) -> str:
         """Which actuators are driven, by their numbers.

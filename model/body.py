@@ -68,20 +68,9 @@ class Body:
         """m^4 of a uniform body that a moment turns as much: 1 / mean(1 / I)."""
         return float(self.length.sum() / (self.length / self.second).sum())
 
-    @property
-    def mean_weight_area(self) -> float:
-        """m^2 of a uniform body that weighs as much."""
-        return float(self.length @ self.weight_area / self.length.sum())
-
-    @property
-    def mean_chamber_area(self) -> Array:
-        """(actuators,) m^2 over the body's length."""
-        return np.asarray(self.length @ self.chamber_area / self.length.sum())
-
-    @property
-    def mean_arm(self) -> Array:
-        """(actuators,) m^3, chamber area times path radius, over the body's length."""
-        return np.asarray((self.length * self.path_radius) @ self.chamber_area / self.length.sum())
+    def mean(self, values: Array) -> Array:
+        """The mean over the body's length of values (k, ..) of its pieces."""
+        return np.asarray(self.length @ values / self.length.sum())
 
 
 def annulus_second_moment(outer_radius: Number, inner_radius: Number | float = 0.0) -> Number:

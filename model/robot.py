@@ -14,7 +14,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic.types import Discriminator, Tag
 
 from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
@@ -218,6 +219,16 @@ class Robot(Shown, BaseModel):
         if not math.isclose(given.get("max_pressure", pressure), pressure):
             raise ValueError("max_pressure and max_tension are both given: keep max_tension, in N, if the robot has tendons")
         return {**data, "max_pressure": pressure}
+
+    @field_validator("effects")
+    @classmethod
+    def _offset_as_pressure(cls, effects: Table, info: ValidationInfo) -> Table:
+        """The offset of tensions, which may be stated in N, as tables have it."""
+        offset = effects.get("pressure_offset", {}).get("offset")
+        if offset is None or offset.unit != "N" or info.data.get("tendons") is None:
+            return effects
+        in_pascal = {"value": offset.value / PULL_AREA, "sd": offset.sd / PULL_AREA, "unit": "Pa"}
+        return {**effects, "pressure_offset": {**effects["pressure_offset"], "offset": offset.model_copy(update=in_pascal)}}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Robot:

@@ -41,7 +41,8 @@ def body_second_moment(robot: Robot) -> float:
 
 def body_mass(robot: Robot) -> float:
     """Mass of the body, kg: no spine, no tip."""
-    return robot.density * body_of(robot).mean_weight_area * robot.length
+    body = body_of(robot)
+    return robot.density * float(body.mean(body.weight_area)) * robot.length
 
 
 def combined_modulus(robot: Robot, spine_length: ArrayLike) -> Array:

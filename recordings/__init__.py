@@ -28,6 +28,6 @@ Keeping:
 
     file.verify.verify(path) -> Verification            is every byte what was written
     file.recover.recover(path, target) -> Recovery      all that can be read of a torn or damaged file
-    file.journal.Journal, campaign.replay.tables        a run that was broken off, and those that resumed it
+    file.journal.Journal, campaign.replay.merged        a run that was broken off, and those that resumed it
     campaign.shelf.runs(folder, where)                  the recordings of a folder tree
 """

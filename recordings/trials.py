@@ -277,7 +277,7 @@ class Table:
     sensor_units: Mapping[str, str] = field(default_factory=dict)
     """Unit of each sensor's column, where the input states it: a recording does, trials.csv does not."""
     mapped: Mapped | None = None
-    """None where nothing states it: of recordings, and of a trials.csv without map.yaml."""
+    """None where nothing states it: of recordings, and of a trials.csv without map.yaml. Of several one that moved points."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", {name: self.values[name] for name in _ordered(self.values)})
@@ -306,8 +306,9 @@ class Table:
         tables = [table for table in tables if len(table)]
         names = {name for table in tables for name in table.values}
         columns = {name: np.concatenate([table.get(name) for table in tables]) for name in names}
-        mapped = {table.mapped for table in tables}
-        return cls(columns, mapped=mapped.pop() if len(mapped) == 1 else None)
+        stated = [table.mapped for table in tables if table.mapped is not None]
+        moved = (mapped for mapped in stated if mapped.straight != Mapped.straight)
+        return cls(columns, mapped=next(moved, stated[0] if stated else None))
 
     def replaced(self, columns: Mapping[str, NDArray[Any]]) -> Table:
         """The same states with these columns (n,) in place of their own."""

@@ -34,7 +34,7 @@ from protocols.bending import Bending
 from protocols.stiffness import Stiffness
 from recordings.campaign.export import export_streams
 from recordings.campaign.info import info
-from recordings.campaign.replay import compare, replay_states, table_of, tables
+from recordings.campaign.replay import compare, merged, replay_states, table_of
 from recordings.campaign.shelf import INDEX, runs
 from recordings.errors import RecordingError
 from recordings.file.reader import Recording
@@ -140,7 +140,7 @@ def recordings(folder: Path, sound: bytes) -> dict[str, Go]:
             lambda: info(place), lambda: verify(place), lambda: recover(place, out / "new.mcap"), lambda: read_case([place]),
             lambda: replayed(Recording.open(place, truncated=True)), lambda: table_of(Recording.open(place, truncated=True)),
             lambda: export_streams(Recording.open(place, truncated=True), out), lambda: find(place),
-            lambda: tables([Recording.open(place, truncated=True)]), lambda: Recording.open(place, truncated=True).log,
+            lambda: merged([Recording.open(place, truncated=True)]), lambda: Recording.open(place, truncated=True).log,
         )  # fmt: skip
         for way in ways:
             with contextlib.suppress(*EXPECTED):

@@ -65,17 +65,17 @@ def require_plausible(robot: Robot, table: Table) -> None:
         raise BadCase("\n".join(wrong))
 
 
-def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Table]:
-    """One message for each impossible value: column, value, what it looks like, what to write (tips in another frame end with
-    `CHECK_FRAME`); and the states that can be compared with a rod, tips in m where their unit is known."""
+def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Table, str]:
+    """One message for each impossible value: column, value, what it looks like, what to write; the states that can be compared
+    with a rod, tips in m where their unit is known; and which of the messages, if any, says `CHECK_FRAME`."""
     tips = table.take(table.with_tip & np.isfinite(table.spine_length))
     of_table = (_spines(robot, table), _masses(robot, table)) if len(table) else ()
     if not len(tips):
-        return tuple(filter(None, of_table)), tips
+        return tuple(filter(None, of_table)), tips, ""
     (far, in_m), counts = _distances(robot, tips), _counts(robot, tips)
     wrong = (*of_table, counts, far, _highest(robot, tips), _norms(tips))
     fit = (in_m.spine_length <= robot.length) & (not counts)
-    return tuple(filter(None, wrong)), in_m.take(fit)
+    return tuple(filter(None, wrong)), in_m.take(fit), far if in_m is tips else ""
 
 
 def _counts(robot: Robot, tips: Table) -> str:

@@ -57,7 +57,7 @@ class Reading:
 
 def read(robot: Robot, table: Table) -> Reading:
     """Judge a table of trials of a robot."""
-    impossible, tips = implausible_values(robot, table)
+    impossible, tips, elsewhere = implausible_values(robot, table)
     found = [(f, True) for f in _wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
@@ -67,10 +67,10 @@ def read(robot: Robot, table: Table) -> Reading:
     if no_unit and not any(f.code == "pressures_in_unit" for f, _ in found):
         low = finding("pressures_without_unit", words, highest=highest, remedy=of_unit(mapped, robot, words.unit))
         found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]
-    if any(text.endswith(plausible.CHECK_FRAME) for text in impossible):
+    if elsewhere:
         causes = [str(f) for f, _ in found if f.code in PLACES]
-        unknown = f"{plausible.CHECK_FRAME}; if its origin is not at the base, {of_origin(mapped)}"
-        impossible = tuple(text.replace(plausible.CHECK_FRAME, ", and ".join(causes) or unknown) for text in impossible)
+        remedy = ", and ".join(causes) or f"{plausible.CHECK_FRAME}; if its origin is not at the base, {of_origin(mapped)}"
+        impossible = tuple(text.replace(plausible.CHECK_FRAME, remedy) if text is elsewhere else text for text in impossible)
         found = [one for one in found if str(one[0]) not in causes]
     refused = (*(str(f) for f, refuse in found if refuse), *impossible)
     return Reading(refused, () if refused else tuple(str(f) for f, _ in found))

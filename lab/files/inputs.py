@@ -158,9 +158,9 @@ def _in_time(groups: Sequence[Sequence[Recording]]) -> list[tuple[Sequence[Recor
 
 
 def same_robot(a: Robot, b: Robot) -> bool:
-    """Whether two robots have the same body; max_pressure and the arm's error may have been added to one later."""
+    """Whether two robots have the same body; their limit and the arm's error may have been added to one later."""
     known = b.uncertainty.model_copy(update={"push_place": a.uncertainty.push_place})
-    return a == b.model_copy(update={"max_pressure": a.max_pressure, "uncertainty": known})
+    return a == b.model_copy(update={"max_pressure": a.max_pressure, "max_tension": a.max_tension, "uncertainty": known})
 
 
 def same_body(a: bytes, b: bytes) -> bool:

@@ -40,23 +40,27 @@ def demand_free(folder: Path | None, rewritten: Collection[str] = (), replace: b
         raise ConfigError(f"{folder}: cannot be replaced, because that would delete {must_stay[0]}; give another folder")
 
 
-def fate(*paths: Path | None) -> str:
-    """Before files are written: the word for it, `replaced` where one is there already."""
-    return "replaced" if any(path is not None and path.exists() for path in paths) else "written"
+def fate(path: Path) -> str:
+    """Before a file is written: the word for it, `replaced` where it is there already."""
+    return "replaced" if path.exists() else "written"
 
 
 @contextlib.contextmanager
-def whole(folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()) -> Iterator[Path]:
-    """A new folder, see `demand_free`, that takes the place of `folder` as a whole when the block ends without error."""
+def whole(
+    folder: Path, rewritten: Collection[str] = (), replace: bool = False, inputs: Sequence[Path] = ()
+) -> Iterator[tuple[Path, str]]:
+    """A new folder, see `demand_free`, that takes the place of `folder` as a whole when the block ends without error; and the
+    word for that: `replaced`, or `written` where there was none with files in it."""
     demand_free(folder, rewritten, replace, inputs)
     path = folder.resolve()
     empty = path.is_dir() and not any(path.iterdir())
+    word = "written" if empty else fate(path)
     new_parents = [place for place in path.parents if not place.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = (path if empty else path.parent) / f".{path.name}.{secrets.token_hex(4)}.new"
     try:
         temporary.mkdir()
-        yield temporary
+        yield temporary, word
         if empty:
             for place in temporary.iterdir():
                 place.rename(path / place.name)

@@ -158,6 +158,9 @@ class _Edited:
         """Edits that turn a table into another one: of values that differ, and of entries that only one of the two has."""
         by_number = all(isinstance(key, float) for key in (*before, *after))
         entries = {float(raw) if by_number else raw: _EntryNodes(raw, *pair) for raw, pair in zip(data, node.value, strict=True)}
+        converted = [key for key, entry in entries.items() if isinstance(before.get(key), str) and data[entry.own] != before[key]]
+        if converted and before != after:  # a unit, so that the numbers in the text mean others
+            raise _Anew
         removed = [key for key in entries if key in before and key not in after]
         added = {key: value for key, value in after.items() if key not in entries and before.get(key) != value}
         edits: dict[Any, list[_Edit]] = {key: [] for key in entries}

@@ -103,22 +103,9 @@ class UnderForce:
         self._end()
         self._arm.stop()
 
-    def standing(self) -> bool:
-        """See UR5.standing."""
-        return bool(self._arm.standing())
-
-    def confirm_settings(self) -> None:
-        """See `drivers.interfaces`; not every driver has it."""
-        if (confirm := getattr(self._arm, "confirm_settings", None)) is not None:
-            confirm()
-
-    def glance(self) -> bool:
-        """See UR5.glance."""
-        return bool(self._arm.glance())
-
-    def open(self) -> Any:
-        """Connect."""
-        return self._arm.open()
+    def __getattr__(self, name: str) -> Any:
+        """What moves nothing goes to the arm as it is."""
+        return getattr(self._arm, name)
 
     def close(self) -> None:
         """Disconnect."""

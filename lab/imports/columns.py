@@ -235,7 +235,7 @@ def _with_unit(words: Sequence[str]) -> tuple[str, dict[str, float]]:
 
 # ------------------------------------------------------------------ times
 def _are_times(words: Sequence[str]) -> bool:
-    return all(CLOCK.fullmatch(w) or HOURS.fullmatch(w) or DATE.fullmatch(w) for w in words)
+    return all(CLOCK.fullmatch(w) or DATE.fullmatch(w) for w in words)
 
 
 def _times(cells: Any, words: Sequence[str]) -> Array | None:
@@ -255,15 +255,13 @@ def _times(cells: Any, words: Sequence[str]) -> Array | None:
 
 
 def _clock(word: str) -> float:
-    if (hours := HOURS.fullmatch(word)) is not None:
-        h, m, s, half = float(hours[1]), float(hours[2]), 0.0, hours[3]
-    else:
-        found = CLOCK.fullmatch(word)
-        if found is None:
-            return float("nan")
-        h, m, s, half = float(found[1] or 0), float(found[2]), float(found[3].replace(",", ".")), found[4]
-    if half:
-        h = h % 12 + 12 * (half.casefold() == "pm")
+    if (found := CLOCK.fullmatch(word)) is None:
+        return float("nan")
+    h, m, s = float(found[1] or 0), float(found[2]), float(found[3].replace(",", "."))
+    if HOURS.fullmatch(word):
+        h, m, s = m, s, 0.0
+    if found[4]:
+        h = h % 12 + 12 * (found[4].casefold() == "pm")
     return 3600 * h + 60 * m + s
 
 

@@ -15,20 +15,17 @@ from recordings.errors import BadTable
 from recordings.table_file import checked, lacks
 from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, pressure_columns, unit_of
 
-from ..files.config import ConfigError, FileTable, Source, check
+from ..files.config import ConfigError, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Map, demand_units
+from .map_file import Column, Map, Own, demand_units
 from .quantities import File, in_si, quantities_of, translated
-from .series import FRAME, Series, cleaned, name_of
+from .series import CALL, FRAME, Series, cleaned, name_of
 from .table import conclude
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-CALL = "lab.case"
-"""Stands for map.yaml in messages."""
 
 
 def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None = None, /, **keys: Any) -> Table:
@@ -48,7 +45,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     columns = {name: _entry(series, entry) for name, entry in columns.items()}
     entries = _own_names(series) | columns  # what the caller states goes before a column's own name
     if not keys and set(REQUIRED) <= entries.keys():
-        return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), _Columns).columns, robot)
+        return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), Own).columns, robot)
     series = of_rows_in_turn(cleaned(series, missing))
     wanted = check(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), Map)
     demand_units(wanted, robot.actuators.words, f"{CALL}: ")
@@ -63,12 +60,6 @@ def _of_call(table: Table, columns: Mapping[str, Column]) -> Table:
     """The table, with the headings of its pressures, for messages that name an argument."""
     headings = tuple(str(columns[name].column) for name in pressure_columns(len(columns)) if name in columns)
     return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings))
-
-
-class _Columns(FileTable):
-    """Where the columns of trials.csv come from."""
-
-    columns: dict[str, Column]
 
 
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:

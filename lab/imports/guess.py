@@ -95,7 +95,7 @@ def _missing(g: Guess, series: Series) -> None:
 
 # ------------------------------------------------------------------ pressures
 def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
-    """Column of numbers -> chamber or tendon that its heading names; else one column in N for each tendon, in their order."""
+    """Column of numbers -> chamber or tendon that its heading names; else one for each tendon: in N, or numbered without unit."""
     number = chamber if robot.tendons is None else tendon
     named = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
     if named or robot.tendons is None:
@@ -104,7 +104,9 @@ def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dic
     in_newton = [h for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
     alike = ([h for h in in_newton if h.words[:1] == one.words[:1]] for one in in_newton)
     tensions = next((found for found in (in_newton, *alike) if len(found) == len(robot.tendons.azimuths_deg) > 1), [])
-    return {h.name: k for k, h in enumerate(tensions, 1)}
+    silent = {h.name: n for h in headings if h.name in series.numbers and h.name not in forces
+              and not h.stated and (n := tendon(replace(h, kind="N"))) is not None}  # fmt: skip
+    return {h.name: k for k, h in enumerate(tensions, 1)} or (silent if len(silent) == len(robot.tendons.azimuths_deg) else {})
 
 
 def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> list[str]:
@@ -133,11 +135,11 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
             return []
         wants = "a pressure (p1, P2 [kPa], pressure_3 ..)" if robot.tendons is None else "a tension (tendon1 [N], Zug_2 ..)"
         raise ConfigError(
-            f"{series.path}: no heading names {wants}; there are "
-            f"{', '.join(map(repr, series.names[:12]))}. If they are in another file, give both, or {JOIN}; else write map.yaml "
-            "by hand (docs: data from elsewhere)"
+            f"{series.path}: no heading names {wants}; there are {', '.join(map(repr, series.names[:12]))}. If they are in "
+            f"another file, give both, or {JOIN}; else name them so, or write map.yaml by hand, with "
+            f"`p1: {{column: HEADING, unit: {words.unit}}}` .. under columns (docs: data from elsewhere)"
         )
-    if robot.tendons is not None and all(tendon(by_name[n]) is None for n in names):
+    if robot.tendons is not None and all(tendon(by_name[n]) is None and by_name[n].stated for n in names):
         g.doubt("columns.p1", f"{', '.join(names)} are taken as tendons 1 to {wanted}, since they are in N; check the order")
     units = _units(series, names, robot)
     if guessed := [n for n in names if units[n].guessed]:

@@ -22,10 +22,10 @@ from ..files.config import ConfigError
 from ..files.units import KINDS
 from .clock import seconds, timeline
 from .columns import is_missing
-from .headings import heading
+from .headings import chamber, heading, tendon
 from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
-from .series import Series, at_rest, axes_of, listed, name_of, numbers, texts, unit_in, unseen
+from .series import CALL, FRAME, Series, at_rest, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 
 OF_ANGLES = ("euler xyz", "euler XYZ", "rotation vector")
 """Orders in which a file may mean three columns for x, y and z."""
@@ -124,7 +124,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     words = {n: translated(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
-    chambers = _chambers(values, constants)
+    chambers = _chambers(file, values, constants)
     driven = {p: values[p] if p in values else np.full(n, constants[p]) for p in chambers}
     pressures = np.column_stack([*driven.values()])
     file.resting = at_rest(pressures)
@@ -230,12 +230,18 @@ def _counts(series: Series, wanted: Map) -> dict[tuple[str, str], NDArray[np.str
     return {(key, name_of(series, c, key)): texts(series, c, key, wanted.source.missing) for key, c in named}
 
 
-def _chambers(values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:
+def _chambers(file: File, values: Mapping[str, Array], constants: Mapping[str, Any]) -> list[str]:
     found: list[str] = []
     while (name := f"p{len(found) + 1}") in values or name in constants:
         found.append(name)
     if not found:
-        raise ConfigError("columns: no pressure is given; name p1 .. (or constants.p1 for a body without chambers)")
+        drive, by_call = file.drive, file.series.form == FRAME
+        likely = [n for n in file.series.numbers if tendon(heading(f"{n} [N]")) is not None or chamber(heading(n)) is not None]
+        named = [(k, n, heading(n).unit) for k, n in enumerate(likely or ["HEADING"], 1)]
+        call = (f'"p{k}": "{n}{"" if unit else f" [{drive.unit}]"}"' for k, n, unit in named)
+        entries = ", ".join(call if by_call else (f"p{k}: {{column: {n!r}, unit: {u or drive.unit}}}" for k, n, u in named))
+        write = f"columns={{{entries}}} in {CALL}" if by_call else f"`{entries}` under columns"
+        raise ConfigError(f"columns: no {drive.pressure} is given; write {write} (constants.p1 for a body without {drive.kind})")
     return found
 
 

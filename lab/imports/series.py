@@ -33,8 +33,8 @@ LARGEST = 500_000_000
 SMALL, PACKED = 32_000_000, 50
 """Bytes of memory that any file may take, and that a byte of a larger one may stand for: readings pack to a tenth."""
 MOST_COLUMNS = 5000
-FRAME = "DataFrame"
-"""Form and file of a table that comes from memory."""
+CALL, FRAME = "lab.case", "DataFrame"
+"""Of a table that comes from memory: what stands for map.yaml in messages; its form and file."""
 
 
 @dataclass(frozen=True)

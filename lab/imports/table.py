@@ -6,6 +6,7 @@ import fnmatch
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,8 +16,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from diagnosis.data import case as measured
 from diagnosis.data.levels import REST, SPINE_GAP, levels, pressure_gap
 from diagnosis.data.plausible import LOWEST_USUAL
+from diagnosis.errors import BadCase
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
@@ -33,7 +36,7 @@ from .joining import in_time, lag
 from .map_file import Map, Name, named
 from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
-from .series import Series, at_rest
+from .series import FRAME, Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
 FORCES = ("force_x", "force_y", "force_z")
@@ -215,7 +218,7 @@ def conclude(
         if len(kept) < len(whole) < len(q.t):  # states of one row each: `quantities_of` has named the rows
             notes.append(f"{path.name}: {len(whole) - len(kept)} of {len(whole)} states have no tip or pressure and are left out")
         if not kept:
-            raise ConfigError(f"{path}: no state was found; {_why(wanted, q)}")
+            raise ConfigError(f"{path}: no state was found; {_why(wanted, q, robot.actuators.words)}")
         parts.append(_states(q, kept))
         rows += [(number, c.rows.start) for _, c in kept]
         group += max(numbers) + 1
@@ -238,9 +241,12 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
-        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, no_unit=any(q.no_unit for _, q, _ in every)))
+        call, no_unit = every[0][0].form == FRAME, any(q.no_unit for _, q, _ in every)
+        table = replace(table, mapped=Mapped(wanted.frame.axes, wanted.straight, call, no_unit=no_unit))
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
+    with suppress(BadCase):  # which is said where the table is used
+        notes += [str(f) for f in measured.states(measured.Case(robot, table))[1] if f.code == "repeated_within_trials"]
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
@@ -290,11 +296,12 @@ def _demand_mounted(states: Table) -> None:
             )
 
 
-def _why(wanted: Map, q: FileRows) -> str:
+def _why(wanted: Map, q: FileRows, words: Words) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
     if q.no_unit and np.nanmax(q.table.pressures) < LOWEST_USUAL:
-        return "nothing says the unit of the pressures, which were read as Pa: name it, as in 'p1 [kPa]' or columns.p1.unit"
+        unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
+        return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "

@@ -33,10 +33,9 @@ from ..files.own_effects import catalogue
 from ..files.rig_file import RigFile, load_rig
 from ..live.beside import Page, page_where
 from ..options import (
-    ANY_SIZE,
-    JSON,
     LABELS,
     OWN_EFFECTS,
+    READS,
     ROBOT,
     WORKERS,
     Result,
@@ -346,8 +345,7 @@ VERBS = (
         "investigate",
         run,
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             inputs("recordings (.mcap) or a case folder of the robot on the rig"),
             rig(),
             option("--budget", default="60min", metavar="60min", help="time for experiments (default 60min)"),

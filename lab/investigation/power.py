@@ -24,7 +24,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import ANY_SIZE, JSON, OWN_EFFECTS, Result, Verb, option, rig, settings
+from ..options import OWN_EFFECTS, READS, Result, Verb, option, rig, settings
 from ..verbs.run import planned_columns, protocol_plan, robot_facts
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -59,10 +59,9 @@ def run(a: argparse.Namespace) -> Result:
 
 def _plan(case: Case) -> str:
     """Describe the plan or the measured case in one line."""
-    robot, table = case.robot, case.table
-    words = robot.actuators.words
+    robot, table, words = case.robot, case.table, case.robot.actuators.words
     highest = float(np.nanmax(table.pressures, initial=0.0))
-    open_end = "" if robot.max_pressure is not None else ", and robot.yaml states no max_pressure"
+    open_end = "" if robot.max_pressure is not None else f", and robot.yaml states no max_{words.pressure}"
     states, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
     return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
 
@@ -153,8 +152,7 @@ VERBS = (
         "power",
         run,
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
             option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),

@@ -15,7 +15,7 @@ from ..console import note, out
 from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
-from ..options import ANY_SIZE, INPUTS, JSON, REPLACE, ROBOT, Result, Verb, option
+from ..options import JSON, OF_CASE, REPLACE, Result, Verb, option
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
@@ -25,14 +25,14 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
     """The error table; with a folder also draw the curves."""
     demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
+    words = case.robot.actuators.words
     note(case.table.warnings)
     c = comparison(case, stated_by(case.robot))
     figure = measured = None
     if folder is not None:
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
-        words = case.robot.actuators.words
-        with whole(folder, OWN, replace, inputs) as place:
+        with whole(folder, OWN, replace, inputs) as (place, _):
             figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
             if quantities(case.table):
                 measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name
@@ -40,9 +40,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
     def show() -> None:
         out.print(sheet(c.table, case.robot))
         if c.elongation:
-            t = Sheet("spine", "pressure", "measured", "model", title="Elongation from the lowest pressure", title_justify="left")
+            lowest = f"Elongation from the lowest {words.pressure}"
+            t = Sheet("spine", words.pressure, "measured", "model", title=lowest, title_justify="left")
             for length, pressure, *longer in c.elongation:
-                t.add_row(f"{100 * length:.1f} cm", f"{pressure / 1e3:.0f} kPa", *(f"{1e3 * x:.2f} mm" for x in longer))
+                at = f"{words.number(pressure)} {words.unit}"
+                t.add_row(f"{100 * length:.1f} cm", at, *(f"{1e3 * x:.2f} mm" for x in longer))
             out.print(t)
         note(marked_notes(case.table))
         if c.unsolved:
@@ -78,9 +80,7 @@ VERBS = (
         lambda a: compare(a.inputs, a.robot, a.out, a.replace),
         options=(
             JSON,
-            ANY_SIZE,
-            INPUTS,
-            ROBOT,
+            *OF_CASE,
             option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
             REPLACE,
         ),

@@ -37,10 +37,10 @@ from ..console import Screen, note, out
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next, worth_doing
-from ..options import ANY_SIZE, INPUTS, OWN_EFFECTS, REPLACE, ROBOT, SCHEDULER, WORKERS, Result, Verb, option
+from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result, Verb, option
 from ..processes import cluster, for_case
 
 
@@ -89,8 +89,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")
     written = []
     if wanted.protocols is not None:
-        word = fate(wanted.protocols)
-        with whole(wanted.protocols, replace=wanted.replace, inputs=inputs) as place:
+        with whole(wanted.protocols, replace=wanted.replace, inputs=inputs) as (place, word):
             paths = write_protocols(answer.next_experiment, place, case.robot)
         written = [wanted.protocols / path.name for path in paths]
     show(answer, wanted.protocols)
@@ -196,7 +195,7 @@ def _write_states(p: Proposal, path: Path, robot: Robot) -> Path:
     names += ["spine_length", "vacuum"] if robot.spine is not None else []
     shown = {name: table[name] for name in names}
     shown[f"rate [{words.unit}/s]"] = np.where(table["branch"] == "unload", -1, 1) * table["rate"] / words.pascal
-    shown |= {f"p{c} [{words.unit}]": np.asarray(table[f"p{c}"], float) / words.pascal for c in range(1, count + 1)}
+    shown |= words.columns(np.column_stack([table[f"p{c}"] for c in range(1, count + 1)]))
     replaced(path, csv_text([shown, *zip(*(v.tolist() for v in shown.values()), strict=True)]))
     return path
 
@@ -282,9 +281,7 @@ VERBS = (
         "diagnose",
         _diagnose_verb,
         options=(
-            ANY_SIZE,
-            INPUTS,
-            ROBOT,
+            *OF_CASE,
             option("--json", type=Path, metavar="OUT", help="write diagnosis.json here"),
             option("--report", type=Path, metavar="OUT.html", help="write the page with all figures here"),
             option(

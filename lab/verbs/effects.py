@@ -197,7 +197,7 @@ def run(out: Path, robot: Robot | None = None, more: Path | None = None, replace
     effects, left_out = catalogue(shown, more)
     note(left_out)
     effect_signatures = signatures(shown.plain, effects)
-    with whole(out, OWN, replace) as place:
+    with whole(out, OWN, replace) as (place, _):
         figure = out / draw(effect_signatures, place / "signatures.png", shown.actuators.words).name
 
     def show() -> None:

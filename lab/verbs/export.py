@@ -20,7 +20,7 @@ from recordings.campaign.export import export_case, export_streams
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import RECORD
-from recordings.campaign.replay import tables
+from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.own_files import copied, replaced
 from recordings.table_file import read_csv
@@ -31,7 +31,7 @@ from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..options import ANY_SIZE, JSON, REPLACE, OneOf, Option, Result, Verb, inputs, option
+from ..options import READS, REPLACE, OneOf, Option, Result, Verb, inputs, option
 from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
@@ -162,7 +162,7 @@ def export(inputs: Sequence[Path], folder: Path, form: Form, replace: bool, rate
         raise ConfigError(f"--rate {rate}: must be 1 to {FASTEST} frames per second")
     table: Table | None = None
     dataset: dict[str, Any] = {}
-    with whole(folder, replace=replace, inputs=inputs) as place:
+    with whole(folder, replace=replace, inputs=inputs) as (place, _):
         given = without_torn(inputs)
         if form == "crate":
             table = _crate(given, place, folder.resolve().name)
@@ -211,7 +211,7 @@ def _of_one_robot(recordings: Sequence[Recording]) -> Sequence[Recording]:
 
 def _joined_case(recordings: Sequence[Recording], folder: Path) -> Table:
     """robot.yaml and trials.csv of recordings of one robot."""
-    table = Table.joined(tables(_of_one_robot(recordings)))
+    table = Table.joined(map(merged, campaigns(_of_one_robot(recordings))))
     export_case(recordings[0], folder, table)
     return table
 
@@ -247,8 +247,7 @@ VERBS = (
         "export",
         lambda a: export(a.inputs, a.out, a.form, a.replace, a.rate),
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             inputs("recordings (.mcap); with --crate also a case folder"),
             option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
             REPLACE,

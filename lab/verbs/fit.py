@@ -26,10 +26,10 @@ from ..calibration import calibrate
 from ..console import Screen, note, out
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import ANY_SIZE, INPUTS, JSON, OWN_EFFECTS, REPLACE, ROBOT, Result, Verb, option
+from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, option
 
 SAME_FIT = 0.05
 """Relative difference of two residuals of one robot."""
@@ -82,8 +82,7 @@ def fit(
         note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
-        word = fate(folder / "robot.yaml")
-        with whole(folder, OWN, replace, inputs) as place:
+        with whole(folder, OWN, replace, inputs) as (place, word):
             write_robot(fitted.robot, place / "robot.yaml", case.robot_text)
             written.append(folder / "robot.yaml")
             if samples:
@@ -211,9 +210,7 @@ VERBS = (
         lambda a: fit(a.inputs, a.robot, a.out, a.replace, a.with_effects, a.effects, a.samples, a.seed, a.residual),
         options=(
             JSON,
-            ANY_SIZE,
-            INPUTS,
-            ROBOT,
+            *OF_CASE,
             option("--out", type=Path, metavar="FOLDER", help="folder for robot.yaml as fitted, and --samples"),
             REPLACE,
             option(

@@ -15,7 +15,7 @@ from recordings.trials import counted
 
 from ..console import Screen, note, out
 from ..files.config import ConfigError, load
-from ..files.output_folder import demand_free, fate, whole
+from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
@@ -24,7 +24,7 @@ from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import imported
-from ..options import ANY_SIZE, JSON, REPLACE, Result, Verb, inputs, option
+from ..options import READS, REPLACE, Result, Verb, inputs, option
 from ..plain import typed
 
 MAP, PICTURE = "map.yaml", "states.png"
@@ -47,8 +47,7 @@ def import_files(
     if reading.refused:
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
-    word = fate(folder / "trials.csv")
-    with whole(folder, OWN, replace_all, inputs) as place:
+    with whole(folder, OWN, replace_all, inputs) as (place, word):
         for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
             copied(source, place / name)
         write_csv(result.table, place / "trials.csv")
@@ -123,7 +122,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
     series, proposed = _first_proposal(inputs, robot)
     checks = [*series.notes, *proposed.doubts]
     result = None
-    with whole(folder, files, replace_all, inputs) as place:
+    with whole(folder, files, replace_all, inputs) as (place, _):
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
@@ -168,8 +167,7 @@ VERBS = (
         "import",
         _import_verb,
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
             option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),

@@ -33,6 +33,8 @@ from ..console import Screen, note, out
 from ..files.config import ConfigError, demand_writable, load
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
+from ..imports.headings import unit_named
+from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
 from .run import Columns, planned_columns, protocol_plan, robot_facts
 
@@ -68,11 +70,12 @@ def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -
     def draw(path: Path) -> None:
         from ..pages.figures import tips
 
-        highest = _pressures(robot, bending).max(axis=1)
-        tips(highest, np.asarray(bending["spine_length"], float), prediction, path, robot.actuators.words)
+        tips(pressures.max(axis=1), np.asarray(lengths, float), prediction, path, robot.actuators.words)
 
-    rows = prediction_rows(bending, prediction)
-    return _result(robot, files, "states", rows, lambda: _sheet(robot, bending, prediction), draw, missing)
+    named = f"{robot.name}, {' + '.join(robot.effects) or 'no effect'}"
+    title = f"Expected readings of the tip, p in {robot.actuators.words.unit}: {named}"
+    lengths, pressures, rows = bending["spine_length"], _pressures(robot, bending), prediction_rows(bending, prediction)
+    return _result(robot, files, "states", rows, lambda: _sheet(title, robot, {}, lengths, pressures, prediction), draw, missing)
 
 
 def _result(
@@ -125,7 +128,7 @@ def invert(
     groups: tuple[tuple[int, ...], ...] | None,
 ) -> Result:
     """Pressures and spine lengths (m; None: free) for wanted tips; `groups` share a regulator. Raises ConfigError, ModelError."""
-    table = read_numbers(targets_path, ("x", "y", "z", "wx", "wy", "wz"), "", "x, y, z (m)")
+    table, _ = _columns_in_si(targets_path, "w?[xyz]", "x, y, z (m, or x [mm] ..)", robot.actuators.words)
     place, weight = _coordinates(targets_path, table)
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
@@ -149,35 +152,55 @@ def invert(
 
         targets(place, reached, path)
 
-    rows = inverse_rows(place, reached)
-    return _result(robot, files, "targets", rows, lambda: _inverse_sheet(place, reached, robot), draw, missing)
+    def sheet() -> Sheet:
+        words, there = robot.actuators.words, zip(reached.reached.tolist(), reached.miss.tolist(), strict=True)
+        lead = {
+            "target, mm": [" ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in target) for target in place],
+            "there": ["yes" if yes else f"{MM * miss:.1f} mm off" for yes, miss in there],
+        }
+        title = f"{words.pressures.capitalize()} for wanted tips, p in {words.unit} (there: within {MM * REACHED:g} mm)"
+        return _sheet(title, robot, lead, reached.spine_length, reached.pressures, reached.prediction, model_only=True)
+
+    return _result(robot, files, "targets", inverse_rows(place, reached), sheet, draw, missing)
 
 
 def table_states(path: Path, words: Words) -> Columns:
     """Columns (SI) of the states in a table: trials.csv, or one with p1 .. and spine_length (default 0) alone.
 
-    p1 .. are in Pa, `p1 [kPa]` or of tendons `p1 [N]` in that unit. Raises ConfigError, also for pressures too low for Pa."""
-    example = f"p1 [{words.unit}]"
-    columns = read_numbers(path, ASKED, rf"p[0-9]+( ?\[{words.unit}\])?", f"p1 .. (Pa) or {example} .., and spine_length (m)")
-    for name in [name for name in columns if "[" in name]:
-        bare = name.partition("[")[0].strip()
-        if bare in columns:
-            raise ConfigError(f"{path}: the columns {bare} and {name} name the same {words.actuator}: leave one out")
-        columns[bare] = np.asarray(columns.pop(name), float) * words.pascal
+    Without a unit in its heading a column is in SI. Raises ConfigError, also for pressures too low for Pa."""
+    needed = f"p1 .. (Pa) or p1 [{words.unit}] .., and spine_length (m)"
+    columns, in_unit = _columns_in_si(path, "|".join(("p[0-9]+", *ASKED)), needed, words)
     for name, column in columns.items():
         if column.dtype == np.float64 and np.isnan(column).all():
             raise ConfigError(f"{path}: the column {name} is empty, leave it out")
     n = len(next(iter(columns.values())))
     columns.setdefault("spine_length", np.zeros(n))
-    highest = {name: float(np.nanmax(np.abs(column))) for name, column in columns.items() if re.fullmatch(r"p\d+", name)}
-    if highest and 0 < max(highest.values()) < LOWEST_USUAL:
-        name = max(highest, key=lambda n: highest[n])
+    bare = {name: column for name, column in columns.items() if re.fullmatch(r"p\d+", name) and name not in in_unit}
+    highest, name = max(((float(np.nanmax(np.abs(column))), name) for name, column in bare.items()), default=(0.0, ""))
+    if 0 < highest < LOWEST_USUAL:
         raise ConfigError(
-            f"{path}: column {name}: the highest {words.pressure} is {highest[name]:g} Pa, which looks like another "
-            f"unit; write Pa ({highest[name]:g} {words.unit} is {words.pascal * highest[name]:g}), or name the column "
-            f"'{name} [{words.unit}]'"
+            f"{path}: column {name}: the highest {words.pressure} is {highest:g} Pa, which looks like another unit; write Pa "
+            f"({highest:g} {words.unit} is {words.pascal * highest:g}), or name the column '{name} [{words.unit}]'"
         )
     return columns
+
+
+def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple[Columns, set[str]]:
+    """Columns whose names match the pattern, in SI, and those of them in whose headings a unit stands. Raises ConfigError."""
+    columns, in_unit = Columns(), set[str]()
+    for heading, column in read_numbers(path, (), rf"({pattern})(\s*[\[(].+[\])])?", needed).items():
+        name, _, stated = re.sub(r"[\[(\])]", " ", heading).partition(" ")
+        if name in columns:
+            raise ConfigError(f"{path}: several columns are {name}, such as {heading!r}: leave one out")
+        kind, unit = unit_named(stated) or ("", stated.strip())
+        if re.fullmatch(r"p\d+", name) and kind == ("Pa" if words.unit == "N" else "N"):
+            raise ConfigError(
+                f"{path}: column {heading!r}: a robot with {words.kind} takes {words.pressures} in {words.unit} (1 {words.unit} "
+                f"is {words.pascal:g} Pa in tables): convert the column and name it '{name} [{words.unit}]'"
+            )
+        columns[name] = column if not unit else column * factor(unit, name, words, f"{path}: column {heading!r}: unit")
+        in_unit |= {name} if unit else set()
+    return columns, in_unit
 
 
 def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:
@@ -266,43 +289,25 @@ def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:
     return place, np.where(np.isfinite(weight), weight, 1.0)
 
 
-def _sheet(robot: Robot, states: Columns, prediction: Prediction) -> Sheet:
-    """The first states and their predicted readings (± half of the interval, mm) as a table."""
-    low, high = prediction.interval()
-    pressures, words = _pressures(robot, states), robot.actuators.words
-    count = pressures.shape[1]
+def _sheet(
+    title: str, robot: Robot, lead: Mapping[str, Sequence[str]], lengths: Array, pressures: Array, prediction: Prediction,
+    model_only: bool = False,
+) -> Sheet:  # fmt: skip
+    """The first states and predicted tips (± half of the interval, mm) as a table, behind the columns `lead`."""
+    low, high = prediction.interval(model_only)
+    words, spine, count = robot.actuators.words, robot.spine is not None, pressures.shape[1]
     # chambers of a robot with more are listed in one column
     one_by_one = count <= 4
     columns = [f"p{c}" for c in range(1, count + 1)] if one_by_one else [f"p ({words.actuators})"]
-    named = " + ".join(robot.effects) or "no effect"
-    t = Sheet(title=f"Expected readings of the tip, p in {words.unit}: {robot.name}, {named}", title_justify="left")
-    spine = robot.spine is not None
-    for column in (*(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
+    t = Sheet(title=title, title_justify="left")
+    for column in (*lead, *(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
         t.add_column(column, justify="right")
-    for i in range(min(len(prediction.tip), SHOWN)):
+    for i in range(min(len(pressures), SHOWN)):
         t.add_row(
-            *([f"{100 * float(states['spine_length'][i]):.1f} cm"] if spine else []),
+            *(cells[i] for cells in lead.values()),
+            *([f"{100 * float(lengths[i]):.1f} cm"] if spine else []),
             *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words)]),
             *_with_half(prediction.tip[i], low[i], high[i]),
-        )
-    return t
-
-
-def _inverse_sheet(wanted: Array, reached: Reached, robot: Robot) -> Sheet:
-    """The first targets, (n, 3) m, whether each is reached, and what to ask of the robot for it, as a table."""
-    words, spine = robot.actuators.words, robot.spine is not None
-    low, high = reached.prediction.interval(model_only=True)
-    columns = ("target, mm", "there", *(("spine",) if spine else ()), f"{words.unit} ({words.actuators})")
-    title = f"{words.pressures.capitalize()} for wanted tips (there: within {MM * REACHED:g} mm)"
-    t = Sheet(*columns, "x, mm", "y, mm", "z, mm", title=title, title_justify="left")
-    for i in range(min(len(wanted), SHOWN)):
-        target = " ".join("any" if np.isnan(v) else f"{MM * v:.1f}" for v in wanted[i])
-        t.add_row(
-            target,
-            "yes" if reached.reached[i] else f"{MM * reached.miss[i]:.1f} mm off",
-            *([f"{100 * reached.spine_length[i]:.1f} cm"] if spine else []),
-            _inflated(reached.pressures[i], words),
-            *_with_half(reached.prediction.tip[i], low[i], high[i]),
         )
     return t
 

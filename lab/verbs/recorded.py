@@ -32,7 +32,7 @@ from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si, unit_text
-from ..options import ANY_SIZE, JSON, Result, Verb, option
+from ..options import READS, Result, Verb, option
 from ..plain import typed
 
 SHOWN = 20
@@ -274,21 +274,21 @@ VERBS = (
     Verb(
         "info",
         lambda a: info(a.files),
-        options=(JSON, ANY_SIZE, FILES),
+        options=(*READS, FILES),
         examples=("lab info runs/sweep.mcap", "lab info runs/*.mcap --json"),
         page="docs/explanations/recordings.md",
     ),
     Verb(
         "replay",
         lambda a: replay(a.files),
-        options=(JSON, ANY_SIZE, FILES),
+        options=(*READS, FILES),
         examples=("lab replay runs/sweep.mcap", "lab replay runs/*.mcap --json"),
         page="docs/explanations/recordings.md",
     ),
     Verb(
         "verify",
         lambda a: verify(a.file),
-        options=(JSON, ANY_SIZE, option("file", type=Path)),
+        options=(*READS, option("file", type=Path)),
         examples=("lab verify runs/sweep.mcap", "lab verify runs/sweep.mcap --json"),
         page="docs/explanations/recordings.md",
     ),
@@ -296,8 +296,7 @@ VERBS = (
         "recover",
         lambda a: recover(a.file, a.out),
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             option("file", type=Path),
             option("--out", type=Path, metavar="FILE", help="the new file (default: <name>-recovered.mcap beside the old one)"),
         ),
@@ -308,8 +307,7 @@ VERBS = (
         "runs",
         lambda a: runs(a.folder, a.where),
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             option("folder", type=Path),
             option(
                 "--where",

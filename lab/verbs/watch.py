@@ -18,7 +18,7 @@ from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, PageAddress, Show, ShownRecording, place
-from ..options import ANY_SIZE, JSON, Result, Verb, option
+from ..options import READS, Result, Verb, option
 from ..plain import typed
 
 LOOK = 0.2
@@ -111,8 +111,7 @@ VERBS = (
         "watch",
         lambda a: watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.foxglove),
         options=(
-            JSON,
-            ANY_SIZE,
+            *READS,
             option("what", type=Path, metavar="FILE|RIG", help="a recording (.mcap), or the rig.yaml of the run"),
             option("--speed", type=float, help="play a recording this many times faster than rig time (default 1)"),
             option(

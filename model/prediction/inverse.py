@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from model.actuators import Words
 from model.arrays import Array, Mask
 from model.errors import BadCondition
 from model.prediction.box_minima import box_minima
@@ -66,6 +67,7 @@ class Reached(Shown):
     """(m,) m from the tip that is expected to the target, along the wanted axes; for one out of reach, of the nearest point."""
     prediction: Prediction
     """With intervals."""
+    words: Words
 
     @property
     def reached(self) -> Mask:
@@ -76,9 +78,9 @@ class Reached(Shown):
         return f"<Reached: {int(self.reached.sum())} of {len(self.miss)} targets, error up to {1e3 * self.miss.max():.3g} mm>"
 
     def _columns(self) -> dict[str, Any]:
-        pressures = {f"p{c} [kPa]": p for c, p in enumerate(1e-3 * self.pressures.T, 1)}
         spine = {"spine [mm]": 1e3 * self.spine_length} if self.spine_length.any() else {}
-        return {**pressures, **spine, **by_axis("tip {} [mm]", self.prediction.tip), "miss [mm]": 1e3 * self.miss}
+        tip = by_axis("tip {} [mm]", self.prediction.tip)
+        return {**self.words.columns(self.pressures), **spine, **tip, "miss [mm]": 1e3 * self.miss}
 
 
 def limits_of(
@@ -135,7 +137,7 @@ def inverse(
     pressures, lengths = search.inputs(u)
     prediction = at(pressures, lengths, intervals=True)
     miss = np.linalg.norm(np.where(free, 0.0, prediction.tip - wanted), axis=1)
-    return Reached(pressures, lengths, miss, prediction)
+    return Reached(pressures, lengths, miss, prediction, at.robot.actuators.words)
 
 
 class _InverseSearch:

@@ -65,11 +65,10 @@ def _table(
 ) -> Table:
     """The table of readings, without drift and with doubts: of a state read again the last counts, of a skipped trial none."""
     again = {event.repeats for event, _ in readings if event.repeats}
-    skipped = {request.trial for request in recording.requests if request.kind == "skip" and request.done}
-    rows = [(event.number, row) for event, row in readings if row.trial not in skipped]
+    rows = [(event.number, row) for event, row in readings if row.trial not in recording.skipped]
     doubts = [
         f"trial {trial}: was skipped by a person; the {n} states read in it are left out"
-        for trial in sorted(skipped)
+        for trial in sorted(recording.skipped)
         if (n := sum(row.trial == trial for _, row in readings))
     ]
     doubts += [
@@ -254,11 +253,6 @@ def campaigns(recordings: Sequence[Recording]) -> list[list[Recording]]:
     for number, recording in enumerate(recordings):
         groups.setdefault(campaign_of(recording) or f"alone {number}", []).append(recording)
     return list(groups.values())
-
-
-def tables(recordings: Sequence[Recording]) -> list[Table]:
-    """One table for each campaign, and for each recording that stands alone, in the order of their first recording."""
-    return [merged(group) for group in campaigns(recordings)]
 
 
 def merged(recordings: Sequence[Recording]) -> Table:

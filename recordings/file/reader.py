@@ -135,6 +135,11 @@ class Recording:
         """completed, stopped or failed; None when the recording ended abruptly."""
         return self.metadata.get("outcome", {}).get("outcome")
 
+    @cached_property
+    def skipped(self) -> frozenset[int]:
+        """Trials that a person skipped."""
+        return frozenset(request.trial for request in self.requests if request.kind == "skip" and request.done)
+
     @property
     def start_wall_ns(self) -> int:
         """Wall time (ns since the epoch) of rig time 0."""

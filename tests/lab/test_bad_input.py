@@ -236,7 +236,7 @@ PRESSURES = " ".join(f"p{i}" for i in range(1, 10))
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (scaled(PRESSURES, 1e-3), ["1000 times as large", "look like kPa"]),
+        (scaled(PRESSURES, 1e-3), ["1000 times as large", "look like kPa", "`unit: kPa`"]),
         (scaled("x y z", 1000), ["line 3, x", "looks like mm", "divide by 1000"]),
         (scaled("x y z", 10), ["columns x, y, z", "4.0", "positions are in m: check their unit"]),
         (scaled("y z", -1), ["the cameras' frame", "let columns x, y, z hold what is now x, y, -z"]),

@@ -1,20 +1,19 @@
 """Numbers that hint at a wrong unit are asked about, and a gauge that has frozen is told from one that is at rest."""
 
 import numpy as np
+import pandas
 import pytest
 
+import lab
 from diagnosis.answer.sentences import far_off
-from diagnosis.diagnose import Options, diagnose
-from lab.files.inputs import Case
+from diagnosis.diagnose import Options
 from lab.files.robot_numbers import doubtful_numbers
 from lab.rig.watch import STUCK, Repeats
 from model.actuators import Chambers
 from model.effects import CATALOGUE
 from model.prediction import Predictor
 from model.robot import robot_from_dict
-from recordings.trials import Table, TrialRow
 
-# ------------------------------------------------------------------ numbers of robot.yaml, and factors of its area
 # ------------------------------------------------------------------ robot.yaml
 TENDONS = {
     "name": "cable arm", "length": 0.24, "outer_radius": 0.006, "inner_radius": 0.0, "density": 1100.0, "youngs_modulus": 9e6,
@@ -56,20 +55,14 @@ def test_a_density_in_grams_and_a_tip_mass_in_grams_are_asked_about() -> None:
 
 
 def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
-    robot = robot_from_dict(TENDONS)
-    pulls = [p for k in range(4) for p in np.outer((0.0, 4e3, 8e3, 12e3), np.eye(4)[k])] * 2
-    found = Predictor(robot)(np.array(pulls), np.zeros(len(pulls)))
-    noise = 0.1e-3 * np.random.default_rng(8).normal(size=found.tip.shape)
-    rows = [
-        TrialRow.from_cells(
-            {"trial": 1 + i // 4, "step": 1 + i % 4, "protocol": "bending", "repeat": 1 + i // 16, "branch": "load", "t": 9.0 * i,
-             "spine_length": 0.0, **{f"p{c}": 10 * float(v) for c, v in enumerate(p, 1)},
-             **dict(zip("xyz", map(float, tip), strict=True))}
-        )
-        for i, (p, tip) in enumerate(zip(pulls, found.tip + noise, strict=True))
-    ]  # fmt: skip
+    robot, noise = robot_from_dict(TENDONS), 0.1e-3 * np.random.default_rng(8).normal(size=(32, 3))
+    pulls = np.array([p for k in range(4) for p in np.outer((0.0, 4e3, 8e3, 12e3), np.eye(4)[k])] * 2)
+    frame = pandas.DataFrame(10 * pulls, columns=["p1", "p2", "p3", "p4"])
+    frame[["x", "y", "z"]] = Predictor(robot)(pulls).tip + noise
+    with pytest.warns(match="the tip moves 0.1 times as far as robot.yaml predicts for these tensions: check the unit"):
+        case = lab.case(frame.assign(t=9.0 * np.arange(32), trial=1 + np.arange(32) // 4), robot)
     few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    answer = diagnose(Case(robot, Table.of(rows)), few)
+    answer = lab.diagnose(case, few)
     (said,) = (c for c in answer.concerns if "times as stiff as" in c)
     assert "unit of the tensions" in said
 

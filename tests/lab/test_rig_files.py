@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
+from lab.files.inputs import same_robot
 from lab.files.rig_file import Limits, RigFile, Safe, load_rig
 from lab.files.robot_file import paper_robot, robot_yaml
 from lab.files.units import KINDS, UnitError, to_si, written
@@ -46,6 +47,11 @@ def test_a_few_numbers_make_a_robot_and_a_rig_that_are_read_and_are_not_replaced
     cli("init", "--tendons", 4, "--length", "30 cm", "--max-tension", "5 N", "--out", tendons)
     pulled = load(tendons, Robot)
     assert pulled.max_pressure == 50e3 and "max_tension: 5 N" in robot_yaml(pulled, tendons.read_text())
+    assert same_robot(pulled, pulled.replace(max_tension=6.0)) and not same_robot(pulled, pulled.replace(length=0.2))
+    text = tendons.read_text() + "effects:\n  pressure_offset:\n    offset: {value: 0.2, sd: 0.01, unit: N}\n"
+    assert vars(robot_of(text).stated["pressure_offset.offset"]) == {"value": 2000.0, "sd": 100.0, "unit": "Pa"}
+    wider = robot_of(text).replace(effects={"pressure_offset": {"offset": {"value": 2500.0, "sd": 100.0, "unit": "Pa"}}})
+    assert robot_of(robot_yaml(wider, text)) == wider != robot_of(text) and robot_yaml(robot_of(text), text) == text
     for given, said in (
         (("--chambers", 3, "--length", "180"), r"did you mean 180 cm or 180 mm\?"),
         (("--chambers", 3, "--length", "5 N"), "^--length: .*5 N"),

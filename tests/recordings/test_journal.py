@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from synthetic_run import TARGETS, state
 
-from recordings.campaign.replay import metadata, tables
+from recordings.campaign.replay import campaigns, merged, metadata
 from recordings.errors import BadJournal, WriteFailed
 from recordings.file.journal import Journal, read
 from recordings.file.reader import Recording
@@ -81,7 +81,7 @@ def test_a_resumed_campaign_makes_one_table_without_doubles_and_time_goes_on(tmp
     second = record(tmp_path / "2.mcap", WALL + 60 * 10**9, metadata("c", "j", 3), [(3, 1), (3, 2), (4, 1)])
     third = record(tmp_path / "3.mcap", WALL + 61 * 10**9, metadata("c", "j", 4), [(4, 1), (4, 2)])
     alone = record(tmp_path / "4.mcap", WALL, {}, [(1, 1)])
-    campaign, other = tables([third, first, alone, second])
+    campaign, other = map(merged, campaigns([third, first, alone, second]))
     assert [(r.trial, r.step) for r in campaign] == [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2), (4, 1), (4, 2)]
     assert campaign["t"].tolist() == [0, 1, 2, 3, 60, 61, 62, 63]
     assert [(r.trial, r.step) for r in other] == [(1, 1)]
@@ -91,6 +91,6 @@ def test_recordings_of_a_campaign_follow_each_other_however_far_back_their_rig_t
     first = record(tmp_path / "1.mcap", WALL, metadata("c", "j", 1), [(1, 1), (1, 2), (2, 1)])
     # Of two recordings the later began its rig time earlier: the rig was opened slowly, or runs faster than real time.
     second = record(tmp_path / "2.mcap", WALL - 60 * 10**9, metadata("c", "j", 2), [(2, 1), (2, 2)])
-    (campaign,) = tables([second, first])
+    campaign = merged([second, first])
     assert [(r.trial, r.step) for r in campaign] == [(1, 1), (1, 2), (2, 1), (2, 2)]
     assert (np.diff(campaign["t"]) > 0).all()

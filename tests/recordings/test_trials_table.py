@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from recordings.errors import BadTable
 from recordings.table_file import read_csv, write_csv
-from recordings.trials import Table, TrialRow
+from recordings.trials import Mapped, Table, TrialRow
 
 ROW = TrialRow(
     trial=1, step=1, protocol="bending", repeat=1, branch="load", t=12.5, spine_length=0.1, pressures=(50e3,) * 3 + (0.0,) * 6,
@@ -41,6 +41,11 @@ def test_columns_that_no_row_has_are_absent_and_empty_cells_come_back_as_none(tm
     assert "qw" not in lines[0] and back.rows[0].vacuum is None and back.rows[1].tip is None
     assert np.isnan(back["x"]).tolist() == [False, True] and back["specimen"].tolist() == ["", "spine"]
     assert back["trial"].dtype == np.int64
+
+
+def test_states_joined_with_those_of_a_recording_keep_what_their_map_said() -> None:
+    recorded, kept, moved = (replace(Table.of([ROW]), mapped=m) for m in (None, Mapped(), Mapped(("y", "x", "-z"), "at rest")))
+    assert [Table.joined(t).mapped for t in ([recorded, kept], [kept, moved, recorded])] == [kept.mapped, moved.mapped]
 
 
 @settings(max_examples=60)

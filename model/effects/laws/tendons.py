@@ -46,7 +46,7 @@ def _tendon_friction(h: History, v: Values) -> None:
         of_part = change[..., part, :]
         bend, axial = h.bend_stiffness[..., part], h.axial_stiffness[..., part]
         changes += [m / bend for m in _moment(q, of_part)]
-        changes += [np.zeros((1, 1)), of_part @ q.body.mean_chamber_area / axial]
+        changes += [np.zeros((1, 1)), of_part @ q.body.mean(q.body.chamber_area) / axial]
         rises += [m / bend for m in _moment(q, rise[..., part, :])]
     h.add(np.stack(np.broadcast_arrays(*changes), axis=-1))
     along_parts = np.stack(np.broadcast_arrays(*rises), axis=-1)
@@ -62,7 +62,7 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
     is what straight bodies show; the rest is shared as gravity's components are.
     """
     q = h.quantities
-    body, tip = q.density * q.body.mean_weight_area * length, q.design.tip_mass + q.payload + 1e-9
+    body, tip = q.density * q.body.mean(q.body.weight_area) * length, q.design.tip_mass + q.payload + 1e-9
     x, y, z = q.robot.gravity
     # share of gravity along the axis; shapes below are divided by their means over the part
     hanging = abs(z) / (abs(z) + np.hypot(x, y) + 1e-12)
@@ -76,7 +76,7 @@ def _by_weight(h: History, at_tip: Array, mean: Array, length: Array, along: Arr
 
 def _moment(q: Quantities, pulls: Array) -> tuple[Array, Array]:
     """(v, n) N m each about x and y, of pulls (v, n, tendons) Pa."""
-    aside = pulls * q.body.mean_arm
+    aside = pulls * q.body.mean(q.body.path_radius[:, None] * q.body.chamber_area)
     return (np.sin(q.azimuth) * aside).sum(-1), -(np.cos(q.azimuth) * aside).sum(-1)
 
 

@@ -109,7 +109,7 @@ def test_the_bend_on_the_way_to_each_place_is_that_of_a_body_that_hangs_under_it
     tip, mean = curvature[-1], turned[-1] / (arcs[-1] + arcs[-2]) * 2  # of the last chord's middle
     stiffness = robot.youngs_modulus * body_second_moment(robot)
     q = SimpleNamespace(
-        density=np.array([[robot.density]]), body=SimpleNamespace(mean_weight_area=body_area(robot)), robot=robot,
+        density=np.array([[robot.density]]), body=SimpleNamespace(mean=float, weight_area=body_area(robot)), robot=robot,
         payload=np.zeros((1, 1)), design=SimpleNamespace(tip_mass=np.array([robot.tip_mass])),
     )  # fmt: skip
     h: Any = SimpleNamespace(quantities=q, bend_stiffness=np.full((1, 1, 2), stiffness))
