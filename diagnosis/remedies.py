@@ -60,11 +60,26 @@ def of_trials(trials: Table) -> str:
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     """Say where the unit of all pressures is stated."""
-    if mapped is None or not mapped.call:
-        return "correct their unit in the table, or `unit` or `scale` in map.yaml"
-    names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
-    columns = ", ".join(f'"p{k}": "{name} [{unit}]"' for k, name in enumerate(names, 1))
-    return f"write columns={{{columns}}} in lab.case"
+    if mapped is None or not mapped.call or " " in unit:
+        return f"correct their unit or scale in {_place(mapped)}"
+    headings = dict(mapped.headings)
+    columns = (f'"{p}": "{headings.get(p, p)} [{unit}]"' for p in pressure_columns(len(robot.actuators.azimuths_deg)))
+    return f"write columns={{{', '.join(columns)}}} in lab.case"
+
+
+def of_column(name: str, unit: str, mapped: Mapped | None) -> tuple[str, str]:
+    """The heading of a column, and what to write so that it is read in a unit; empty: the unit is not known."""
+    heading = dict(() if mapped is None else mapped.headings).get(name, "")
+    if mapped is None or not (unit and heading):
+        return heading or name, f"correct its unit or scale in {_place(mapped)}"
+    if mapped.call:
+        return heading, f'write columns={{"{name}": {{"column": "{heading}", "unit": "{unit}"}}}} in lab.case'
+    return heading, f"write `unit: {unit}` for columns.{name} in map.yaml"
+
+
+def _place(mapped: Mapped | None) -> str:
+    """Where the units of a table are stated."""
+    return "the table or its map.yaml" if mapped is None else "lab.case" if mapped.call else "map.yaml"
 
 
 def _write(key: str, value: str, mapped: Mapped) -> str:

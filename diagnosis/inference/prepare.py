@@ -180,19 +180,17 @@ def prepare(
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
 
 
-def _as_placed(
-    robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]
-) -> tuple[Robot, Mapping[str, EffectSpec]]:
+def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> tuple[Robot, Mapping[str, EffectSpec]]:
     """Robot and catalogue where the map moved tip and markers to the model at rest: nobody knows where they were, nor how the
     cameras' frame is turned about z."""
     if not states.trials.moved_to_model:
         return robot, catalogue
     unknown = {"frame_shift": OF_MOVED * robot.length, "marker_shift": OF_MOVED * robot.length, "tracked_turn": OF_MOVED}
-    placed, of_frame = robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)}), catalogue.get(FRAME)
-    if of_frame is None:
+    placed = robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
+    if FRAME not in catalogue:
         return placed, catalogue
-    turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in of_frame.parameters)
-    return placed, {**catalogue, FRAME: replace(of_frame, parameters=turned)}
+    turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in catalogue[FRAME].parameters)
+    return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}
 
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:

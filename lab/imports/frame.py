@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.table_file import checked, lacks
-from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, pressure_columns, unit_of
+from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Map, demand_units
+from .map_file import Column, Map, demand_units, headings
 from .quantities import File, in_si, quantities_of, translated
 from .series import FRAME, Series, cleaned, name_of
 from .table import conclude
@@ -60,9 +60,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
 
 
 def _of_call(table: Table, columns: Mapping[str, Column]) -> Table:
-    """The table, with the headings of its pressures, for messages that name an argument."""
-    headings = tuple(str(columns[name].column) for name in pressure_columns(len(columns)) if name in columns)
-    return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings))
+    """The table, with the headings of its columns, for messages that name an argument."""
+    return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings(columns)))
 
 
 class _Columns(FileTable):

@@ -16,6 +16,7 @@ import lab
 from benchmarks.faults.foreign_tables import HEADINGS, sweep, text
 from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
+from diagnosis.edits.search import edit_first
 from lab.files.config import ConfigError
 from model.effects import CATALOGUE
 from model.stated import Stated
@@ -216,3 +217,44 @@ def test_a_frame_that_a_turn_explains_is_no_mirror_image(axes: Sequence[str], gr
     if (written := re.search("write frame=({.*?}) in lab.case", said)) is not None and groups > 1:
         case = lab.case(frame, FINGER, frame=json.loads(written[1]), straight="at rest", **BY_REST)
         assert case.table.warnings == (), said
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "found", "unit"),
+    [("x", 2.54, r"column x holds cm read as inches \(x 0.3937, p = ", "cm"),
+     ("y", 1 / 25.4, r"column y holds inches read as mm \(x 25.4, p = ", "in"),
+     ("p2", 6.895, r"column p2 must be 0.14\d+ times as large \(p = 1.00\): it looks like kPa read as psi; ", "kPa"),
+     ("p2", 0.1, r"column p2 must be (9.9|10)\S* times as large .*: it looks like kPa read as mbar or MPa read as bar; ", ""),
+     ("p3", 0.01, r"column p3 must be (99|10[01])\S* times as large .*: it looks like mbar read as Pa or bar read as kPa; ", "")],
+)  # fmt: skip
+def test_one_column_in_another_unit_is_named_with_the_entry_to_change(
+    tmp_path: Path, column: str, factor: float, found: str, unit: str
+) -> None:
+    frame = seen("base_tilt", "x", 0.001, "rad")
+    frame[column] *= factor
+    case = lab.case(frame, FINGER, **AT_REST, **BY_REST)
+    in_call = f'write columns={{"{column}": {{"column": "{column}", "unit": "{unit}"}}}} in lab.case'
+    (mistake,) = map(str, edit_first(case.robot, states(case)[0]).changes)
+    assert re.match(found, mistake) and mistake.endswith(in_call if unit else "correct its unit or scale in lab.case"), mistake
+    (tmp_path / "robot.yaml").write_text(FINGER.read_text())
+    columns = f"columns:\n  {column}: {{column: my column}}\n"
+    (tmp_path / "map.yaml").write_text(f"straight: at rest\nframe: {{x: -x, y: -z, z: -y}}\n{columns}")
+    write_csv(case.table, tmp_path / "trials.csv")
+    case, remedy = lab.case(tmp_path), f"write `unit: {unit}` for columns.{column} in" if unit else "correct its unit or scale in"
+    (mistake,) = map(str, edit_first(case.robot, states(case)[0]).changes)
+    assert mistake.startswith("column my column ") and mistake.endswith(f"{remedy} map.yaml"), mistake
+
+
+def test_a_column_whose_unit_puts_the_tip_out_of_reach_is_named_where_it_is_refused() -> None:
+    for groups, factor, wrong in ((1, 10.0, "cm"), (6, 25.4, "inches")):
+        frame = seen("base_tilt", "x", 0.001, "rad", groups=groups)
+        frame["x"] *= factor
+        with pytest.raises(ConfigError, match=f"of {21 * groups} states\\): column x holds mm read as {wrong} .* write columns="):
+            lab.case(frame, FINGER, **AT_REST, **BY_REST)
+
+
+def test_an_axis_that_any_unit_fits_is_not_said_to_be_in_another() -> None:
+    frame = seen("base_tilt", "x", 0.001, "rad", groups=4)
+    frame["y"] = frame["y"].mean()
+    case = lab.case(frame, FINGER, **AT_REST, **BY_REST)
+    assert not any("holds" in str(f) for f in edit_first(case.robot, states(case)[0]).changes)
