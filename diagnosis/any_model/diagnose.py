@@ -19,7 +19,7 @@ import pandas as pd
 from model.cause import Cause
 
 from .. import judgement
-from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
+from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, without_nothing
 from ..answer.distinguishability import distinguishability
 from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
@@ -127,8 +127,7 @@ class _Diagnosis:
             named, outside = w.best.named, ranked.probability(UNKNOWN)
             decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
         elif decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
-            most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
-            decision = replace(decision, verdict="unknown", probability=most, outside=most)
+            decision = outside_at_most(decision, 1 - 1 / before[0] ** 2)
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
         as_well = alike(among, decision.effects, best)
         why = self._doubts(decision, before[0], corrected[0], as_well)
@@ -137,12 +136,12 @@ class _Diagnosis:
         elif decision.verdict == "none":
             decision = doubted(decision, why, 0)
         elif why:
-            most = min(decision.probability, judgement.DOUBTED_PROBABILITY)
-            decision = replace(decision, probability=most, outside=most)
+            decision = outside_at_most(decision, decision.probability)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         at_fit = b.model.values(fitted.theta)
-        left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
+        given = b.problem.forward.predict(np.zeros_like(self._p.sd))
+        left = [("as given", given, None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
         steps = [
@@ -336,6 +335,5 @@ def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) ->
     if not why or closed is None or closed >= d.probability:
         return d
     if closed < judgement.EXPLAINS:
-        outside = min(1 - closed, judgement.DOUBTED_PROBABILITY)
-        return replace(d, verdict="unknown", effects=(), probability=outside, outside=outside)
-    return replace(d, probability=closed, outside=1 - closed)
+        return outside_at_most(d, 1 - closed)
+    return replace(d, probability=closed, outside=1 - closed, limited=False)

@@ -76,16 +76,16 @@ class Prepared:
         return float(area_factor / self.forward.area_factor[0] - 1)
 
     def common(self, theta: Array) -> Array:
-        """Parameters (k,) with those of single trials and of this campaign's drift at their means: the model's prediction for a
+        """Parameters (k,) with those of single trials and of this campaign's drift at 0: the model's prediction for a
         new trial."""
         lasts = np.array([p.lasts for p in self.forward.parameters])
-        return np.where(lasts, theta, self.problem.parameters.mean)
+        return np.where(lasts, theta, 0.0)
 
     @cached_property
     def given(self) -> Array:
         """(values,) by robot.yaml as it stands, with its area factor for each spine length, or by the simulator that takes its
         place; nothing fitted."""
-        out = self.problem.forward.predict(self.problem.parameters.mean)
+        out = self.problem.forward.predict(np.zeros_like(self.problem.parameters.sd))
         if not self.pushes_only and self.baseline is None:
             own = self.labels.kind == 0
             bent = ~self.states.pushed

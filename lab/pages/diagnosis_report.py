@@ -296,7 +296,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability, r.limited), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip

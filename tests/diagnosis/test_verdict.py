@@ -322,7 +322,8 @@ def test_a_probability_at_its_limit_says_so_and_why() -> None:
     found = attributed(sure, **vars(doubted(decide(SURE, True), [doubt], 0)), conclusion="one of several", doubts=(doubt.text,))
     found = replace(found, findings=(doubt,), headline=headline(found, CATALOGUE))
     assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
-    assert "(p = 0.97" in headline(sure, CATALOGUE) + statement(sure)
+    for certain in (sure, replace(sure, attribute=replace(sure.attribute, probability=0.8))):  # by chance it is what the limit is
+        assert f"(p = {certain.attribute.probability:.2f}" in headline(certain, CATALOGUE) + statement(certain)
     assert str(found).splitlines()[:3] == [found.headline, found.statement, f"- {doubt}"]
 
 
