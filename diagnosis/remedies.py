@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -59,27 +60,25 @@ def of_trials(trials: Table) -> str:
 
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
-    """Say where the unit of all pressures is stated."""
-    if mapped is None or not mapped.call or " " in unit:
-        return f"correct their unit or scale in {_place(mapped)}"
-    headings = dict(mapped.headings)
-    columns = (f'"{p}": "{headings.get(p, p)} [{unit}]"' for p in pressure_columns(len(robot.actuators.azimuths_deg)))
-    return f"write columns={{{', '.join(columns)}}} in lab.case"
+    """Say what to write so that all pressures are read in a unit."""
+    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit, mapped)
 
 
-def of_column(name: str, unit: str, mapped: Mapped | None) -> tuple[str, str]:
-    """The heading of a column, and what to write so that it is read in a unit; empty: the unit is not known."""
-    heading = dict(() if mapped is None else mapped.headings).get(name, "")
-    if mapped is None or not (unit and heading):
-        return heading or name, f"correct its unit or scale in {_place(mapped)}"
+def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:
+    """The same of columns of the table; more than one word, or none: no unit that a map may state."""
+    headings = {} if mapped is None else dict(mapped.headings)
+    if mapped is None or len(unit.split()) != 1 or not headings.keys() >= {*names}:
+        place = "the table or its map.yaml" if mapped is None else "lab.case" if mapped.call else "map.yaml"
+        return f"correct unit or scale of {', '.join(names)} in {place}"
     if mapped.call:
-        return heading, f'write columns={{"{name}": {{"column": "{heading}", "unit": "{unit}"}}}} in lab.case'
-    return heading, f"write `unit: {unit}` for columns.{name} in map.yaml"
+        columns = (f'"{name}": "{headings[name]} [{unit}]"' for name in names)
+        return f"write columns={{{', '.join(columns)}}} in lab.case"
+    return f"write `unit: {unit}` for {', '.join(f'columns.{name}' for name in names)} in map.yaml"
 
 
-def _place(mapped: Mapped | None) -> str:
-    """Where the units of a table are stated."""
-    return "the table or its map.yaml" if mapped is None else "lab.case" if mapped.call else "map.yaml"
+def heading(name: str, mapped: Mapped | None) -> str:
+    """The heading of a column in the file; its name where that is not known."""
+    return dict(() if mapped is None else mapped.headings).get(name, name)
 
 
 def _write(key: str, value: str, mapped: Mapped) -> str:

@@ -26,6 +26,7 @@ from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
 from ..inference.budget import BudgetPart, Naming, weighed
+from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation
 from ..inference.cross_validation import Model as Refitted
 from ..inference.discrepancy import SmoothErrors
@@ -33,13 +34,13 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, odds_of_relatives, with_unknown
+from ..inference.search import LAST_ROUNDS, Search
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build, without_strays
 from .cause import parameters
 from .model import Predict
 from .relatives import alike, related
 from .table import Table, read, repeats, series
-from .together import together
 
 FOLDS, PIECES, ONE_PART = 5, 8, 0.8
 """Parts in which a table without groups is held out; pieces of a series in each, where one part has that share of what acts."""
@@ -327,6 +328,33 @@ def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PRO
         chosen.append(best[1])
         covariance = covariance - best[2].T @ best[2]
     return chosen
+
+
+def together(search: Search) -> list[Candidate]:
+    """Weigh hypotheses of more causes than a search follows: cause after cause is added to the best one of as many as that, or
+    taken away again, whatever makes the data most probable, until nothing repays its prior."""
+    ids, most = search.problem.parameters.ids, max(judgement.PRIOR_OF_NUMBER)
+
+    def weight(c: Candidate) -> float:
+        return log_weight(c.named, c.log_evidence, len(ids))
+
+    out: dict[Hypothesis, Candidate] = {}
+    here = max((c for c in search.tried if len(c.named) == most and not c.with_tolerances), key=weight, default=None)
+    whole = None if here is None else here.fit.with_all_derivatives(search.problem).with_form_error(search.problem, here.named)
+    while here is not None and whole is not None:
+        added = [tuple(e for e in ids if e in (*here.named, new)) for new in ids if new not in here.named]
+        found = search.around(whole, added, False)
+        for taken in here.named if len(here.named) > most + 1 else ():
+            found += search.around(whole.without_law(taken), [tuple(e for e in here.named if e != taken)], False)
+        out = {c.named: c for c in found} | out
+        first = max(found, key=weight, default=here)
+        fitted = search.fit(first.named, False, judgement.FIT_DISCREPANCY_SIZE, first.fit.theta, LAST_ROUNDS)
+        whole = fitted.with_all_derivatives(search.problem).with_form_error(search.problem, first.named)
+        (first,) = search.around(whole, [first.named], False)
+        here = replace(first, turns=1, ended=True) if weight(first) > weight(here) else None
+        if here is not None:
+            out[here.named] = here
+    return [*out.values()]
 
 
 def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:

@@ -189,7 +189,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
             yield Edit(kind, prior, axes_say(axes, mapped), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
-    yield Edit("frame", 0.02, partial(_turn_says, mapped), _turn, (start,), ((-4.0, 4.0),) * 3)
+    bounds = ((-4.0, 4.0),) * 3  # rad
+    yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.turned(from_vector(-own)), (start,), bounds)
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
             says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
@@ -204,11 +205,6 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
 def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
     """Places along other axes of the file, which are turned and mirrored to be the base's."""
     return v.turned(np.broadcast_to(quaternion, (len(own), 4)), sign)
-
-
-def _turn(v: Variants, own: Array) -> Variants:
-    """Places that a frame turned by own (v, 3) rad has as the base's own."""
-    return v.turned(from_vector(-own))
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
@@ -343,7 +339,8 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
         return []
     alike = [units for units in permutations(sizes, 2) if abs(np.log(sizes[units[0]] / sizes[units[1]] / factor)) < np.log(1.25)]
     looks = " or ".join(map(" read as ".join, alike)) or "another unit"
-    heading, remedy = remedies.of_column(f"p{k + 1}", alike[0][0] if len(alike) == 1 else "", mapped)
+    heading = remedies.heading(f"p{k + 1}", mapped)
+    remedy = remedies.of_columns([f"p{k + 1}"], alike[0][0] if len(alike) == 1 else "", mapped)
     return [mistake("column_in_unit", f"column {heading}", heading=heading, factor=factor, looks=looks, remedy=remedy)]
 
 
@@ -363,8 +360,10 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
-    yield Edit("weight", 0.1, apply=_payload, starts=starts, bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)
-    yield Edit("weight", 0.1, apply=_weight, starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, mass=np.maximum(v.mass + own, 0.0)), starts=starts,
+               bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
+               starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
     for k in range(len(robot.actuators.azimuths_deg)):
         gain = np.log(judgement.EDIT_USUAL_GAIN)
@@ -400,14 +399,6 @@ def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[flo
 
 def _effect(slope: Array, v: Variants, own: Array) -> Variants:
     return v.moved(-np.einsum("vk,kni->vni", own, slope))
-
-
-def _payload(v: Variants, own: Array) -> Variants:
-    return replace(v, mass=np.maximum(v.mass + own, 0.0))
-
-
-def _weight(v: Variants, own: Array) -> Variants:
-    return replace(v, gravity=own[:, :, None] * v.gravity)
 
 
 def _drift(v: Variants, own: Array) -> Variants:

@@ -18,7 +18,7 @@ from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
-from ..remedies import named, of_column, of_unit
+from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
 from .listed import FRAMES, METRES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
@@ -55,10 +55,9 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
     for axis, (unit, wrong) in product(range(3), permutations(METRES, 2)):
         name, factor = "xyz"[axis] if table.mapped is None else table.mapped.frame[axis][-1], METRES[unit] / METRES[wrong]
-        heading, remedy = of_column(name, unit.replace("inches", "in"), table.mapped)
-        short, scaled = f"column {heading}", partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0))
-        says = stating("axis_in_unit", short, heading=heading, unit=unit, wrong=wrong, factor=factor, remedy=remedy)
-        yield Edit(f"unit of {name}", 0.001, says, scaled)
+        shown, remedy = heading(name, table.mapped), of_columns([name], unit.replace("inches", "in"), table.mapped)
+        says = stating("axis_in_unit", f"column {shown}", heading=shown, unit=unit, wrong=wrong, factor=factor, remedy=remedy)
+        yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):

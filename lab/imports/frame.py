@@ -55,13 +55,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)
-    table = replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
-    return _of_call(table, wanted.columns)
-
-
-def _of_call(table: Table, columns: Mapping[str, Column]) -> Table:
-    """The table, with the headings of its columns, for messages that name an argument."""
-    return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings(columns)))
+    mapped = replace(result.table.mapped or Mapped(), call=True)
+    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts), mapped=mapped)
 
 
 class _Columns(FileTable):
@@ -91,8 +86,8 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    mapped = Mapped(no_unit=file.no_unit)
-    return _of_call(replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped), columns)
+    mapped = Mapped(call=True, headings=headings(columns), no_unit=file.no_unit)
+    return replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped)
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:
