@@ -55,7 +55,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "stiffness_far_off": (
             "the fit needs a body {stiffness:.2g} times as stiff as robot.yaml's, or {pressures} {pressure_ratio:.2g} times as "
             "high. Check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, and the unit of the "
-            "{pressures} (psi and kPa differ by 6.9); until then no cause is reported as certain"
+            "{pressures} (psi and kPa differ by 6.9, lbf and N by 4.4); until then no cause is reported as certain"
         ),
         "unconfirmed_guesses": (
             "{count} guesses of the map are unconfirmed ({guesses}): check and correct each in {path}, remove it from "
@@ -85,9 +85,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "moved_to_model": (
             "`straight: {straight}` moved tip and markers to the model. A shift of base or origin cannot show; a tilted base, a "
-            "turned frame, a tip marker off its place and a wrong weight show only by what changes with the {pressure}; without "
-            "the tip's attitude a frame turned about z looks like {actuators} at another azimuth. To tell them apart, measure "
-            "the base's place in the cameras' frame, give it as `zero` of columns x, y, z, and leave out `straight`"
+            "turned frame, a tip marker off its place and a wrong weight show only by what changes with the {pressure}; a frame "
+            "turned about z looks like {actuators} at another azimuth. To tell them apart, measure the base's place and x axis "
+            "in the cameras' frame, turn the positions to it, give the place as `zero` of columns x, y, z, and leave out "
+            "`straight`"
         ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
@@ -170,8 +171,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
         "column_in_unit": (
-            "column p{number} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; correct its unit or "
-            "scale{rather}"
+            "column {heading} must be {factor:.5g} times as large (p = {p:.2f}): it looks like {looks}; {remedy}{rather}"
         ),
         "stiffness_unit": (
             "{place}, column {column}: {value:.4g} {si} is {ratio:.2g} times the stiffness expected from robot.yaml's modulus; "
@@ -188,6 +188,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit or "
             "scale{rather}"
         ),
+        "axis_in_unit": "column {heading} holds {unit} read as {wrong} (x {factor:.4g}, p = {p:.2f}): {remedy}{rather}",
         "attitudes_elsewhere": (
             "the tip's orientations (qw, qx, qy, qz) are in another frame or order than its positions (p = {p:.2f}): "
             "{remedy}{rather}"

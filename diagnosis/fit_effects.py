@@ -205,7 +205,7 @@ def fit_described(
     fitted = search.fitted(named, [_point(p, start)] if start else [])
     progress("step 4 of 4: tolerances", 0.0)
     main = campaign.main
-    written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), p.problem.parameters.mean.copy()
+    written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), np.zeros_like(p.problem.parameters.sd)
     lasting[written] = fitted.fit.theta[written]  # what recurs or drifts is at its expectation
     before, missed = (
         p.tip(p.problem.observed - p.problem.forward.predict(theta))[main] for theta in (p.common(baseline.theta), lasting)
@@ -229,10 +229,9 @@ def fit_described(
 
 
 def _point(p: Prepared, start: Mapping[str, float]) -> Array:
-    """(k,) parameters at what is written of a robot; all others at their mean."""
-    parameters = p.problem.parameters
+    """(k,) parameters at what is written of a robot; all others at 0."""
     known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
-    return np.array([known.get(name, mean) for name, mean in zip(parameters.names, parameters.mean.tolist(), strict=True)])
+    return np.array([known.get(name, 0.0) for name in p.problem.parameters.names])
 
 
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:

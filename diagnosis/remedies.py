@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -59,12 +60,25 @@ def of_trials(trials: Table) -> str:
 
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
-    """Say where the unit of all pressures is stated; `unit` may say more, as "Pa read as kPa" does."""
-    if mapped is None or not mapped.call:
-        return f"correct their unit in the table, or write `unit: {unit.split()[0]}` (or a `scale`) in columns.p1 .. of map.yaml"
-    names = mapped.headings or pressure_columns(len(robot.actuators.azimuths_deg))
-    columns = ", ".join(f'"p{k}": "{name} [{unit.split()[0]}]"' for k, name in enumerate(names, 1))
-    return f"write columns={{{columns}}} in lab.case"
+    """Say what to write so that all pressures are read in a unit; `unit` may say more, as "Pa read as kPa" does."""
+    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.split()[0], mapped)
+
+
+def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:
+    """The same of columns of the table; more than one word, or none: no unit that a map may state."""
+    headings = {} if mapped is None else dict(mapped.headings)
+    if mapped is None or len(unit.split()) != 1 or not headings.keys() >= {*names}:
+        place = "the table or its map.yaml" if mapped is None else "lab.case" if mapped.call else "map.yaml"
+        return f"correct unit or scale of {', '.join(names)} in {place}"
+    if mapped.call:
+        columns = (f'"{name}": "{headings[name]} [{unit}]"' for name in names)
+        return f"write columns={{{', '.join(columns)}}} in lab.case"
+    return f"write `unit: {unit}` for {', '.join(f'columns.{name}' for name in names)} in map.yaml"
+
+
+def heading(name: str, mapped: Mapped | None) -> str:
+    """The heading of a column in the file; its name where that is not known."""
+    return dict(() if mapped is None else mapped.headings).get(name, name)
 
 
 def _write(key: str, value: str, mapped: Mapped) -> str:

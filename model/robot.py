@@ -125,6 +125,8 @@ class Uncertainty(BaseModel):
     """Share of the value; usual 2 %."""
     density: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 1 %."""
+    area_factor: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
+    """Share of the value; usual 50 %."""
     length: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Usual 0.4 % of it."""
     tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
@@ -179,7 +181,7 @@ class Robot(Shown, BaseModel):
     chambers: Chambers | None = None
     tendons: Tendons | None = None
     """In place of chambers."""
-    area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m"})
+    area_factor: NumberOrTable = Field(json_schema_extra={"unit": "1", "key_unit": "m", "uncertainty": "area_factor"})
     """Effective over drawn area of a chamber, one number or by spine length; of tendons the share of the tension that arrives."""
     thrust: Literal["cap", "walls"] | None = None
     """What takes the chambers' thrust: the tip's cap, so that it follows the tip, or the side walls, all along the arc. Where it

@@ -84,7 +84,7 @@ def stated(criteria: dict[Hypothesis, float]) -> dict[str, Any]:
 
 def alone(problem: Problem) -> dict[str, Any]:
     """Each effect by itself."""
-    none = fitted(problem, (), problem.parameters.mean)
+    none = fitted(problem, (), np.zeros_like(problem.parameters.sd))
     criteria: dict[Hypothesis, float] = {(): bic(problem, (), none)}
     for effect in problem.parameters.ids:
         criteria[(effect,)] = bic(problem, (effect,), best(problem, (effect,), none))
@@ -94,7 +94,7 @@ def alone(problem: Problem) -> dict[str, Any]:
 def sparse(problem: Problem) -> dict[str, Any]:
     """Group lasso in the linear problem about the calibrated model."""
     p = problem.parameters
-    none = fitted(problem, (), p.mean)
+    none = fitted(problem, (), np.zeros_like(p.sd))
     linear = none.with_all_derivatives(problem).linear(problem)
     nuisance = linear.nuisance.whole
     base = np.linalg.qr(np.vstack([nuisance, np.eye(nuisance.shape[1])]))[0]

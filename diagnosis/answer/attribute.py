@@ -138,4 +138,4 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple
 def calibrated(p: Prepared) -> Fit:
     """The baseline fitted: area factor and tolerances, no effect."""
     # the numbers of a robot.yaml may be far from the data, where a few rounds are not enough
-    return fit_alone(p.problem, NONE, p.problem.parameters.mean, 30)
+    return fit_alone(p.problem, NONE, np.zeros_like(p.problem.parameters.sd), 30)

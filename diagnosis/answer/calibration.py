@@ -120,7 +120,7 @@ def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, 
     powers = {f"{name}.path_radius": (-1.0, GEOMETRY_SD / path), "pressures": (-1.0, GAIN_SD)}
     if robot.chambers is not None:
         powers["chambers.radius"] = (-0.5, 2 * GEOMETRY_SD / robot.chambers.radius)
-        powers["area_factor"] = (-1.0, AREA_SD)
+        powers["area_factor"] = (-1.0, robot.uncertainty.area_factor or AREA_SD)
     if modulus_sd > 0 and robot.bending_stiffness is not None:
         powers["bending_stiffness"] = (1.0, modulus_sd)
     elif modulus_sd > 0:

@@ -31,11 +31,8 @@ class Decision:
     """Causes outside the catalogue with the same signature in these readings (`criticism.relatives`), of any model in words."""
     second: Mapping[str, float] = field(default_factory=dict)
     """Effects of which one acts together with what is named, and the probability of each (`Budget.second`)."""
-
-    @property
-    def limited(self) -> bool:
-        """Whether the probability is the largest that is stated of a cause in doubt, and no result."""
-        return self.probability == judgement.DOUBTED_PROBABILITY
+    limited: bool = False
+    """Whether the probability is the largest that is stated of an answer in doubt, and no result."""
 
     @property
     def p(self) -> str:
@@ -83,7 +80,15 @@ def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     in the description."""
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
     kept = min(1 / (1 + as_good), most / max(d.probability, most))
-    return replace(d, probability=min(d.probability / (1 + as_good), most), outside=1 - kept * (1 - d.outside))
+    shared = d.probability / (1 + as_good)
+    limited = bool(why) and shared >= most
+    return replace(d, probability=min(shared, most), outside=1 - kept * (1 - d.outside), limited=limited)
+
+
+def outside_at_most(d: Decision, probability: float) -> Decision:
+    """The decision that the cause is outside the catalogue, with no more than `DOUBTED_PROBABILITY`."""
+    most = min(probability, judgement.DOUBTED_PROBABILITY)
+    return replace(d, verdict="unknown", effects=(), probability=most, outside=most, limited=probability > most)
 
 
 def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:

@@ -140,7 +140,7 @@ def _confounding(p: Prepared) -> dict[str, dict[str, float]]:
     parameters = p.problem.parameters
     if AREA not in parameters.names:
         return {}
-    slope = derivatives(p.problem.forward, parameters.mean)[1]
+    slope = derivatives(p.problem.forward, np.zeros_like(parameters.sd))[1]
     of_tip = np.where(p.labels.kind == 0, 1.0, 0.0)[:, None]
     area = of_tip * slope.column(parameters.names.index(AREA))[:, None]
     moved = of_tip * (slope.take(parameters.of_effect).whole * parameters.scale)

@@ -12,7 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
-from ..judgement import CAUSE_PROBABILITY, DOUBTED_PROBABILITY, LIKELY, TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, LIKELY, TIE_STATED
 from .result import Attribute, Diagnosis, Value
 from .size import by_actuator
 from .verdict import stage
@@ -79,13 +79,13 @@ LEAST_STATED = 0.005
 """Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"."""
 
 
-def stated(probability: float) -> str:
-    """A probability as every table shows it; the largest of a cause in doubt is no result.
+def stated(probability: float, limited: bool = False) -> str:
+    """A probability as every table shows it; a `limited` one is the largest of an answer in doubt, and no result.
 
-    >>> stated(0.876), stated(1e-4), stated(0.8)
-    ('0.88', '< 0.01', '≤ 0.80')
+    >>> stated(0.876), stated(1e-4), stated(0.8), stated(0.8, limited=True)
+    ('0.88', '< 0.01', '0.80', '≤ 0.80')
     """
-    return "< 0.01" if probability < LEAST_STATED else f"{'≤ ' * (probability == DOUBTED_PROBABILITY)}{probability:.2f}"
+    return "< 0.01" if probability < LEAST_STATED else f"{'≤ ' * limited}{probability:.2f}"
 
 
 def percent(share: float) -> str:

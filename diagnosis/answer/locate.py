@@ -72,7 +72,7 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
     for own in _quarters(s.time):
         yield ("time", _mean(s.time[own]), s.trial[own], gap[own], floor)
     for k, arc in enumerate(p.robot.markers, 1):
-        marker = p.places(missed, np.char.startswith(p.labels.channel, f"m{k}"))[seen]
+        marker = p.places(missed, np.isin(p.labels.channel, [f"m{k}{axis}" for axis in "xyz"]))[seen]
         own = np.asarray(np.isfinite(marker).all(axis=1))
         if np.isfinite(marker).any():
             yield ("arc_length", float(arc), s.trial[own], marker[own], floor)

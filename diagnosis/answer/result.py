@@ -190,6 +190,8 @@ class Ranked:
     heldout_rmse_mm: float | None
     """Not computed for hypotheses of little weight."""
     parameters: Mapping[str, Value]
+    limited: bool = False
+    """As `Decision.limited`."""
 
 
 @dataclass(frozen=True)

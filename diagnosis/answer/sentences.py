@@ -162,8 +162,9 @@ def _alike(d: Diagnosis) -> str:
     each = [f"{alike_in_words(a, d.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
     others = ", ".join([*each, f"the gain of the {d.words.pressures}, a radius of robot.yaml"])
     return (
-        f"With robot.yaml's {d.words.area_factor}, any of these would have the same effect: {others}. To tell them apart, weigh "
-        f"what the tip carries, hang a known mass on it without {d.words.pressure}, {_checked(d.words)}."
+        f"The calibrated {d.words.area_factor} may stand for any of these, which move the tip alike: {others}. What is said "
+        "beyond the calibration holds whichever it is. To tell them apart, weigh what the tip carries, hang "
+        f"a known mass on it without {d.words.pressure}, {_checked(d.words)}."
     )
 
 
@@ -201,7 +202,8 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         f"measure the body's stiffness without {words.pressures} (a stiffness trial, or a mass at the tip), " if stiff else ""
     )
     return (
-        "One wrong number could account for most of the calibration (probability in brackets): "
+        "One wrong number could account for most of the calibration (probability of each by itself; several may be wrong, so "
+        "these need not sum to 1): "
         f"{', or '.join(possible)}. To find out, {by_mass}{_checked(words)}"
     )
 

@@ -73,7 +73,8 @@ def attribute_section(
         if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability
-        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size))
+        limited = d.limited and named == d.effects
+        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size, limited))
     return Attribute(
         **vars(d),
         credible_set=f.posterior.credible_set,

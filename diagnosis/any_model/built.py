@@ -142,7 +142,7 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
     noise = estimate.noise(block[row], place[row], output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
-    calibrated = fit_alone(problem, NONE, parameters.mean, FREE_ROUNDS)
+    calibrated = fit_alone(problem, NONE, np.zeros_like(parameters.sd), FREE_ROUNDS)
     built = Built(
         table, of_made, problem, made, row, output, estimate, text, by_row, notes, response, calibrated, calibrated, apart,
         of_relatives,
@@ -258,7 +258,7 @@ def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
             continue
         starts = []
         ways = itertools.product(
-            TIMES_STARTED, (b.calibrated.theta, p.mean), itertools.product(*(b.parameters[i].sides for i in own))
+            TIMES_STARTED, (b.calibrated.theta, np.zeros_like(p.sd)), itertools.product(*(b.parameters[i].sides for i in own))
         )
         for times, calibration, sizes in itertools.islice(ways, MOST_STARTS):
             theta = calibration.copy()

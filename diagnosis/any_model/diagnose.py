@@ -19,13 +19,14 @@ import pandas as pd
 from model.cause import Cause
 
 from .. import judgement
-from ..answer.decision import Decision, behaves_like, decide, doubted, without_nothing
+from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, without_nothing
 from ..answer.distinguishability import distinguishability
 from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
 from ..inference.budget import BudgetPart, Naming, weighed
+from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation
 from ..inference.cross_validation import Model as Refitted
 from ..inference.discrepancy import SmoothErrors
@@ -33,13 +34,13 @@ from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, odds_of_relatives, with_unknown
+from ..inference.search import LAST_ROUNDS, Search
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
 from .built import FREE_ROUNDS, Built, build, without_strays
 from .cause import parameters
 from .model import Predict
 from .relatives import alike, related
 from .table import Table, read, repeats, series
-from .together import together
 
 FOLDS, PIECES, ONE_PART = 5, 8, 0.8
 """Parts in which a table without groups is held out; pieces of a series in each, where one part has that share of what acts."""
@@ -127,8 +128,7 @@ class _Diagnosis:
             named, outside = w.best.named, ranked.probability(UNKNOWN)
             decision = replace(decision, verdict="effect", effects=named, probability=ranked.probability(named), outside=outside)
         elif decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS:
-            most = min(1 - 1 / before[0] ** 2, judgement.DOUBTED_PROBABILITY)
-            decision = replace(decision, verdict="unknown", probability=most, outside=most)
+            decision = outside_at_most(decision, 1 - 1 / before[0] ** 2)
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
         as_well = alike(among, decision.effects, best)
         why = self._doubts(decision, before[0], corrected[0], as_well)
@@ -137,12 +137,12 @@ class _Diagnosis:
         elif decision.verdict == "none":
             decision = doubted(decision, why, 0)
         elif why:
-            most = min(decision.probability, judgement.DOUBTED_PROBABILITY)
-            decision = replace(decision, probability=most, outside=most)
+            decision = outside_at_most(decision, decision.probability)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         at_fit = b.model.values(fitted.theta)
-        left = [("as given", b.problem.forward.predict(self._p.mean), None), ("calibrated", self._calibrated.predicted, before)]
+        given = b.problem.forward.predict(np.zeros_like(self._p.sd))
+        left = [("as given", given, None), ("calibrated", self._calibrated.predicted, before)]
         if decision.effects:
             left.append(("with the cause", fitted.predicted, after))
         steps = [
@@ -330,12 +330,38 @@ def most_telling(columns: Array, rows: Mapping[Any, Mask], count: int = MOST_PRO
     return chosen
 
 
+def together(search: Search) -> list[Candidate]:
+    """Weigh hypotheses of more causes than a search follows: cause after cause is added to the best one of as many as that, or
+    taken away again, whatever makes the data most probable, until nothing repays its prior."""
+    ids, most = search.problem.parameters.ids, max(judgement.PRIOR_OF_NUMBER)
+
+    def weight(c: Candidate) -> float:
+        return log_weight(c.named, c.log_evidence, len(ids))
+
+    out: dict[Hypothesis, Candidate] = {}
+    here = max((c for c in search.tried if len(c.named) == most and not c.with_tolerances), key=weight, default=None)
+    whole = None if here is None else here.fit.with_all_derivatives(search.problem).with_form_error(search.problem, here.named)
+    while here is not None and whole is not None:
+        added = [tuple(e for e in ids if e in (*here.named, new)) for new in ids if new not in here.named]
+        found = search.around(whole, added, False)
+        for taken in here.named if len(here.named) > most + 1 else ():
+            found += search.around(whole.without_law(taken), [tuple(e for e in here.named if e != taken)], False)
+        out = {c.named: c for c in found} | out
+        first = max(found, key=weight, default=here)
+        fitted = search.fit(first.named, False, judgement.FIT_DISCREPANCY_SIZE, first.fit.theta, LAST_ROUNDS)
+        whole = fitted.with_all_derivatives(search.problem).with_form_error(search.problem, first.named)
+        (first,) = search.around(whole, [first.named], False)
+        here = replace(first, turns=1, ended=True) if weight(first) > weight(here) else None
+        if here is not None:
+            out[here.named] = here
+    return [*out.values()]
+
+
 def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:
     """The decision on what is named where a gap remains: no more probable than the share of it that is closed on unseen rows; a
     cause outside of the list where that is less than `EXPLAINS`."""
     if not why or closed is None or closed >= d.probability:
         return d
     if closed < judgement.EXPLAINS:
-        outside = min(1 - closed, judgement.DOUBTED_PROBABILITY)
-        return replace(d, verdict="unknown", effects=(), probability=outside, outside=outside)
-    return replace(d, probability=closed, outside=1 - closed)
+        return outside_at_most(d, 1 - closed)
+    return replace(d, probability=closed, outside=1 - closed, limited=False)

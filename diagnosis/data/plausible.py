@@ -105,8 +105,8 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     )
     unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
     if unit is None:
-        apart = float(np.linalg.norm(np.ptp(tips.tip, axis=0)))
-        if apart > 4 * FARTHEST * robot.length:  # wherever the base is
+        along, apart = np.ptp(tips.tip, axis=0), float(np.linalg.norm(np.ptp(tips.tip, axis=0)))
+        if apart > 4 * FARTHEST * robot.length < 4 * np.median(along):  # along more than one axis, wherever the base is
             return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: check their unit", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})

@@ -166,7 +166,7 @@ def mistake(code: str, short: str, **values: Any) -> Mistake:
 
 def stating(code: str, short: str, *first: Mistake, **values: Any) -> Says:
     """State a finding with these values, after some `first`, whatever the parameters are."""
-    return lambda *_: [*first, (code, {**values, "short": short})]
+    return lambda *_: [*first, mistake(code, short, **values)]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
+from ..data.plausible import FARTHEST, FORCE_UNITS, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 
@@ -35,8 +35,12 @@ LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items(
 """Factor by which positions are too small -> their unit."""
 PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
 """The same of all columns of pressure."""
-UNITS = PRESSURES | dict.fromkeys((6.895, 1 / 6.895), "psi")
-"""The same of one column: the unit that it looks like, or that of all others."""
+NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
+PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
+                   for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
+"""Unit -> its size in SI, of columns of tensions, pressures and positions."""
+GAINS = (2.0, 6.895, 1e2, 1e3, 6895.0, 1 / 6.895, 1e-2, 1e-3, 1 / 6895.0)
+"""Factors at which fits of one column's scale begin."""
 SMALL, LARGE = 20e3, 500e3
 """Pa: soft robots hold more than the first in a larger unit than Pa, and less than the second."""
 EFFECT = 6.0
@@ -185,7 +189,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
             yield Edit(kind, prior, axes_say(axes, mapped), partial(_axes, quaternion, sign))
     start = tuple(turn.inv().as_rotvec().tolist())
-    yield Edit("frame", 0.02, partial(_turn_says, mapped), _turn, (start,), ((-4.0, 4.0),) * 3)
+    bounds = ((-4.0, 4.0),) * 3  # rad
+    yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.turned(from_vector(-own)), (start,), bounds)
     for factor, unit in LENGTHS.items():
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
             says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
@@ -200,11 +205,6 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
 def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
     """Places along other axes of the file, which are turned and mirrored to be the base's."""
     return v.turned(np.broadcast_to(quaternion, (len(own), 4)), sign)
-
-
-def _turn(v: Variants, own: Array) -> Variants:
-    """Places that a frame turned by own (v, 3) rad has as the base's own."""
-    return v.turned(from_vector(-own))
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
@@ -299,18 +299,16 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         order[i], order[j] = j, i
         says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
         yield Edit("order", 0.04 / len(pairs), says, partial(_order, order))
-    for k in np.flatnonzero(highest > 0).tolist():
-        small = highest[k] < 0.02 * highest.max()
-        factors = (1e3, 6895.0) if small else (6.895, 1 / 6.895, 2.0)
-        share = 1 / np.count_nonzero(highest > 0)
-        if not small:
+    driven, widest = np.flatnonzero(highest > 0), float(np.log(2e5))
+    for k in driven.tolist():
+        share, others = 1 / len(driven), highest[driven[driven != k]]
+        if highest[k] >= 0.02 * highest.max():
             dead = stating("actuator_dead", f"{{actuator}} {k + 1}", number=k + 1)
             yield Edit(f"gain {k}", 0.04 * share, dead, partial(_gain, [k], 0.0))
-        for factor in factors:
-            bound = ((np.log(factor) - 1.0, np.log(factor) + 1.0),)
-            apply, start = partial(_gain, [k], 1.0), ((float(np.log(factor)),),)
-            yield Edit(f"gain {k}", 0.01 * share, partial(_gain_says, k), apply, start, bound)
-    widest = float(np.log(2e5))
+        excess = highest[k] / (np.median(others) if others.size else highest[k])
+        if starts := tuple((float(np.log(gain)),) for gain in GAINS if 0.1 < gain * excess < 10):
+            says, apply = partial(_gain_says, mapped, k), partial(_gain, [k], 1.0)
+            yield Edit(f"gain {k}", 0.03 * share, says, apply, starts, ((-widest, widest),))
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
@@ -335,18 +333,23 @@ def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Var
     return replace(v, pressure=pressure)
 
 
-def _gain_says(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    factor = float(np.exp(own[0]))
+def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    factor, sizes = float(np.exp(own[0])), NEWTONS if robot.chambers is None else PASCALS
     if 1 / judgement.EDIT_USUAL_GAIN < factor < judgement.EDIT_USUAL_GAIN:
         return []
-    unit = min(UNITS, key=lambda ratio: abs(np.log(ratio / factor)))
-    looks = UNITS[unit] if abs(np.log(unit / factor)) < np.log(1.25) else "another unit"
-    return [mistake("column_in_unit", f"column p{k + 1}", number=k + 1, factor=factor, looks=looks)]
+    alike = [units for units in permutations(sizes, 2) if abs(np.log(sizes[units[0]] / sizes[units[1]] / factor)) < np.log(1.25)]
+    looks = " or ".join(map(" read as ".join, alike)) or "another unit"
+    heading = remedies.heading(f"p{k + 1}", mapped)
+    remedy = remedies.of_columns([f"p{k + 1}"], alike[0][0] if len(alike) == 1 else "", mapped)
+    return [mistake("column_in_unit", f"column {heading}", heading=heading, factor=factor, looks=looks, remedy=remedy)]
 
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
-    units = PRESSURES if robot.chambers is not None else {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
+    units = PRESSURES
+    if robot.chambers is None:
+        units = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
+        units |= {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     remedy = remedies.of_unit(mapped, robot, units[unit])
     return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]
@@ -357,8 +360,10 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     robot = sample.robot
     mass = max(body_mass(robot), 1e-6)
     starts = tuple((share * mass,) for share in (-0.3, 0.3, 1.2))
-    yield Edit("weight", 0.1, apply=_payload, starts=starts, bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)
-    yield Edit("weight", 0.1, apply=_weight, starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, mass=np.maximum(v.mass + own, 0.0)), starts=starts,
+               bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
+    yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
+               starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
     for k in range(len(robot.actuators.azimuths_deg)):
         gain = np.log(judgement.EDIT_USUAL_GAIN)
@@ -394,14 +399,6 @@ def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[flo
 
 def _effect(slope: Array, v: Variants, own: Array) -> Variants:
     return v.moved(-np.einsum("vk,kni->vni", own, slope))
-
-
-def _payload(v: Variants, own: Array) -> Variants:
-    return replace(v, mass=np.maximum(v.mass + own, 0.0))
-
-
-def _weight(v: Variants, own: Array) -> Variants:
-    return replace(v, gravity=own[:, :, None] * v.gravity)
 
 
 def _drift(v: Variants, own: Array) -> Variants:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import permutations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,9 +18,9 @@ from recordings.trials import Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import PRESSURE_UNITS, Unit
-from ..remedies import named, of_unit
+from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
-from .listed import FRAMES, MIRROR, axes_say, gravity_says
+from .listed import FRAMES, METRES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -52,6 +53,11 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         says = stating("points_exchanged", "tip and markers", number=k + 1)
         for about_rest in (True, False):
             yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
+    for axis, (unit, wrong) in product(range(3), permutations(METRES, 2)):
+        name, factor = "xyz"[axis] if table.mapped is None else table.mapped.frame[axis][-1], METRES[unit] / METRES[wrong]
+        shown, remedy = heading(name, table.mapped), of_columns([name], unit.replace("inches", "in"), table.mapped)
+        says = stating("axis_in_unit", f"column {shown}", heading=shown, unit=unit, wrong=wrong, factor=factor, remedy=remedy)
+        yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
@@ -127,6 +133,13 @@ def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Varia
     if turn is not None:
         orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
     return replace(v, tip=tip, markers=markers, orientation=orientation)
+
+
+def _scaled(factors: Array, v: Variants, own: Array) -> Variants:
+    """Places with each axis times a factor: about where they rest if the map moved them there, else from the origin."""
+    if v.table.moved_to_model:
+        return _about_rest(np.diag(factors), range(-1, v.markers.shape[2]), None, v, own)
+    return replace(v, tip=v.tip * factors, markers=v.markers * factors)
 
 
 def _axes_of_one_say(body: int, axes: Array) -> Says:

@@ -35,7 +35,7 @@ UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_abs
 """Findings for which a table is refused."""
 FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
-PLACES = (*FRAMES, "origin_elsewhere")
+PLACES = (*FRAMES, "origin_elsewhere", "axis_in_unit")
 """Those which explain tips that no rod reaches."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""

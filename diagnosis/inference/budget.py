@@ -243,7 +243,7 @@ class _Carrying:
     def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
         """c_e (d, e) in m and in noise floors, at draws of the parameters `size` (d, p) in units of the effects' scales."""
         p = self._problem.parameters
-        at = (fit.theta[p.of_effect] - p.mean[p.of_effect]) / p.scale
+        at = fit.theta[p.of_effect] / p.scale
         by_part = []
         for squares in self._squares(fit):
             columns = []
@@ -266,13 +266,12 @@ class _Carrying:
         """See `_squares`. The change by an effect at the fit is its slope times its size; where that exceeds `LEAST_NAMED_FLOORS`
         noise floors, it is the difference of the model with and without the effect."""
         p = self._problem.parameters
-        offset = fit.theta - p.mean
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).every
         of_effects, place = slope.take(p.of_effect).whole, np.cumsum(p.of_effect) - 1
         slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
         own = {e: of_effects[:, place[i]] for e, i in slots.items()}
-        at_fit = {e: responses.get(e, own[e] @ offset[i]) for e, i in slots.items()}
+        at_fit = {e: responses.get(e, own[e] @ fit.theta[i]) for e, i in slots.items()}
         columns = {e: np.column_stack([own[e] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
         products = self._left(slope, columns)
         asked_anew: dict[str, Array] = {}

@@ -166,9 +166,9 @@ class _Descent:
         if isinstance(start, Fit):
             theta, predicted, slope = start.theta, start.predicted, start.derivatives(self._problem)
         else:
-            away = np.clip(start, self._p.lower, self._p.upper) - self._p.mean
+            within = np.clip(start, self._p.lower, self._p.upper)
             for share in (*0.5 ** np.arange(HALVINGS), 0.0):
-                theta = self._p.mean + share * away
+                theta = share * within
                 predicted, slope = self._linearised(theta)
                 if np.isfinite(predicted).all():
                     break

@@ -35,6 +35,7 @@ from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_respons
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
 PAYLOAD = "tip_payload.mass"
+FRAME = "frame_misalignment"
 TINY = 1e-12
 """m."""
 
@@ -75,16 +76,16 @@ class Prepared:
         return float(area_factor / self.forward.area_factor[0] - 1)
 
     def common(self, theta: Array) -> Array:
-        """Parameters (k,) with those of single trials and of this campaign's drift at their means: the model's prediction for a
+        """Parameters (k,) with those of single trials and of this campaign's drift at 0: the model's prediction for a
         new trial."""
         lasts = np.array([p.lasts for p in self.forward.parameters])
-        return np.where(lasts, theta, self.problem.parameters.mean)
+        return np.where(lasts, theta, 0.0)
 
     @cached_property
     def given(self) -> Array:
         """(values,) by robot.yaml as it stands, with its area factor for each spine length, or by the simulator that takes its
         place; nothing fitted."""
-        out = self.problem.forward.predict(self.problem.parameters.mean)
+        out = self.problem.forward.predict(np.zeros_like(self.problem.parameters.sd))
         if not self.pushes_only and self.baseline is None:
             own = self.labels.kind == 0
             bent = ~self.states.pushed
@@ -138,7 +139,7 @@ def prepare(
     of the noise where they are known, else they are estimated from repeats. `sized`: scales of effects, where they are not
     those of these states alone.
     """
-    robot, table = _as_placed(robot, states), table_columns(states)
+    (robot, catalogue), table = _as_placed(robot, states, catalogue), table_columns(states)
     design = design_from_columns(robot, table)
     effects = leave_out(robot, states, observable_effects(robot, design, catalogue))
     on_simulator = on_baseline(robot, design, table, effects, baseline) if baseline is not None else None
@@ -179,12 +180,17 @@ def prepare(
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
 
 
-def _as_placed(robot: Robot, states: Campaign) -> Robot:
-    """The robot with places of tip and markers that nobody knows, where the map moved them to the model at rest."""
+def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> tuple[Robot, Mapping[str, EffectSpec]]:
+    """Robot and catalogue where the map moved tip and markers to the model at rest: nobody knows where they were, nor how the
+    cameras' frame is turned about z."""
     if not states.trials.moved_to_model:
-        return robot
+        return robot, catalogue
     unknown = {"frame_shift": OF_MOVED * robot.length, "marker_shift": OF_MOVED * robot.length, "tracked_turn": OF_MOVED}
-    return robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
+    placed = robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
+    if FRAME not in catalogue:
+        return placed, catalogue
+    turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in catalogue[FRAME].parameters)
+    return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}
 
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:

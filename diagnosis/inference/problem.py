@@ -156,11 +156,6 @@ class FitParameters:
     """(p,) which of the effects' parameters may differ from zero though their effect is not named."""
 
     @cached_property
-    def mean(self) -> Array:
-        """(k,) zeros."""
-        return np.zeros(len(self.infos))
-
-    @cached_property
     def ids(self) -> tuple[str, ...]:
         """The effects, once each, in order."""
         return tuple(dict.fromkeys(e for e in self.effects if e))
@@ -223,9 +218,9 @@ class FitParameters:
 
     def scaled(self, prior: SizePrior) -> tuple[Array, Array]:
         """Standard deviation and mean (k,) of all parameters, in their units, under a prior of the effects."""
-        sd, mean = self.sd.copy(), self.mean.copy()
+        sd, mean = self.sd.copy(), np.zeros_like(self.sd)
         sd[self.of_effect] *= np.sqrt(prior.variance)
-        mean[self.of_effect] += prior.mean * self.scale
+        mean[self.of_effect] = prior.mean * self.scale
         return sd, mean
 
     def effect_size(self, theta: Array) -> Array:
@@ -245,10 +240,9 @@ class FitParameters:
         return columns - free @ np.linalg.lstsq(free, columns, rcond=None)[0] if free.size else columns
 
     def tense(self, theta: Array) -> dict[int, float]:
-        """Tolerances of the whole set-up that lie more than `TENSE_SD` from their mean at parameters (k,), by index."""
-        away = theta - self.mean
-        far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(away) > TENSE_SD * self.sd)
-        return {i: float(away[i]) for i in np.flatnonzero(far).tolist()}
+        """Tolerances of the whole set-up that lie more than `TENSE_SD` from 0 at parameters (k,), by index."""
+        far = ~self.of_effect & ~self.calibration & ~self.recurs & (np.abs(theta) > TENSE_SD * self.sd)
+        return {i: float(theta[i]) for i in np.flatnonzero(far).tolist()}
 
     def mask(self, chosen: tuple[str, ...]) -> Mask:
         """(p,) which of the effects' parameters belong to the chosen effects."""
@@ -307,7 +301,7 @@ class Problem:
         whitened, by one prior standard deviation of each parameter (`scaled`)."""
         p = self.parameters
         of_effect = p.of_effect
-        shift = scaled.along((theta - p.mean) / p.sd)
+        shift = scaled.along(theta / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
         no_form_error = np.zeros((len(observed), 0))
         return Linear(

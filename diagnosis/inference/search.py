@@ -73,7 +73,7 @@ class Search:
         self._promised: dict[Key, float] = {}
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
-        calibrated = self.fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, problem.parameters.mean, 4)
+        calibrated = self.fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(problem.parameters.sd), 4)
         self._begin_at(calibrated.with_all_derivatives(problem), False)
         tolerant = self._weigh(NONE, self.fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)

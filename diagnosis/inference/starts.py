@@ -54,7 +54,7 @@ class Starts:
         for _ in range(8):
             predicted, slope = linearise(self._problem.forward, theta, free.tolist())
             if not np.isfinite(predicted).all():
-                theta[free] = 0.5 * (theta[free] + p.mean[free])
+                theta[free] *= 0.5
                 continue
             columns = self._problem.noise.whiten(slope * p.sd[free])
             residual = self._problem.noise.whiten(self._problem.observed - predicted)

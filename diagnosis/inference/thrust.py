@@ -64,9 +64,9 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
         missed = p.gap(p.problem.observed - best.predicted)
         return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), best.theta
 
-    cap, _ = fitted(other_effects, parameters.mean)
+    cap, _ = fitted(other_effects, np.zeros_like(parameters.sd))
     names = {name: i for i, name in enumerate(parameters.names)}
-    start = parameters.mean.copy()
+    start = np.zeros_like(parameters.sd)
     start[names[f"{THRUST}.share"]] = 1.0
     walls, theta = fitted((THRUST, *other_effects), starts.recalibrated(start))
     if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:

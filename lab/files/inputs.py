@@ -94,10 +94,11 @@ def _mapped(path: Path) -> Mapped | None:
     try:
         stated = read_yaml(path).table
         frame = {"x": "x", "y": "y", "z": "z"} | (stated.get("frame") or {})
-    except (ConfigError, TypeError):
+        columns = tuple((str(name), str(of["column"])) for name, of in (stated.get("columns") or {}).items())
+    except (ConfigError, TypeError, AttributeError, LookupError):
         return None
     axes, straight = tuple(str(frame[axis]) for axis in "xyz"), str(stated.get("straight", Mapped.straight))
-    return Mapped(axes, straight) if AXES.keys() >= set(axes) else None
+    return Mapped(axes, straight, headings=columns) if AXES.keys() >= set(axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.table_file import checked, lacks
-from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, pressure_columns, unit_of
+from recordings.trials import ORIENTATION, REQUIRED, TEXTS, Mapped, Table, column_order, unit_of
 
 from ..files.config import ConfigError, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Map, Own, demand_units
+from .map_file import Column, Map, Own, demand_units, headings
 from .quantities import File, in_si, quantities_of, translated
 from .series import CALL, FRAME, Series, cleaned, name_of
 from .table import conclude
@@ -52,14 +52,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)
-    table = replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
-    return _of_call(table, wanted.columns)
-
-
-def _of_call(table: Table, columns: Mapping[str, Column]) -> Table:
-    """The table, with the headings of its pressures, for messages that name an argument."""
-    headings = tuple(str(columns[name].column) for name in pressure_columns(len(columns)) if name in columns)
-    return replace(table, mapped=replace(table.mapped or Mapped(), call=True, headings=headings))
+    mapped = replace(result.table.mapped or Mapped(), call=True)
+    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts), mapped=mapped)
 
 
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:
@@ -83,8 +77,8 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    mapped = Mapped(no_unit=file.no_unit)
-    return _of_call(replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped), columns)
+    mapped = Mapped(call=True, headings=headings(columns), no_unit=file.no_unit)
+    return replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped)
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:

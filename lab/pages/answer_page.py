@@ -121,7 +121,9 @@ def shares(answer: Answer) -> tuple[tuple[str, ...], list[list[str]]]:
         floor = answer.steps[-1].seen.by_output
         moves = rms(share, answer.outputs) if any(share[name] > LEAST_SHARE * floor[name] for name in floor) else ""
         role = "named" if effect in answer.effects else "tolerated" if moves else ""
-        rows.append([with_id(effect, answer.names), stated(probability), moves, role])
+        rows.append(
+            [with_id(effect, answer.names), stated(probability, answer.limited and effect in answer.effects), moves, role]
+        )
     rest = [(r.effects, r.probability) for r in answer.ranking if not r.effects or r.effects[0] not in answer.names]
     rows += [[hypothesis_name(effects, answer.names), stated(p), "", ""] for effects, p in rest]
     return ("cause", "probability", "moves the outputs beyond calibration by, rms", "role"), rows

@@ -48,7 +48,7 @@ def write(d: Diagnosis, case: Case, inputs: Sequence[Path], path: Path, protocol
     `inputs` are what `case` was read from, `protocols` the folder with the proposed experiments."""
     when = f"{time.strftime('%Y-%m-%d %H:%M')}, {', '.join(map(str, inputs))}"
     report = Report(
-        "The gap between model and robot", when, d.headline, d.texts("critical"), small(d), gap_numbers(d),
+        "The gap between model and robot", when, d.headline, [f"{x}." for x in d.texts("critical")], small(d), gap_numbers(d),
         _first_step(d, protocols), origin(case.robot.name, inputs), d.names.keys(),
     )  # fmt: skip
     length, table, spine = case.robot.length, case.table, case.robot.spine is not None
@@ -296,7 +296,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability, r.limited), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip

@@ -245,7 +245,7 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
-        t.add_row(" + ".join(r.effects) or "none", stated(r.probability), evidence, held, sizes)
+        t.add_row(" + ".join(r.effects) or "none", stated(r.probability, r.limited), evidence, held, sizes)
     return t
 
 

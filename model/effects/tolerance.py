@@ -169,7 +169,7 @@ JAMMING = _tolerance(
 def as_stated(source: VariationSource, sized: Scales, uncertainty: Mapping[str, float]) -> VariationSource:
     """A tolerance with the sd that robot.yaml states (`uncertainty`: id -> sd), bounds 10 sd, a relative one above -80 %, else
     the usual one of a robot with these scales."""
-    sd = uncertainty.get(source.spec.id)
+    sd = uncertainty.get("area_factor" if source.spec is AREA else source.spec.id)
     if sd is None:
         return replace(source, spec=source.spec.of(sized))
     made = tuple(
@@ -210,7 +210,8 @@ def sources(
     of_robot = bool((~design.stiffness).any())
     chosen += [as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
     if of_robot:
-        chosen.append(VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length"))
+        factor = VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length")
+        chosen.append(_as_stated(factor, sized, uncertainty))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:

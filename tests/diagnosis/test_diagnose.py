@@ -15,15 +15,18 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
+from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
 from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.executor import Executor
-from diagnosis.inference.prepare import table_columns
+from diagnosis.inference.prepare import prepare, table_columns
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Uncertainty
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
 from tests.diagnosis.test_case import ROBOT, case, row, states
+from tests.diagnosis.test_edits import FINGER, read
+from tests.diagnosis.test_edits import campaign as marked
 
 
 @few_and_all
@@ -48,7 +51,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"gap_rmse_mm", "noise_floor_mm", "significant", "numerical_error_mm"} <= set(d["locate"])
     assert set(d["attribute"]) == {f.name for f in fields(Attribute)}
     ranked = d["attribute"]["ranking"][0]
-    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters"} == set(ranked)
+    assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited"} == set(ranked)
     assert all(set(v) == {"value", "sd", "unit", "determined", "bound"} for v in ranked["parameters"].values())
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
     assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
@@ -151,3 +154,12 @@ def test_regulators_that_lag_are_told_from_a_body_that_creeps() -> None:
     found = diagnose(case, quick({name: CATALOGUE[name] for name in names})).attribute
     assert found.effects == ("pressure_lag",) and found.probability > 0.9
     assert found.ranking[0].parameters["pressure_lag.constant"].value == pytest.approx(2.0, abs=0.1)
+
+
+def test_each_marker_has_its_own_readings_however_many_there_are() -> None:
+    robot = FINGER.model_copy(update={"markers": tuple(0.01 * k for k in range(1, 12))})
+    p = prepare(robot, marked(read(robot, repeats=1)), {"base_tilt": CATALOGUE["base_tilt"]})
+    number = np.array([float(channel[1:-1] or 0) for channel in p.labels.channel])
+    parts = _parts(p, number, p.gap(number), np.ones(len(p.states), bool))
+    at = {round(100 * value): set(read.ravel()) for factor, value, _, read, _ in parts if factor == "arc_length"}
+    assert at == {k: {k} for k in range(1, 12)}

@@ -28,7 +28,7 @@ def calls() -> list[tuple[str, set[str]]]:
     found = []
     for path in (p for room in ("diagnosis", "lab") for p in (ROOT / room).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Call) or ast.unparse(node).startswith("finding(code,"):
+            if not isinstance(node, ast.Call) or ast.unparse(node).startswith(("finding(code,", "mistake(code,")):
                 continue
             of_edit = {"short", "p", "rather"}
             own = {"finding": set[str](), "stating": of_edit, "mistake": of_edit}.get(ast.unparse(node.func))

@@ -21,7 +21,7 @@ SOME = {effect: CATALOGUE[effect] for effect in ("chamber_azimuth", "pressure_of
 def rod_tips(case: Measured, **excess: float) -> Array:
     """(n, 3) m, by the rod of robot.yaml with what is added to parameters of its model."""
     p = prepare(ROBOT, states(case)[0], catalogue=TURN)
-    theta = np.zeros(len(p.problem.parameters.names))
+    theta = np.zeros_like(p.problem.parameters.sd)
     for name, value in excess.items():
         theta[p.problem.parameters.names.index(name.replace("__", "."))] = value
     return p.tip(p.problem.forward.predict(theta))
@@ -51,7 +51,7 @@ def test_at_zero_it_predicts_what_the_simulator_does_and_at_a_whole_share_what_t
     case = measured(1, 3, FEW)
     tips = bent_otherwise(case, 3e-3)
     p = prepared(case, baseline(case, tips))
-    zero = p.problem.parameters.mean
+    zero = np.zeros_like(p.problem.parameters.sd)
     assert p.tip(p.problem.forward.predict(zero)) == pytest.approx(tips, abs=1e-9)
     assert p.tip(p.given) == pytest.approx(tips, abs=1e-9)
     rod = zero.copy()
@@ -65,7 +65,7 @@ def test_derivatives_are_those_of_differences_and_its_own_where_it_has_them() ->
     tips = bent_otherwise(case, 3e-3)
     softer = tips + 2e-3 * np.array([1.0, 0.0, 0.5])
     p = prepared(case, baseline(case, tips, youngs_modulus__excess=(0.01, softer)))
-    theta = p.problem.parameters.mean.copy()
+    theta = np.zeros_like(p.problem.parameters.sd)
     theta[p.problem.parameters.names.index(SHARE)] = 0.3
     theta[p.problem.parameters.names.index("youngs_modulus.excess")] = 0.01
     slope = p.problem.forward.linearise(theta)[1]
@@ -75,7 +75,7 @@ def test_derivatives_are_those_of_differences_and_its_own_where_it_has_them() ->
         there[k] += step
         change = p.problem.forward.predict(there) - p.problem.forward.predict(theta)
         assert change / step == pytest.approx(slope[:, k], rel=2e-2, abs=2e-4)
-    own = p.problem.forward.linearise(p.problem.parameters.mean)[1]
+    own = p.problem.forward.linearise(np.zeros_like(p.problem.parameters.sd))[1]
     by_modulus = own[:, p.problem.parameters.names.index("youngs_modulus.excess")]
     assert p.tip(by_modulus) == pytest.approx((softer - tips) / 0.01, abs=1e-3)
 

@@ -112,7 +112,7 @@ def found(problem: Problem, named: Hypothesis) -> StageError:
 
 def response(problem: Problem, effect: str) -> np.ndarray:
     """What an effect does at its plausible scale."""
-    return linearise(problem.forward, problem.parameters.mean)[1][:, problem.parameters.names.index(effect)]
+    return linearise(problem.forward, np.zeros_like(problem.parameters.sd))[1][:, problem.parameters.names.index(effect)]
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
@@ -163,7 +163,7 @@ def test_data_of_the_catalogue_raise_no_diagnostic(seed: int) -> None:
 
 def test_a_law_that_is_far_off_is_seen_as_an_error_of_the_laws() -> None:
     problem = toy_problem(3, {"turned": 1.0})
-    turned = linearise(problem.forward, problem.parameters.mean)[1][:, IDS.index("turned")]
+    turned = linearise(problem.forward, np.zeros_like(problem.parameters.sd))[1][:, IDS.index("turned")]
     other = changed(problem, 0.5 * turned * np.sin(np.repeat(GRID.length, 3) / 0.06))
     assert diagnosed(problem).law_error_gain < 0 < 5 < diagnosed(other).law_error_gain
 
@@ -181,7 +181,7 @@ def rms(values: np.ndarray) -> float:
 
 def fitted(problem: Problem, named: tuple[str, ...], spike: float, size: float) -> Model:
     prior = problem.parameters.prior(problem.parameters.mask(named), spike)
-    return Model(prior, size, fit(problem, prior, size, problem.parameters.mean).theta)
+    return Model(prior, size, fit(problem, prior, size, np.zeros_like(problem.parameters.sd)).theta)
 
 
 def test_what_is_predicted_does_not_depend_on_its_own_measurement() -> None:

@@ -39,7 +39,7 @@ def test_a_fit_stays_within_bounds() -> None:
     upper = problem.parameters.upper
     upper[IDS.index("turned")] = 0.7
     prior = problem.parameters.prior(problem.parameters.mask(("turned",)), 0.0)
-    fitted = fit(problem, prior, 0.5, problem.parameters.mean)
+    fitted = fit(problem, prior, 0.5, np.zeros_like(problem.parameters.sd))
     assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)
 
 
@@ -122,7 +122,7 @@ class _Wavering(_Snapping):
 def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
     problem = replace(toy_problem(4, {"bent": 1.0}), forward=_Wavering(Grid()))
     prior = problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0)
-    fitted = fit(problem, prior, 0.0, problem.parameters.mean, 6)
+    fitted = fit(problem, prior, 0.0, np.zeros_like(problem.parameters.sd), 6)
     assert np.isfinite(fitted.predicted).all() and np.isfinite(fitted.cost)
     assert fitted.theta[IDS.index("bent")] <= 0.5
 
@@ -136,7 +136,7 @@ def test_a_step_that_no_trial_finds_is_given_up_at_the_first_state_without_equil
             return np.full_like(self.base, np.nan)
 
     problem = replace(toy_problem(4, {"bent": 1.0}), forward=Lost(Grid()))
-    fit(problem, problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0), 0.0, problem.parameters.mean, 6)
+    fit(problem, problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0), 0.0, np.zeros_like(problem.parameters.sd), 6)
     assert asked == {(True, False), (False, True)}
 
 

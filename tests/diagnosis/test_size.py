@@ -45,8 +45,9 @@ def test_a_modulus_that_is_not_well_known_is_no_cause() -> None:
 
 def test_a_tolerance_has_the_width_that_is_stated() -> None:
     case = measured(1, 6, (0.0,))
-    known = ROBOT.model_copy(update={"uncertainty": Uncertainty(tilt=np.radians(2), density=0.05)})
-    for robot, tilt, density in ((ROBOT, np.radians(0.1), 0.01), (known, np.radians(2), 0.05)):
+    known = ROBOT.model_copy(update={"uncertainty": Uncertainty(tilt=np.radians(2), density=0.05, area_factor=0.03)})
+    for robot, tilt, density, area in ((ROBOT, np.radians(0.1), 0.01, 0.5), (known, np.radians(2), 0.05, 0.03)):
         infos = {p.name: p for p in prepare(robot, states(case)[0]).forward.parameters}
         assert infos["tilt.x"].sd == pytest.approx(tilt) and infos["density.excess"].sd == pytest.approx(density)
+        assert infos["area.excess"].sd == pytest.approx(area)
         assert infos["density.excess"].low >= -0.8 and infos["frame_shift.x"].sd == pytest.approx(1.6e-3)

@@ -180,7 +180,11 @@ def test_a_calibrated_area_factor_stands_for_the_number_that_is_least_certain() 
     assert radius.factor == pytest.approx(0.88**0.5) and radius.probability > sure["youngs_modulus"].probability
     assert "youngs_modulus" not in {o.name for o in origins(robot, 1 / 0.88, 0.0)}
     told = stands_for(Calibration(0.88, 1.0, origins=found), robot.actuators.words)
-    assert told.startswith("One wrong number could account for") and "youngs_modulus 13.6 % larger (p = 0." in told
+    assert (
+        told.startswith("One wrong number could account for")
+        and "youngs_modulus 13.6 % larger (p = 0." in told
+        and "need not sum to 1" in told
+    )
     assert stands_for(Calibration(1.0, 1.0, origins=found), robot.actuators.words) == ""
 
 
@@ -324,7 +328,8 @@ def test_a_probability_at_its_limit_says_so_and_why() -> None:
     found = attributed(sure, **vars(doubted(decide(SURE, True), [doubt], 0)), conclusion="one of several", doubts=(doubt.text,))
     found = replace(found, findings=(doubt,), headline=headline(found, CATALOGUE))
     assert found.headline.endswith("(p ≤ 0.80).") and "(p is at most 0.80, as 1 mm remain on unseen states)" in statement(found)
-    assert "(p = 0.97" in headline(sure, CATALOGUE) + statement(sure)
+    for certain in (sure, replace(sure, attribute=replace(sure.attribute, probability=0.8))):  # by chance it is what the limit is
+        assert f"(p = {certain.attribute.probability:.2f}" in headline(certain, CATALOGUE) + statement(certain)
     assert str(found).splitlines()[:3] == [found.headline, found.statement, f"- {doubt}"]
 
 

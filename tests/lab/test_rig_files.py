@@ -191,11 +191,13 @@ def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
     text = paper_robot().read_text()
     (tmp_path / "robot.yaml").write_text(
         re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 mm", re.sub(r"(?m)^density: .*$", "density: 1300 ± 3 %", text))
-        + "uncertainty: {tilt: 1 deg}\n"
+        + "uncertainty: {tilt: 1 deg, area_factor: 5 %}\n"
     )
     robot = load(tmp_path / "robot.yaml", Robot)
     assert robot.length == pytest.approx(0.4) and robot.density == 1300.0
-    assert robot.uncertainty.stated == pytest.approx({"length": 2e-3, "density": 0.03, "tilt": math.pi / 180})
+    assert robot.uncertainty.stated == pytest.approx(
+        {"length": 2e-3, "density": 0.03, "tilt": math.pi / 180, "area_factor": 0.05}
+    )
     again = check(parse_yaml(robot_yaml(robot), "again"), Robot)
     assert again == robot
     (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))
