@@ -52,7 +52,7 @@ def pushes(effect: str = "", size: float = 0.0, seed: int = 1, repeats: int = 3,
 
 @cache
 def answer(effect: str = "", size: float = 0.0, seed: int = 1, body: bool = False) -> Diagnosis:
-    wanted = Options(experiments=False, catalogue=RIVALS) if effect else Options()
+    wanted = Options(experiments=False, catalogue=RIVALS if effect or body else CATALOGUE)
     return diagnose(case(list(pushes(effect, size, seed, body=body))), wanted)
 
 
