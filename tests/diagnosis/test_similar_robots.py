@@ -42,7 +42,7 @@ def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_sa
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
     campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.12)
-    rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "base_tilt")}
+    rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
     given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
 
     def growth(d: Diagnosis) -> float:
