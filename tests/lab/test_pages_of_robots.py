@@ -38,7 +38,6 @@ pytestmark = pytest.mark.usefixtures("drawn")
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 GROUPS = ((1,), (2,), (3,), (2, 3))
 PRESSURES = (0.0, 35e3, 70e3)
-WEIGHED = ("chamber_azimuth", "base_tilt")
 ANGLE = 0.16
 """rad, by which the chambers are turned."""
 
@@ -64,7 +63,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     case = folder(place / "case", rows, ROBOT)
     answer, page = place / "diagnosis.json", place / "page.html"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lab.files.own_effects.CATALOGUE", {effect: SOME[effect] for effect in WEIGHED})
+        patch.setattr("lab.files.own_effects.CATALOGUE", {effect: SOME[effect] for effect in ("chamber_azimuth", "base_tilt")})
         assert main(["diagnose", str(case), "--json", str(answer), "--report", str(page)]) == 0
     return case, answer, page
 
