@@ -188,8 +188,8 @@ def mounts(design: States) -> list[tuple[float, int]]:
 
 def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
-    chosen = [VariationSource(spec, "effect") for spec in effects]
-    chosen += [*(_as_stated(source, scales(robot), {}) for source in ALWAYS), VariationSource(AREA, "calibration")]
+    own, chosen = scales(robot), [VariationSource(spec, "effect") for spec in effects]
+    chosen += [*(_as_stated(source, own, {}) for source in ALWAYS), VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         chosen += [replace(source, scope="all") for source in BY_TRIAL]
     return (*chosen, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(chosen)

@@ -151,8 +151,7 @@ def test_columns_belong_to_the_numbers_in_their_headings_and_an_actuator_without
 ) -> None:
     unit, table = ("N", "tendons:") if kind == "tendons" else ("kPa", "chambers:\n  radius: 3 mm")
     (missing,) = {1, 2, 3, 4} - {*numbers}
-    azimuths = [0, 120, 240]
-    azimuths.insert(missing - 1, 60)
+    azimuths = np.insert([0, 120, 240], missing - 1, 60).tolist()
     trunk.robot.write_text(ROBOT.replace("tendons:", table).replace("[0, 120, 240]", str(azimuths)))
     head, rows = trunk.read()
     trunk.write([head[0], *(f"F{n} [{unit}]" for n in numbers), *head[4:]], rows)
