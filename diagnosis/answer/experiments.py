@@ -36,7 +36,7 @@ Columns = dict[str, NDArray[np.generic]]
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
 TURN, MASS = 90.0, 0.07
-"""deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on a finger of 12."""
+"""deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
 TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 

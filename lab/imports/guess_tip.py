@@ -306,9 +306,9 @@ def _likeness(tip: Array, rest: Mask, robot: Robot, driven: Driven) -> Array:
     rows, still, size = _some(known & ~rest), _some(known & rest), 1.0
     if not (driven.pressures.shape[1] and rows.size and still.size):
         return np.zeros((3, 3))
-    moved = tip[rows] - tip[still].mean(axis=0)
+    moved, resting = tip[rows] - tip[still].mean(axis=0), driven.tips(robot, still).mean(axis=0)
     for _ in range(3):
-        predicted = np.nan_to_num(driven.tips(robot, rows, size) - driven.tips(robot, still).mean(axis=0))
+        predicted = np.nan_to_num(driven.tips(robot, rows, size) - resting)
         solved = predicted.any(axis=1)
         far, predicted_far = (float(np.linalg.norm(movement[solved])) for movement in (moved, predicted))
         if not far * predicted_far > 0:

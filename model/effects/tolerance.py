@@ -188,8 +188,8 @@ def mounts(design: States) -> list[tuple[float, int]]:
 
 def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[VariationSource, ...]:
     """What has parameters of states that are each reached from rest: one copy of each."""
-    chosen = [VariationSource(spec, "effect") for spec in effects]
     own, stated = scales(robot), robot.uncertainty.stated
+    chosen = [VariationSource(spec, "effect") for spec in effects]
     chosen += [*(as_stated(source, own, stated) for source in ALWAYS), VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         chosen += [replace(source, scope="all") for source in BY_TRIAL]
@@ -211,7 +211,7 @@ def sources(
     chosen += [as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
     if of_robot:
         factor = VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length")
-        chosen.append(_as_stated(factor, sized, uncertainty))
+        chosen.append(as_stated(factor, sized, uncertainty))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:

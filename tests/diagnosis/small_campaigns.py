@@ -16,8 +16,7 @@ from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 
 LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
 """Spine lengths of a campaign, m; of one that is answered quickly."""
-RIVALS = ("pressure_offset", "chamber_ballooning", "chamber_azimuth", "body_modulus", "area_moment", "base_tilt",
-          "precurvature", "marker_offset")  # fmt: skip
+RIVALS = ("pressure_offset", "chamber_ballooning", "chamber_azimuth", "base_tilt", "precurvature", "marker_offset")
 """Effects that compete in tests of what does not depend on how many there are; all of them in `make test LONG=1`. Without
 `chamber_thrust`, for which the robot would be fitted twice before its cause is looked for."""
 SOME = {effect: CATALOGUE[effect] for effect in RIVALS}

@@ -93,11 +93,8 @@ SILENT = Reading((), ())
         pytest.param(pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"],
                      marks=pytest.mark.long),
         (pressures(1.0, 84_000.0), ["absolute", "subtract 83"]),
-        (pressures(1e-3, 101_325.0), ["look like kPa", "absolute"]),
-        (positions(100.0), ["columns x, y, z", "looks like cm", "divide by 100"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "hold what is now x, ", "-z"]),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
-        (w_last, ["qw, qx, qy, qz", "hold x, y, z, w: exchange the columns"]),
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
         pytest.param(lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"],
@@ -127,8 +124,8 @@ def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_fra
 
 
 def test_each_thing_that_is_wrong_gets_one_line() -> None:
-    found = reading(ROBOT, (pressures(1e-3)(positions(1000.0)(w_last(r))) for r in sweep())).refused
-    said = ("looks like mm", "divide by 1000", "like kPa", "x, y, z, w")
+    found = reading(ROBOT, (pressures(1e-3)(positions(100.0)(w_last(r))) for r in sweep())).refused
+    said = ("columns x, y, z", "looks like cm", "divide by 100", "like kPa", "qw, qx, qy, qz", "hold x, y, z, w: exchange the")
     assert len(found) == 3 and all(any(words in line for line in found) for words in said), found
 
 

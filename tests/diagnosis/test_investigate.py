@@ -12,17 +12,18 @@ from diagnosis.answer.result import Diagnosis, Proposal
 from diagnosis.diagnose import Options
 from diagnosis.investigate import NotDone, Predicted, Round, bits_gained, investigate, settled
 from diagnosis.judgement import CERTAIN, DOUBTED_PROBABILITY
+from model.effects import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.scales import scales
 from recordings.trials import TrialRow
-from tests.diagnosis.small_campaigns import FEW, SOME, examined_once, measured
+from tests.diagnosis.small_campaigns import FEW, examined_once, measured
 from tests.diagnosis.test_case import ROBOT, Measured, case
 
 CAUSE_PROBABILITY = "chamber_ballooning"
 SIZE = 0.3
 TIED = ("chamber_ballooning", "pressure_offset", "body_modulus", "base_tilt")
-OPTIONS = Options(quantify=False, catalogue={e: SOME[e] for e in TIED})
+OPTIONS = Options(quantify=False, catalogue={e: CATALOGUE[e] for e in TIED})
 
 
 def loading(seed: int) -> Measured:

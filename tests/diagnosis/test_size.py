@@ -23,7 +23,7 @@ def test_quantiles_of_a_cut_normal_keep_their_digits_however_far_out_the_bounds_
 
 
 def test_no_payload_takes_more_off_the_tip_than_hangs_there() -> None:
-    case = measured(3, 1, tip_payload__mass=-0.2)
+    case = measured(3, 1, FEW, tip_payload__mass=-0.2)
     p = prepare(ROBOT, states(case)[0]).problem.parameters
     assert p.lower[p.names.index("tip_payload.mass")] == -case.robot.tip_mass
     found = diagnose(case, quick({e: CATALOGUE[e] for e in ("tip_payload", "pressure_offset", "base_tilt")}))

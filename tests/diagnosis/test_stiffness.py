@@ -52,7 +52,7 @@ def pushes(effect: str = "", size: float = 0.0, seed: int = 1, repeats: int = 3,
 
 @cache
 def answer(effect: str = "", size: float = 0.0, seed: int = 1, body: bool = False) -> Diagnosis:
-    wanted = Options(experiments=False, catalogue=RIVALS) if effect else Options()
+    wanted = Options(bool(effect), experiments=False, catalogue=RIVALS if effect or body else CATALOGUE)
     return diagnose(case(list(pushes(effect, size, seed, body=body))), wanted)
 
 
@@ -90,7 +90,7 @@ def test_a_probe_5_mm_off_is_no_cause_where_the_stand_states_its_error(stated: f
     rows = [replace(r, force=(r.force or 0.0) * (r.spine_length / (r.spine_length + 5e-3)) ** 3) for r in pushes()]
     robot = ROBOT.model_copy(update={"uncertainty": Uncertainty(push_place=stated)})
     rivals = RIVALS | {"spine_length_offset": CATALOGUE["spine_length_offset"]}
-    d = diagnose(Measured(robot, Table.of(rows)), Options(experiments=False, catalogue=rivals))
+    d = diagnose(Measured(robot, Table.of(rows)), Options(quantify=False, experiments=False, catalogue=rivals))
     assert d.attribute.effects == effects and d.locate.significant == bool(effects)
 
 

@@ -103,7 +103,8 @@ def test_a_wrong_column_is_named_with_place_and_remedy(change: Callable[[Any], A
         lab.case(change(FRAME), ROBOT, columns=COLUMNS | columns if isinstance(columns, dict) else columns)
 
 
-@pytest.mark.parametrize("wrong", [{}, {"states": {"plateaus": {"steady": 1000.0}}}, {"frame": {"x": "x", "y": "z", "z": "-y"}}])
+@pytest.mark.parametrize("wrong", [{}, {"states": {"plateaus": {"steady": 1000.0}}},
+                                   pytest.param({"frame": {"x": "x", "y": "z", "z": "-y"}}, marks=pytest.mark.long)])  # fmt: skip
 def test_a_unit_that_is_missing_is_named_first_with_what_to_write(wrong: dict[str, Any]) -> None:
     # one state, which no rod reaches, is refused; one that a rod may reach is asked about
     bare = frame(0.013 if "states" in wrong else 0.005).rename(columns={f"P{k} [kPa]": f"left {k}" for k in (1, 2, 3)})
@@ -167,8 +168,9 @@ AT_REST: dict[str, Any] = {"frame": dict(zip("xyz", RISING, strict=True)), "stra
 
 @pytest.mark.parametrize(
     "effect",
-    [("base_tilt", "x", 0.05, "rad"), ("frame_misalignment", "x", 0.05, "rad"), ("marker_offset", "y", 3e-3, "m"),
-     ("chamber_azimuth", "angle", 0.14, "rad"), ("frame_misalignment", "z", 0.14, "rad")],
+    [("base_tilt", "x", 0.05, "rad"), ("marker_offset", "y", 3e-3, "m"), ("frame_misalignment", "z", 0.14, "rad"),
+     *(pytest.param(e, marks=pytest.mark.long)
+       for e in (("frame_misalignment", "x", 0.05, "rad"), ("chamber_azimuth", "angle", 0.14, "rad")))],
 )  # fmt: skip
 def test_a_tip_that_a_map_moved_to_the_model_says_nothing_of_where_it_was(effect: tuple[str, str, float, str]) -> None:
     case = lab.case(seen(*effect), FINGER, **AT_REST, **BY_REST)
@@ -207,8 +209,10 @@ def test_repeats_that_are_one_trial_are_several_once_the_remedy_is_written() -> 
 
 
 @pytest.mark.parametrize(
-    ("axes", "groups"), [(RISING, 6), (RISING, 3), (RISING, 1), (("z", "-y", "x"), 6), (("-z", "-x", "y"), 1)]
-)
+    ("axes", "groups"),
+    [(RISING, 6), (RISING, 1),
+     *(pytest.param(*more, marks=pytest.mark.long) for more in ((RISING, 3), (("z", "-y", "x"), 6), (("-z", "-x", "y"), 1)))],
+)  # fmt: skip
 def test_a_frame_that_a_turn_explains_is_no_mirror_image(axes: Sequence[str], groups: int) -> None:
     frame = seen("chamber_azimuth", "angle", 0.14, "rad", axes, groups)
     with pytest.raises(ConfigError) as refused:

@@ -50,7 +50,7 @@ EFFECTS = (
 def weighed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is asked does not depend on how many effects compete; `answered` is an answer of all of them."""
     if request.param == "some effects":
-        few = ("area_moment", "chamber_azimuth", "pressure_offset")
+        few = ("area_moment", "chamber_azimuth")
         monkeypatch.setattr("lab.files.own_effects.CATALOGUE", {effect: CATALOGUE[effect] for effect in few})
 
 

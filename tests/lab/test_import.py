@@ -403,8 +403,10 @@ def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"x": "x", "y": "z", "z": "-y"}, {"x": "y", "y": "z", "z": "x"}, {"x": "-x", "y": "z", "z": "y"}]
-)
+    "wrong",
+    [{"x": "x", "y": "z", "z": "-y"},
+     *(pytest.param(w, marks=pytest.mark.long) for w in ({"x": "y", "y": "z", "z": "x"}, {"x": "-x", "y": "z", "z": "y"}))],
+)  # fmt: skip
 def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(wrong: dict[str, str], tmp_path: Path, cli: Cli) -> None:
     file = seen(tmp_path / "table.csv")
     values = yaml.safe_load((map_file := guessed(cli, file)).read_text()) | {"frame": wrong, "straight": "at rest"}

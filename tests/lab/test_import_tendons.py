@@ -161,16 +161,17 @@ def test_without_tensions_the_entries_to_write_are_named(trunk: Trunk) -> None:
     assert "`p1: {column: 'Seil_1 [N]', unit: N}, p2: " in trunk.imported(code=2).flat_err
 
 
-@pytest.mark.parametrize("kind", ["tendons", "chambers"])
-@pytest.mark.parametrize("numbers", [(1, 2, 3), (1, 2, 4)])
+@pytest.mark.parametrize(("numbers", "kind"), [((1, 2, 3), "tendons"), ((1, 2, 4), "chambers")])
 def test_columns_belong_to_the_numbers_in_their_headings_and_an_actuator_without_one_is_named(
     numbers: tuple[int, ...], kind: str, trunk: Trunk
 ) -> None:
     unit, table = ("N", "tendons:") if kind == "tendons" else ("kPa", "chambers:\n  radius: 3 mm")
-    trunk.robot.write_text(ROBOT.replace("tendons:", table).replace("[0, 120, 240]", "[0, 90, 180, 270]"))
+    (missing,) = {1, 2, 3, 4} - {*numbers}
+    azimuths = np.insert([0, 120, 240], missing - 1, 60).tolist()
+    trunk.robot.write_text(ROBOT.replace("tendons:", table).replace("[0, 120, 240]", str(azimuths)))
     head, rows = trunk.read()
     trunk.write([head[0], *(f"F{n} [{unit}]" for n in numbers), *head[4:]], rows)
-    proposed, (missing,) = yaml.safe_load(trunk.guessed()[0]), {1, 2, 3, 4} - {*numbers}
+    proposed = yaml.safe_load(trunk.guessed()[0])
     assert {k: c["column"] for k, c in proposed["columns"].items() if k[0] == "p"} == {f"p{n}": f"F{n} [{unit}]" for n in numbers}
     assert proposed["constants"] == {f"p{missing}": f"0 {unit}"}
     assert f"constants.p{missing}: no column of {kind[:-1]} {missing}: was its" in str(proposed["unconfirmed"])

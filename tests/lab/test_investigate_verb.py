@@ -34,7 +34,7 @@ from tests.diagnosis.small_campaigns import SOME, examined_once
 
 LONGER = ["--set", "settle.average=16", "--without", "rate"]
 """At twenty times real speed few samples fall into a window, and none into that of a fast ramp."""
-WEIGHED = ("chamber_ballooning", "pressure_offset", "base_tilt")
+WEIGHED = ("chamber_ballooning", "base_tilt")
 
 
 @pytest.fixture(autouse=True)

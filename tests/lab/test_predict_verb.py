@@ -31,7 +31,11 @@ THREE = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return folder(tmp_path_factory.mktemp("case"), campaign({"chamber_azimuth.angle": 0.12}, repeats=2, lengths=(0.0, 0.2)))
+    """Of a robot that states its thrust, so that no fit has to settle it first."""
+    made = folder(tmp_path_factory.mktemp("case"), campaign({"chamber_azimuth.angle": 0.12}, repeats=2, lengths=(0.0, 0.2)))
+    with (made / "robot.yaml").open("a", encoding="utf-8") as robot:
+        robot.write("thrust: cap\n")
+    return made
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +194,8 @@ def test_a_fit_states_what_each_actuator_does_and_which_parameter_is_at_its_boun
     kind: str, said: str, tmp_path: Path, cli: Cli
 ) -> None:
     four = {"path_radius": 0.0125, "azimuths_deg": [0, 90, 180, 270]} | ({"radius": 0.004} if kind == "chambers" else {})
-    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four}), np.random.default_rng(1)
+    stated = {"thrust": "cap"} if kind == "chambers" else {}
+    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four, **stated}), np.random.default_rng(1)
     shares = [np.eye(4)[k % 4] + 0.25 * (k > 7) * np.eye(4)[(k + 1) % 4] for k in range(12)]
     pressures = np.concatenate([np.outer([0, 20e3, 40e3, 60e3, 80e3], share) for share in shares])
     tip = robot.predict(pressures * [1, 0.7, 1, 1]).tip + rng.normal(0, 1e-4, (60, 3))

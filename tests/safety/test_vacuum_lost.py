@@ -73,7 +73,7 @@ def test_a_spine_without_vacuum_is_read_as_planned(house: House, tmp_path: Path)
     assert len(table_of(recording)) == 5 and not house.fakes.troubles
 
 
-@pytest.mark.parametrize("frozen", [False, True])
+@pytest.mark.parametrize("frozen", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_path: Path, frozen: bool) -> None:
     house.change(without=("mocap",))
     fakes = house.fakes

@@ -37,6 +37,8 @@ def test_each_fault_can_be_switched_on_and_off_at_each_instrument(rig: FakeRig, 
 def test_an_unknown_name_is_refused(rig: FakeRig, instrument: str, fault: str) -> None:
     with pytest.raises(ValueError, match="one of"):
         rig.switch.begin(instrument, fault)
+    with pytest.raises(ValueError, match=ACCIDENTS[0]):
+        rig.accidents.begin("meteorite")
 
 
 @pytest.mark.parametrize(
@@ -121,8 +123,3 @@ def test_a_lost_marker_hides_the_tip_and_a_slip_shortens_the_spine_once(rig: Fak
     assert rig.plant.tip_visible
     rig.plant.valve_on = False
     settle(rig)
-
-
-def test_an_unknown_accident_is_refused(rig: FakeRig) -> None:
-    with pytest.raises(ValueError, match=ACCIDENTS[0]):
-        rig.accidents.begin("meteorite")

@@ -210,15 +210,16 @@ class SimulatedClock:
         stuck = 0.0
         while True:
             ready = {number for number, _ in self._poll.poll(0)}
+            first, until = None, math.inf
             for waiter in self._waiting:
-                if waiter.condition is _never or (waiter.numbers and ready.isdisjoint(waiter.numbers)):
-                    continue
-                if waiter.holds():
+                asleep = waiter.condition is _never or (waiter.numbers and ready.isdisjoint(waiter.numbers))
+                if not asleep and waiter.holds():
                     self._waiting.remove(waiter)
                     return waiter
-            first = min(self._waiting, key=lambda w: w.until, default=None)
-            if first is not None and first.until < math.inf:
-                self._now = max(self._now, first.until)
+                if waiter.until < until:
+                    first, until = waiter, waiter.until
+            if first is not None:
+                self._now = max(self._now, until)
                 self._waiting.remove(first)
                 return first
             time.sleep(0.001)  # something outside may yet come
