@@ -209,7 +209,9 @@ def test_a_mistake_in_a_driver_is_named_with_its_line(install: Install, tmp_path
     environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     (done,) = run_there([["check", "--rig", rig, "--seconds", "0", "--json"]], environment)
     words = "error in the driver {}, {}.py line 5: ValueError: not enough values to unpack (expected 2, got 1)"
-    assert [row["problem"] for row in done.json["instruments"]] == [words.format(name, name) for name in ("odd_gauge", "odd_sensor")]
+    assert [row["problem"] for row in done.json["instruments"]] == [
+        words.format(name, name) for name in ("odd_gauge", "odd_sensor")
+    ]
 
 
 def test_effects(install: Install) -> None:
