@@ -107,7 +107,7 @@ def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float
     text = "".join([*lines, *(["stand:", stand, "\n"] if "arm" in instruments else []), "limits:", limits])
 
     highest, error, full_scale = (to_si(re.findall(rf" {key}: (.*?) +#", example)[0], "Pa") for key in SCALED)
-    top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's range_of
+    top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's own
     if "pressure" in instruments and ("pressure", instruments["pressure"]) not in blocks:
         range_of = drivers()[instruments["pressure"]].config.model_fields["full_scale"]
         top = top if range_of.is_required() else min(top, range_of.default)
