@@ -33,7 +33,8 @@ from .files.rig_file import drivers
 from .verbs.fakes import PATIENT, found_fakes
 
 SPEED = 20.0
-HOSES = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
+CHANNELS = 3
+"""Of regulators whose table sets no `max_length` of `chambers`."""
 MARKERS = 2
 WITHIN = 30.0
 """Host seconds for what takes a fraction of one: a busy computer is no fault."""
@@ -188,14 +189,18 @@ def units(*roles: str) -> Any:
 def unit(request: pytest.FixtureRequest) -> Iterator[DriverOnFake]:
     """The driver of one name on its fake, not yet opened."""
     fake = found_fakes().usable[request.param]
-    site = Site(Plant(), RigClock(SPEED), 1, HOSES, fake.full_scale, host=free_host(), markers=MARKERS)
+    kind = drivers()[request.param]
+    limits = kind.config.model_fields["chambers"].metadata if fake.role == "pressure" else []
+    channels = next((limit.max_length for limit in limits if hasattr(limit, "max_length")), CHANNELS)
+    chambers = np.roll(np.arange(1, max(9, channels) + 1), 1)  # 9, 1, 2 ..: an order in which no driver counts by itself
+    hoses = tuple(tuple(group.tolist()) for group in np.array_split(chambers, channels))
+    site = Site(Plant(len(chambers)), RigClock(SPEED), 1, hoses, fake.full_scale, host=free_host(), markers=MARKERS)
     parts = list(fake.plug(site))
     for part in parts:
         part.start()
     table: dict[str, Any] = {"driver": request.param, **fake.table(site, parts)}
     if fake.role == "pressure":
-        table |= {"chambers": HOSES, "full_scale": site.full_scale, "max_pressure": 2 * ASKED}
-    kind = drivers()[request.param]
+        table |= {"chambers": hoses, "full_scale": site.full_scale, "max_pressure": 2 * ASKED}
     settings = {"timeout": 0.5} if fake.role in POLLED else PATIENT["instruments"]["arm"]
     tried = DriverOnFake(fake.role, None, parts, site.plant, _config(kind.config, table, settings))
     tried.driver = tried.another()
@@ -253,9 +258,9 @@ def test_closed_it_refuses_every_call_with_its_name(unit: DriverOnFake) -> None:
 def test_a_port_that_is_not_there_is_unreachable(unit: DriverOnFake) -> None:
     key = next(key for key in (*PORTS, *HOSTS) if hasattr(unit.config, key))
     nowhere = f"/dev/none-{key}" if key in PORTS else free_host()
-    each = [f"{nowhere}{i}" for i in range(len(HOSES))]
+    each = [f"{nowhere}{i}" for i, _ in enumerate(unit.config.ports)] if key == "ports" else nowhere
     with pytest.raises(Unreachable, match=nowhere):
-        unit.another(**{key: each if key == "ports" else nowhere}).open()
+        unit.another(**{key: each}).open()
 
 
 @units()
@@ -546,12 +551,12 @@ def test_a_length_unit_pays_out_the_length_that_it_reads(unit: DriverOnFake) -> 
 @units("pressure")
 def test_each_channel_fills_its_own_chambers_and_no_other(unit: DriverOnFake) -> None:
     unit.driver.open()
-    for channel, chambers in enumerate(HOSES):
+    for channel, chambers in enumerate(unit.config.chambers):
         asked = tuple(ASKED if c == channel else 0.0 for c in range(unit.driver.channels))
         assert until(lambda asked=asked: near(unit.driver.set(asked), asked)), (  # type: ignore[misc]
             f"set({asked}) never confirmed these set-points (Pa): {unit.driver.set(asked)}"
         )
-        regulator = [ASKED if number in chambers else 0.0 for number in range(1, 10)]
+        regulator = [ASKED if number in chambers else 0.0 for number in range(1, unit.plant.chambers + 1)]
         assert until(lambda want=regulator: near(unit.plant.regulator, want)), (  # type: ignore[misc]
             f"channel {channel + 1} at {ASKED:g} Pa must inflate chambers {chambers} alone; the chambers are told "
             f"{np.round(unit.plant.regulator).tolist()} Pa: are channels swapped?"
@@ -565,10 +570,10 @@ def test_each_channel_fills_its_own_chambers_and_no_other(unit: DriverOnFake) ->
 @units("pressure")
 def test_what_is_measured_is_the_plant_s_pressure(unit: DriverOnFake) -> None:
     unit.driver.open()
-    truth = [1e3 * chamber for chamber in range(1, 10)]
+    truth = [1e3 * chamber for chamber in range(1, unit.plant.chambers + 1)]
     with unit.plant.lock:
         unit.plant.chamber_pressure[:] = truth
-    wanted = [sum(truth[c - 1] for c in chambers) / len(chambers) for chambers in HOSES]
+    wanted = [sum(truth[c - 1] for c in chambers) / len(chambers) for chambers in unit.config.chambers]
     assert until(lambda: near(unit.driver.read().measured, wanted)), (
         f"read() measured {unit.driver.read().measured} Pa, the chambers hold {wanted} Pa: check unit, offset and order"
     )

@@ -331,6 +331,8 @@ def _describe(error: ErrorDetails, loc: Loc, data: object, model: type[BaseModel
         return f"{key} = {_short(error['input'])}: must be a number{f' in {unit}' if unit else ''}"
     if kind == "finite_number":
         return f"{key} = {number}: must be a finite number"
+    if kind == "too_long":
+        return f"{key}: has {context['actual_length']} entries, must have at most {context['max_length']}"
     message = error["msg"].removeprefix("Value error, ")
     if key and not isinstance(error["input"], dict):
         return f"{key} = {number}: {message}"

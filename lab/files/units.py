@@ -131,14 +131,22 @@ def meant(value: float, unit: str, fits: Callable[[float], bool]) -> list[str]:
     return [f"{value:g} {n}" for n, f in KINDS.get(unit, {}).items() if n in metric - {unit} and fits(value * f)]
 
 
+SHORT = 15
+"""Most characters of a quantity that a person would write in a file."""
+
+
 def written(values: Sequence[float], unit: str) -> list[str]:
-    """Return SI values as a person writes them in a file: in one unit, in which `to_si` reads the same to the last bit.
+    """Return SI values as a person writes them in a file: in the usual unit, or in one in which they are short, where `to_si`
+    reads the same to the last bit.
 
     >>> written([400e3], "Pa"), written([0.5, 0.7], "m"), written([0.0, 0.006], "m"), written([math.pi / 2], "rad")
     (['400 kPa'], ['50 cm', '70 cm'], ['0 mm', '6 mm'], ['90 deg'])
+    >>> written([0.0, 68947.57293168], "Pa")
+    ['0 psi', '10 psi']
     """
-    for name in (usual(unit, max(map(abs, values), default=0.0))[1], "deg" if unit == "rad" else unit):
-        texts = [f"{value / KINDS.get(unit, {}).get(name, 1.0):.15g} {name}" for value in values]
-        if all(to_si(text, unit) == value for text, value in zip(texts, values, strict=True)):
-            return texts
-    return [f"{value!r} {unit}" for value in values]
+    sizes = KINDS.get(unit, {unit: 1.0})
+    names = (usual(unit, max(map(abs, values), default=0.0))[1], "deg" if unit == "rad" else unit, *sizes)
+    found = [[f"{value / sizes.get(name, 1.0):.15g} {name}" for value in values] for name in dict.fromkeys(names)]
+    found = [texts for texts in found if [to_si(text, unit) for text in texts] == list(values)]
+    found.append([f"{value!r} {unit}" for value in values])
+    return next((texts for texts in found if max(map(len, texts), default=0) <= SHORT), found[0])

@@ -25,7 +25,7 @@ from ..files.rig_file import RigFile
 from .commands import REMOTES, Call, Command, Order, SetPressures, energises
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
-from .instruments import ACTUATORS, POLLED, PollRate, owned_names
+from .instruments import ACTUATORS, POLLED, PollRate, of_driver, owned_names
 from .landing import Landing, Owned
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
@@ -369,6 +369,8 @@ class Guard:
                     self.land(str(e), e)
                 if isinstance(e, Unreachable):
                     self._lose(name, e)
+            except Exception as e:
+                raise of_driver(name, getattr(self.rig.instruments, name), e) from e
             self.tell((name, sample))
             for text in (*getattr(self.own.drivers[name], "take_notices", list)(), *rate.notices()):
                 self.tell(Event("notice", text))

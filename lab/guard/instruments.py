@@ -9,13 +9,17 @@ import os
 import socket
 import stat
 import statistics
+import sys
+import traceback
 from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import timing
-from drivers.configs import PORTS
+from drivers.configs import PORTS, InstrumentConfig
+from drivers.errors import InstrumentError
 from timing import Clock
 
 from ..files.rig_file import RigFile, addresses, drivers, present
@@ -64,6 +68,16 @@ class PollRate:
 def make(name: str, driver: str, config: Any, clock: Clock) -> Any:
     """The driver of one instrument, not yet opened."""
     return drivers()[driver].make(name, config, clock)
+
+
+def of_driver(name: str, config: InstrumentConfig, error: Exception) -> Exception:
+    """An error of an instrument; a mistake in its driver as an InstrumentError that names the driver's file and line."""
+    folder = Path(sys.modules[drivers()[config.driver].config.__module__].__file__ or "").parent
+    lines = [at for at in traceback.extract_tb(error.__traceback__) if folder in Path(at.filename).parents]
+    if isinstance(error, InstrumentError) or not lines:
+        return error
+    where = f"{config.driver}, {Path(lines[-1].filename).name} line {lines[-1].lineno}"
+    return InstrumentError(name, f"error in the driver {where}: {type(error).__name__}: {error}")
 
 
 def exclusive(rig: RigFile) -> dict[str, frozenset[str]]:

@@ -22,8 +22,9 @@ from timing import RigClock
 from ..files.config import ConfigError
 from ..files.rig_file import same_rig, within_robot
 from .child import begin_child
-from .commands import Order
+from .commands import Command, Order
 from .guard import LIVES_ON, Guard
+from .instruments import of_driver
 from .latch import RigLocked
 from .messages import Event, RigLanded, Start
 from .pulse import BEAT, FRESH, SIGNAL, Awake, Listener, overload
@@ -137,6 +138,8 @@ def _serve(guard: Guard, commands: Connection) -> None:
             try:
                 ok, answer = True, guard.obey(asked) if isinstance(asked, Order) else guard.do(asked)
             except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
+                if isinstance(asked, Command):
+                    e = of_driver(asked.instrument, getattr(guard.rig.instruments, asked.instrument), e)
                 typed = isinstance(e, (InstrumentError, RigLanded, RigLocked))
                 ok, answer = False, e if typed else RuntimeError(f"{type(e).__name__}: {e}")
             commands.send((number, ok, answer))

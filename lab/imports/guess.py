@@ -34,6 +34,7 @@ from .headings import (
     tendon,
     triples,
     turning,
+    unseen_axis,
 )
 from .joining import JOIN
 from .map_file import Map
@@ -53,7 +54,7 @@ FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx",
 
 def guess_map(series: Series, robot: Robot) -> Guess:
     """Return the most plausible map of a file's columns for a robot. Raises ConfigError if no tip or pressure is found."""
-    g = Guess()
+    g, (series, unseen) = Guess(), _with_plane(series)
     headings = [heading(n, series.units.get(n, "")) for n in series.names if n in series.numbers or n in series.words]
     turns, angles = quadruples(headings), turning(headings)
     used = {name for four in turns for name in four} | {name for three in angles for name in three.columns}
@@ -71,11 +72,24 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     _states(g, series, pressures, robot)
     _trials(g, series, counting, pressures, robot)
     _missing(g, series)
+    if unseen and g.values["columns"].pop(unseen, None) and g.reasons.pop(f"columns.{unseen}"):
+        g.say(f"constants.{unseen}", "0 mm", f"one camera: no column of {unseen}")
+        g.doubt(f"constants.{unseen}", f"no column of {unseen}: does the robot move in a plane, and is that at 0 mm?")
     return g
+
+
+def _with_plane(series: Series) -> tuple[Series, str]:
+    """The same with zeros for the coordinate that one camera does not see, and that coordinate; empty where it sees all."""
+    found = unseen_axis([heading(n, series.units.get(n, "")) for n in series.numbers])
+    if found is None:
+        return series, ""
+    axis, name = found
+    return replace(series, columns={**series.columns, name: np.zeros(len(series))}), axis
 
 
 def lacks(series: Series, robot: Robot) -> frozenset[str]:
     """Which of pressures and tip no heading of a file names."""
+    series, _ = _with_plane(series)
     headings = [heading(n, series.units.get(n, "")) for n in series.numbers]
     turns = {name for four in quadruples(headings) for name in four}
     places = [t for t in triples([h for h in headings if h.name not in turns]) if t.unit in ("", *KINDS["m"])]

@@ -87,7 +87,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
         raise ConfigError(
             f"{series.path}: found no columns x, y, z of a tip; there are "
             f"{', '.join(map(repr, series.names[:12]))}. If they are in another file, give both, or {JOIN}; else write map.yaml "
-            "by hand (docs: data from elsewhere)"
+            "by hand, of pixels with `scale` and of one camera with `constants` (docs: data from elsewhere)"
         )
     tips, bases = (_whole([t for t in candidates if t.words & words]) for words in (TIP_WORDS, BASE_WORDS))
     if not tips:

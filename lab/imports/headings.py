@@ -221,6 +221,18 @@ def triples(headings: Sequence[Heading]) -> list[Triple]:
     return found or _counted(headings)
 
 
+def unseen_axis(headings: Sequence[Heading]) -> tuple[str, str] | None:
+    """The coordinate that one camera does not see, and a heading for it; None unless one place alone has two coordinates."""
+    groups = [(c, words, unit) for words, unit, c in _groups(headings) if unit in ("", *KINDS["m"])]
+    pairs = [c for c, words, unit in groups if len(c) == 2 and (unit or words & PLACE_WORDS)]
+    if len(pairs) != 1 or any(len(c) == 3 for c, _, _ in groups):
+        return None
+    (axis,) = set("xyz") - set(pairs[0])
+    seen, name = next(iter(pairs[0].items()))
+    made = re.sub(rf"(?i)(?<![a-z]){seen}(?![a-z])", axis, name)
+    return None if made in [h.name for h in headings] else (axis, made)
+
+
 def _counted(headings: Sequence[Heading]) -> list[Triple]:
     """Columns 1, 2 and 3, and no more, of an array whose name says that it is a place."""
     groups: dict[tuple[str, ...], list[Heading]] = {}
@@ -272,7 +284,8 @@ def quadruples(headings: Sequence[Heading]) -> list[tuple[str, str, str, str]]:
 
 
 def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, Mapping[str, str]]]:
-    """Headings that differ by x, y, z (and w) alone: the words they share, their unit, and axis -> column; no column twice."""
+    """Headings that differ by x, y, z (and w), or two of x, y, z, alone: the words they share, their unit, and axis -> column; no
+    column twice."""
     groups: dict[tuple[str, ...], dict[str, Heading]] = {}  # words with * for the axis -> axis -> heading
     for h in headings:
         for k, word in enumerate(h.words):
@@ -287,7 +300,7 @@ def _groups(headings: Sequence[Heading]) -> Iterator[tuple[frozenset[str], str, 
     used: set[str] = set()
     for key, group in sorted(groups.items(), key=lambda item: -len(item[1])):
         names = {axis: h.name for axis, h in group.items()}
-        complete = set(names) == set("wxyz") or set(names) == set("xyz")
+        complete = set(names) in (set("wxyz"), set("xyz")) or ("w" not in names and len(names) == 2)
         if complete and not used & set(names.values()):
             used |= set(names.values())
             shared = frozenset(re.sub(r"[*\d]", "", w) for k in key for w in k.split()) - {""}

@@ -19,9 +19,10 @@ from model.arrays import Array
 from recordings.trials import AXES, TEXTS, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable, in_si
-from ..files.units import KINDS, plain_unit
+from ..files.units import KINDS, plain_unit, usual
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
+ONE_CAMERA = "one camera: state the plane in which the robot moves"
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
 
 
@@ -62,6 +63,11 @@ class Column(FileTable):
     """Subtracted: nothing, the first row, the atmosphere, or a number in the column's unit (of x, y, z also from `points`)."""
     values: dict[str, str] = {}
     """The file's word -> that of trials.csv."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, given: object) -> object:
+        return {"column": given} if isinstance(given, str | int) else given
 
 
 class Points(FileTable):
@@ -276,10 +282,12 @@ class Map(FileTable):
     def wrong_places(self) -> list[str]:
         """What is wrong with tip, orientation and trials."""
         wrong = [f"points.{n}: must be tip, m1, m2 .." for n in self.points if not re.fullmatch(r"tip|m[1-9]\d?", n)]
-        if "tip" in self.points and any(a in self.columns for a in "xyz"):
+        missing = [a for a in "xyz" if a not in {*self.columns, *self.constants}]
+        if "tip" in self.points and len(missing) < 3:
             wrong.append("points.tip: columns x, y, z also give the tip; keep one")
-        if "tip" not in self.points and not all(a in self.columns for a in "xyz"):
-            wrong.append("columns: give the tip by x, y and z, or by points.tip")
+        if "tip" not in self.points and missing:
+            lacking = f"{missing[0]} is missing, {ONE_CAMERA}, `constants: {{{missing[0]}: 0 mm}}`; else "
+            wrong.append(f"columns: {lacking if len(missing) == 1 else ''}give the tip by x, y and z, or by points.tip")
         turned = self.orientation is not None or any(p.turn for p in self.points.values())
         if "trial" in self.columns and self.trials.change:
             wrong.append("trials.change: columns.trial also states where trials begin; keep one")
@@ -295,9 +303,10 @@ class Map(FileTable):
         for own in owns:
             tip_here = "tip" in own.points or any(a in own.columns for a in "xyz")
             columns = {n: c for n, c in made.columns.items() if not (tip_here and n in "xyz")}
+            constants = {n: c for n, c in made.constants.items() if not ("tip" in own.points and n in "xyz")}
             points = {n: p for n, p in made.points.items() if not (tip_here and n == "tip")}
             update: dict[str, Any] = {
-                "columns": columns | own.columns, "points": points | own.points, "constants": made.constants | own.constants,
+                "columns": columns | own.columns, "points": points | own.points, "constants": constants | own.constants,
                 "source": own.source or made.source, "orientation": own.orientation or made.orientation,
             }  # fmt: skip
             made = made.model_copy(update=update)
@@ -353,7 +362,9 @@ def factor(unit: str, name: str, words: Words, place: str) -> float:
         return 1.0
     if unit not in known:
         whose = f"; the robot has {words.kind}" if _drives(name) else ""
-        raise ConfigError(f"{place} = {unit[:40]!r}: {name} needs one of {', '.join(known)}{whose}")
+        usual_unit = "mm" if unit_of(name) == "m" else usual(unit_of(name))[1] or "1"
+        scaled = f"; or write `unit: {usual_unit}` and `scale`, how many {usual_unit} are one {unit[:40]}"
+        raise ConfigError(f"{place} = {unit[:40]!r}: {name} needs one of {', '.join(known)}{whose}{scaled}")
     return known[unit]
 
 

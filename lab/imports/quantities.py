@@ -23,7 +23,7 @@ from ..files.units import KINDS
 from .clock import seconds, timeline
 from .columns import is_missing
 from .headings import chamber, heading, tendon
-from .map_file import Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
+from .map_file import ONE_CAMERA, Column, Map, Name, Orientation, Point, Points, factor, quantities, units_for
 from .places import turn_misfit
 from .series import CALL, FRAME, Series, at_rest, axes_of, listed, name_of, numbers, texts, unit_in, unseen
 
@@ -121,6 +121,8 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
     file, constants = File(series, drive), quantities(wanted.constants, drive)
     notes = file.notes
     values = {n: in_si(file, n, c) for n, c in wanted.columns.items() if n not in TEXTS}
+    constant = {n: np.full(len(series), constants.pop(n)) for n in [*constants] if re.fullmatch(r"(m\d+)?[xyz]", n)}
+    values = constant | values
     words = {n: translated(series, n, c, wanted.source.missing) for n, c in wanted.columns.items() if n in TEXTS}
     frame = wanted.frame.matrix
     n = len(series)
@@ -271,7 +273,8 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
         return place if wanted.points[name].against else place - _base(file, wanted)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:
-        raise ConfigError(f"columns: {missing[0]} is missing; marker needs x, y and z: {name}")
+        where = f"{ONE_CAMERA}, `constants: {{{missing[0]}: 0 mm}}`"
+        raise ConfigError(f"columns: {missing[0]} is missing; marker needs x, y and z: {name}; {where}")
     return file.places(np.column_stack([values[f"{name}{a}"] for a in "xyz"]), f"marker {name}")
 
 

@@ -27,7 +27,7 @@ from ..guard.commands import REMOTES
 from ..guard.door import demand_free
 from ..guard.guard import LIVES_ON
 from ..guard.hosted import HostedArmState
-from ..guard.instruments import ACTUATORS, owned_names
+from ..guard.instruments import ACTUATORS, of_driver, owned_names
 from ..guard.messages import Event, SafeReport
 from ..guard.new_guard import make_safe_after_loss
 from ..guard.pulse import ForceLimit
@@ -122,10 +122,14 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
 
     def open(self, name: str) -> Identity:
         """Connect one instrument; raises InstrumentError, and ConfigError where only a fake may be."""
-        demand_fakes(self.file, "arm" if name == "arm_state" else name)
+        key = "arm" if name == "arm_state" else name
+        demand_fakes(self.file, key)
         if name == "force" and self._force is not None:
             self._force.begin()
-        identity: Identity = self.streams[name].open() if name in self.streams else self.actuators.open(name)
+        try:
+            identity: Identity = self.streams[name].open() if name in self.streams else self.actuators.open(name)
+        except Exception as e:
+            raise of_driver(name, table_of(self.file.instruments, key), e) from e
         self.identities[name] = identity
         return identity
 

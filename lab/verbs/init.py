@@ -99,7 +99,7 @@ def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float
         if driver not in drivers() or drivers()[driver].role != role:
             own = ", ".join(name for name, one in drivers().items() if one.role == role)
             raise ConfigError(f"--instruments {role}={driver}: there is no such driver" + (f"; there are {own}" if own else ""))
-        block = blocks.get((role, driver), f"    driver: {driver}        # yours; its package names its keys\n")
+        block = blocks.get((role, driver)) or _own_table(driver, "".join(text for of, text in blocks.items() if of[0] == role))
         ports = "".join(f"      - /dev/ttyUSB{i}    # yours\n" for i in range(count))
         lines += [f"  {role}:\n", re.sub(r"(?:      - /dev.*\n)+", ports, block), "\n"]
     absent = "|".join(key for key, roles in OF.items() if not set(roles.split()) <= instruments.keys())
@@ -108,14 +108,27 @@ def rig_text(instruments: Mapping[str, str], robot: str, count: int, most: float
 
     highest, error, full_scale = (to_si(re.findall(rf" {key}: (.*?) +#", example)[0], "Pa") for key in SCALED)
     top = min(most or highest, 1e6)  # this and the other bounds are rig.yaml's own
-    least, total = max(error * top / highest, 5e3), min(count * top, 3e6)
+    if "pressure" in instruments and ("pressure", instruments["pressure"]) not in blocks:
+        range_of = drivers()[instruments["pressure"]].config.model_fields["full_scale"]
+        top = top if range_of.is_required() else min(top, range_of.default)
+    least, total = max(float(f"{error * top / highest:.3g}"), 5e3), min(count * top, 3e6)
     pressures = {"max_pressure": top, "max_total_pressure": total, "pressure_error": least}
     if top > full_scale:
         pressures["full_scale"] = top
     values = {"robot": robot, "chambers": [[i] for i in range(1, count + 1)], "units": f"[{', '.join(ascii_uppercase[:count])}]",
-              **{key: written([float(f"{value:.6g}")], "Pa")[0] for key, value in pressures.items()}}  # fmt: skip
+              **{key: written([value], "Pa")[0] for key, value in pressures.items()}}  # fmt: skip
     line = rf"(?m)^( *({'|'.join(values)}): )[^#\n]*(#?)"
     return re.sub(line, lambda m: (f"{m[1]}{values[m[2]]} ".ljust(COMMENTS) + m[3]).rstrip(), text)
+
+
+def _own_table(driver: str, examples: str) -> str:
+    """The lines that the table of a lab's own driver needs: as in `examples` of its role, and empty where these lack a key."""
+    lines = re.findall(r"(?m)^    (\w+)(:.*\n(?:      .*\n)*)", examples)
+    known = {key: f"    {key}{text}" for key, text in reversed(lines)}
+    fields = drivers()[driver].config.model_fields.items()
+    needed = (key for key, field in fields if field.is_required() or key == "max_pressure")
+    unknown = (f"    driver: {driver}", *(known.get(key, f"    {key}:") for key in needed))
+    return "".join(line if "\n" in line else f"{line.ljust(COMMENTS)}# yours\n" for line in unknown)
 
 
 def init(a: argparse.Namespace) -> Result:
@@ -140,7 +153,8 @@ def init(a: argparse.Namespace) -> Result:
         named = {role: driver or USUAL.get(role, "") for role, _, driver in pairs}
         place = a.out.name if a.out.parent == a.rig.parent else str(a.out.resolve())
         rig = rig_text(named, place, a.chambers, robot.max_pressure)
-        check(parse_yaml(rig, str(a.rig)), RigFile)
+        if not re.search(r"(?m)^    \w+: +# yours$", rig):  # else a key of an own driver is still empty
+            check(parse_yaml(rig, str(a.rig)), RigFile)
     for path, content in ((a.out, text), (a.rig, rig)):
         if path is not None:
             replaced(path, content)

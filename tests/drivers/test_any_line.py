@@ -6,7 +6,7 @@ import pytest
 
 import timing
 from drivers.errors import BadReply, InstrumentError, NoReply, Unreachable, WrongDevice
-from lab.driver_contract import HOSES, POLLED, SPEED, DriverOnFake, answers, unit, units, until
+from lab.driver_contract import POLLED, SPEED, DriverOnFake, answers, unit, units, until
 from lab.verbs.fakes import found_fakes
 from sim_fakes.instrument import Site
 from sim_fakes.pty_fake import Faults, PtyFake
@@ -104,7 +104,7 @@ def test_noise_of_a_line_that_is_turned_round_is_no_part_of_an_answer(unit: Driv
 @units(*POLLED)
 def test_another_instrument_on_the_port_is_told_in_time(unit: DriverOnFake) -> None:
     stranger = found_fakes().usable[STRANGERS.get(unit.config.driver, "numato")]
-    (line, *_) = stranger.plug(Site(unit.plant, RigClock(SPEED), 1, HOSES, 500e3))
+    (line, *_) = stranger.plug(Site(unit.plant, RigClock(SPEED), 1, ((1,), (2,), (3,)), 500e3))
     assert isinstance(line, PtyFake)
     line.start()
     ports = [line.port, *unit.config.ports[1:]] if hasattr(unit.config, "ports") else None

@@ -27,8 +27,8 @@ VERIFYING = {"dynamixel", "ft300s", "pfeiffer", "tmcl"}
 THEIRS = ("bench_pr4", "skin_thermometer", "bench_arm", "bench_cameras")
 
 
-def install(folder: Path, package: Path) -> None:
-    """What an installer writes of a package's entry points."""
+def install(folder: Path, package: Path) -> dict[str, str]:
+    """Write what an installer writes of a package's entry points; the environment in which it is installed."""
     project = tomllib.loads((package / "pyproject.toml").read_text())["project"]
     about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
     about.mkdir()
@@ -38,6 +38,7 @@ def install(folder: Path, package: Path) -> None:
         for group, entries in project["entry-points"].items()
     )
     (about / "entry_points.txt").write_text("\n".join(groups))
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (folder, package, ROOT)))}
 
 
 @pytest.fixture(scope="session")
@@ -60,14 +61,24 @@ def test_the_contract(drivers: tuple[str, ...], installed: dict[str, str], tmp_p
     assert all(any(f"[{driver}]" in name for name in verified) for driver in VERIFYING & {*drivers}), report
 
 
+@pytest.mark.parametrize("channels", [1, 2])
+def test_the_contract_uses_as_many_channels_as_a_unit_has(channels: int, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples/regulator", tmp_path / "unit")
+    driver, fake = (tmp_path / "unit/bench_pr4" / name for name in ("driver.py", "fake.py"))
+    driver.write_text(driver.read_text().replace("max_length=4", f"max_length={channels}"))
+    fake.write_text(fake.read_text().replace("len(site.hoses)", str(channels)))
+    environment = install(tmp_path, tmp_path / "unit")
+    done, report = contract(environment, tmp_path, "bench_pr4 and (channel or plant or keep or vent)")
+    assert done.returncode == 0 and list(report.values()) == [None] * 5, done.stdout
+
+
 def test_a_renamed_copy_has_the_new_name_everywhere(tmp_path: Path) -> None:
     page = (ROOT / "docs/howto/driver.md").read_text()
     rename = [line.strip() for line in page.splitlines() if line.strip().startswith(("mv my_regulator", "sed -i"))]
     shutil.copytree(ROOT / "examples/regulator", tmp_path / "my_regulator")
     subprocess.run("\n".join(rename), cwd=tmp_path, shell=True, check=True)
-    assert [p for p in (tmp_path / "my_regulator").rglob("*.*") if "pr4" in p.read_text() and p.suffix == ".toml"] == []
-    install(tmp_path, tmp_path / "my_regulator")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, tmp_path / "my_regulator", ROOT)))}
+    assert [p for p in (tmp_path / "my_regulator").rglob("*.toml") if "pr4" in p.read_text()] == []
+    environment = install(tmp_path, tmp_path / "my_regulator")
     fakes, found = run_there([["fakes", "--regulators", "ardupres"], ["schema", "rig"]], environment)
     assert "ardupress" in fakes.err and fakes.returncode == 2 and '"ardupress"' in found.out and "Pr4" not in fakes.err
 
@@ -110,8 +121,7 @@ WRONG = {
 @pytest.mark.long
 def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_other(tmp_path: Path) -> None:
     package = ROOT / "tests/drivers/bench_range"
-    install(tmp_path, package)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, package, ROOT)))}
+    environment = install(tmp_path, package)
     done, report = contract(environment, tmp_path, "range_", "gauge_")
     failed = {name: fault for name, fault in report.items() if fault}
     assert failed.keys() == {f"test_{test}[{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout

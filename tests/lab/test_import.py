@@ -89,6 +89,31 @@ def test_a_spreadsheet_of_states_needs_nothing_but_its_headings(tmp_path: Path, 
     cli("compare", tmp_path / "case")
 
 
+def test_one_camera_states_its_plane_and_the_size_of_its_pixels(tmp_path: Path, cli: Cli) -> None:
+    rows = [(t, *(p / 1e3 for p in pressure), *(1e3 * tip[[2, 0]])) for _, t, pressure, tip, _ in sweep()]
+    table = pandas.DataFrame(rows, columns=["t", "p1 [kPa]", "p2 [kPa]", "p3 [kPa]", "tip z [mm]", "tip x [mm]"])
+    table.to_csv(tmp_path / "mm.csv", index=False)
+    flat = truth() * (1, 0, 1)
+    (map_file := guessed(cli, tmp_path / "mm.csv")).write_text(map_file.read_text().replace("straight: at rest", ""))
+    assert yaml.safe_load(map_file.read_text())["constants"] == {"y": "0 mm"}
+    assert tips(case(cli, tmp_path / "mm.csv", map_file)) == pytest.approx(flat, abs=1e-4)
+    pixels = table.assign(u=412 + 3.62 * table["tip z [mm]"], v=530 - 3.62 * table["tip x [mm]"]).drop(columns=table.columns[4:])
+    pixels.to_csv(tmp_path / "px.csv", index=False)
+    columns: dict[str, Any] = {"t": "t", **{f"p{k}": f"p{k} [kPa]" for k in (1, 2, 3)}}
+    columns |= {"z": {"column": "u", "unit": "mm", "scale": 1 / 3.62, "zero": 412},
+                "x": {"column": "v", "unit": "mm", "scale": -1 / 3.62, "zero": 530}}  # fmt: skip
+    seen = by_map(tmp_path / "px.csv", columns=columns, constants={"y": "0 mm"}).table
+    assert tips(seen) == pytest.approx(flat, abs=1e-4)
+    assert tips(lab.case(pixels, ROBOT, columns=columns, constants={"y": "0 mm"}).table) == pytest.approx(flat, abs=1e-4)
+    turned = by_map(tmp_path / "px.csv", columns=columns, constants={"y": "2 mm"}, frame={"x": "y", "y": "z", "z": "x"}).table
+    assert tips(turned)[:, 0] == pytest.approx(2.0)
+    with pytest.raises(ConfigError, match="columns: y is missing, one camera: state the plane .* `constants: {y: 0 mm}`"):
+        lab.case(pixels, ROBOT, columns=columns)
+    columns["z"] |= {"unit": "px"}
+    with pytest.raises(ConfigError, match="columns.z.unit = 'px': .* or write `unit: mm` and `scale`, how many mm are one px"):
+        lab.case(pixels, ROBOT, columns=columns, constants={"y": "0 mm"})
+
+
 def test_a_recording_over_time_is_cut_and_turned(tmp_path: Path, cli: Cli) -> None:
     """Absolute mbar, cameras whose y points up above a hanging robot, markers at the base, noise."""
     rng = np.random.default_rng(3)

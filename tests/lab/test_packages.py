@@ -1,11 +1,12 @@
 """What installed packages announce: one that is broken hinders nobody, and is named with what to do where it is used."""
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from commands import Cli
+from commands import Cli, run_there
 
 from lab.files.all_protocols import found_protocols
 from lab.files.own_effects import catalogue, effects_from_file
@@ -193,6 +194,24 @@ def test_a_driver_that_takes_a_name_of_ours_is_told_by_the_check(install: Instal
     rig.write_text(text[: text.index("instruments:")] + "instruments: {gauge: {driver: pfeiffer, port: /dev/nobody}}\n")
     (warning,) = cli("check", "--rig", rig, "--seconds", "0", "--json", code=1).json["warnings"]
     assert warning.startswith("gauge: package greedy 1.0: entry point pfeiffer = greedy:DRIVER of softlab.drivers")
+
+
+def test_a_mistake_in_a_driver_is_named_with_its_line(install: Install, tmp_path: Path) -> None:
+    text = DRIVER.replace('"gauge", Config, print', '"{role}", Config, Odd, quantities={{"t_skin": "K"}}')
+    text = text.replace("GaugeC", "{base}C")
+    text = "class Odd:\n    lost = 0\n    def __init__(self, *_): ...\n    def open(self):\n        a, b = (1,)\n" + text
+    for name, role, base in (("odd_gauge", "gauge", "Gauge"), ("odd_sensor", "sensor", "Sensor")):
+        install(name, text.format(role=role, base=base), drivers={name: ":DRIVER"})
+    rig = rig_with(tmp_path / "rig.yaml", "alicat")
+    known, port = rig.read_text().partition("instruments:")[0], "port: /dev/nobody}"
+    tables = f"gauge: {{driver: odd_gauge, {port}, sensors: {{skin: {{driver: odd_sensor, {port}}}"
+    rig.write_text(f"{known}instruments: {{{tables}}}\n")
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    (done,) = run_there([["check", "--rig", rig, "--seconds", "0", "--json"]], environment)
+    words = "error in the driver {}, {}.py line 5: ValueError: not enough values to unpack (expected 2, got 1)"
+    assert [row["problem"] for row in done.json["instruments"]] == [
+        words.format(name, name) for name in ("odd_gauge", "odd_sensor")
+    ]
 
 
 def test_effects(install: Install) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, run_there
 from diagnosed_case import campaign, folder
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -26,6 +26,7 @@ from model.robot import Robot, robot_from_dict
 from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
 from sim_fakes.virtual_robot import RobotTruth
+from tests.drivers.test_contract import install
 
 
 # ------------------------------------------------------------------ a first robot and a first rig
@@ -83,6 +84,17 @@ def test_a_first_rig_has_the_limits_of_its_robot_and_lines_of_its_instruments_al
     for role in lines.keys() - {one.partition("=")[0] for one in instruments.split(",")}:
         assert not re.search(rf"(?:\b|_)(?:{lines[role]})", text.partition("\nclock:")[2]), role
     assert set(OF) < {*Limits.model_fields, *Safe.model_fields} and not re.search("see (below|above)|Copy this", text)
+
+
+def test_a_first_rig_of_an_own_driver_has_the_keys_that_this_needs(tmp_path: Path) -> None:
+    environment = install(tmp_path, paper_robot().parents[1] / "regulator")
+    places = [["--rig", tmp_path / f"rig{n}.yaml", "--out", tmp_path / f"robot{n}.yaml"] for n in (2, 5)]
+    asked = ["init", "--length", "12 cm", "--max-pressure", "10 psi", "--instruments", "pressure=bench_pr4", "--chambers"]
+    made, refused = run_there([[*asked, n, *place] for n, place in zip((2, 5), places, strict=True)], environment)
+    text = (tmp_path / "rig2.yaml").read_text()
+    assert made.returncode == 0 and re.search(r"port: +/dev.*# yours", text) and "pressure: 10 psi" in text, made.both
+    assert "chambers: [[1], [2]]" in text and "units:" not in text
+    assert "chambers: has 5 entries, must have at most 4" in refused.err
 
 
 def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from drivers.configs import RegulatorsConfig
 from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, NotReady, Unreachable, WrongDevice
@@ -19,19 +19,14 @@ from . import BAUD, COUNT
 
 
 class Config(RegulatorsConfig):
-    """How the box is reached; the rest every regulator has."""
+    """How the box is reached, and how many channels it has; the rest every regulator has."""
 
+    chambers: tuple[tuple[int, ...], ...] = Field(max_length=4)
     port: str
     full_scale: float = Field(500e3, gt=0, le=500e3, json_schema_extra={"unit": "Pa"})
     timeout: float = Field(0.25, ge=0.05, le=2, json_schema_extra={"unit": "s"})
     settle: float = Field(0.0, ge=0, le=10, json_schema_extra={"unit": "s"})
     """How long a board is deaf that resets when its port opens, such as an Arduino Uno: 2 s."""
-
-    @model_validator(mode="after")
-    def _wired(self) -> Config:
-        if len(self.chambers) > 4:
-            raise ValueError(f"chambers: {len(self.chambers)} channels, the box has four")
-        return self
 
 
 class Pr4:
