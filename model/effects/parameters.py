@@ -109,19 +109,15 @@ class ParameterTable:
     @cached_property
     def _sized(self) -> Ints:
         """(p,) the source of each parameter that is a size, -1 for others."""
-        return np.array([self.source_index(p.slot) if p.role == "size" else -1 for p in self.infos], np.int64)
+        return np.array([self.source_index[p.slot] if p.role == "size" else -1 for p in self.infos], np.int64)
 
     def source_of(self, slot: int) -> VariationSource:
         """The source a slot belongs to."""
-        return self.sources[self.source_index(slot)]
-
-    def source_index(self, slot: int) -> int:
-        """The place of that source among `sources`."""
-        return self._source_of_slot[slot]
+        return self.sources[self.source_index[slot]]
 
     @cached_property
-    def _source_of_slot(self) -> list[int]:
-        """(slots,)"""
+    def source_index(self) -> list[int]:
+        """(slots,) place of each slot's source among `sources`."""
         return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
 
     @cached_property
