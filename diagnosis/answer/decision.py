@@ -81,8 +81,7 @@ def doubted(d: Decision, why: Sequence[object], as_good: int) -> Decision:
     most = judgement.DOUBTED_PROBABILITY if why else 1.0
     kept = min(1 / (1 + as_good), most / max(d.probability, most))
     shared = d.probability / (1 + as_good)
-    limited = bool(why) and shared >= most
-    return replace(d, probability=min(shared, most), outside=1 - kept * (1 - d.outside), limited=limited)
+    return replace(d, probability=min(shared, most), outside=1 - kept * (1 - d.outside), limited=bool(why) and shared >= most)
 
 
 def outside_at_most(d: Decision, probability: float) -> Decision:

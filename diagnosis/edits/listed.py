@@ -36,6 +36,7 @@ LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items(
 PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
 """The same of all columns of pressure."""
 NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
+TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
 PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
                    for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
 """Unit -> its size in SI, of columns of tensions, pressures and positions."""
@@ -346,10 +347,7 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
-    units = PRESSURES
-    if robot.chambers is None:
-        units = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
-        units |= {words.pascal: words.unit, 1 / words.pascal: f"Pa read as {words.unit}"}
+    units = PRESSURES if robot.chambers is not None else TENSIONS | {words.pascal: "N", 1 / words.pascal: "Pa read as N"}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     remedy = remedies.of_unit(mapped, robot, units[unit])
     return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]

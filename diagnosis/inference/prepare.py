@@ -34,8 +34,7 @@ from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_respons
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
-PAYLOAD = "tip_payload.mass"
-FRAME = "frame_misalignment"
+PAYLOAD, FRAME = "tip_payload.mass", "frame_misalignment"
 TINY = 1e-12
 """m."""
 

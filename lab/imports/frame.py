@@ -19,7 +19,7 @@ from ..files.config import ConfigError, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Map, Own, demand_units, headings
+from .map_file import Column, Map, Own, demand_units
 from .quantities import File, in_si, quantities_of, translated
 from .series import CALL, FRAME, Series, cleaned, name_of
 from .table import conclude
@@ -77,7 +77,8 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
         raise ConfigError(str(e)) from e
     left_out = [(series.place(row), why) for row, why in enumerate(lacking) if why]
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
-    mapped = Mapped(call=True, headings=headings(columns), no_unit=file.no_unit)
+    headings = tuple((name, str(column.column)) for name, column in columns.items())
+    mapped = Mapped(call=True, headings=headings, no_unit=file.no_unit)
     return replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped)
 
 

@@ -313,11 +313,6 @@ class Map(FileTable):
         return made
 
 
-def headings(columns: Mapping[str, Column]) -> tuple[tuple[str, str], ...]:
-    """Column of trials.csv and its heading in the file, or its number there."""
-    return tuple((name, str(column.column)) for name, column in columns.items())
-
-
 def demand_units(made: Map, words: Words, before: str = "") -> None:
     """Raise ConfigError, begun with `before`, where a unit of map.yaml is none of its column of a robot driven as `words` say."""
     places: list[tuple[str, Map | Own]] = [("", made), *((f"files.{pattern}.", own) for pattern, own in made.files.items())]

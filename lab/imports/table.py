@@ -33,7 +33,7 @@ from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
-from .map_file import Map, Name, headings, named
+from .map_file import Map, Name, named
 from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import FRAME, Series, at_rest
@@ -242,7 +242,8 @@ def conclude(
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
         call, no_unit = every[0][0].form == FRAME, any(q.no_unit for _, q, _ in every)
-        mapped = Mapped(wanted.frame.axes, wanted.straight, call, headings(wanted.columns), no_unit)
+        columns = tuple((name, str(column.column)) for name, column in wanted.columns.items())
+        mapped = Mapped(wanted.frame.axes, wanted.straight, call, columns, no_unit)
         table = replace(table, mapped=mapped)
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e

@@ -350,7 +350,7 @@ class ForwardModel:
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
-        sources = frozenset(self._table.source_of_slot[slot] for slot in slots)
+        sources = frozenset(self._table.source_index[slot] for slot in slots)
         moving = any(self._table.infos[k].slot in slots for k in self._memory_sizes)
         return self._with_sources(self._solved(theta, moving, also=sources), sources)
 

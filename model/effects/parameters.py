@@ -103,21 +103,21 @@ class ParameterTable:
 
     def values(self, source: int, spread: Spread) -> Values:
         """The values of one source by its own parameter names, (v, n) each."""
-        first = self.source_of_slot.index(source)
+        first = self.source_index.index(source)
         return {p.name: spread.slot(first + i) for i, p in enumerate(self.sources[source].spec.parameters)}
 
     @cached_property
     def _sized(self) -> Ints:
         """(p,) the source of each parameter that is a size, -1 for others."""
-        return np.array([self.source_of_slot[p.slot] if p.role == "size" else -1 for p in self.infos], np.int64)
+        return np.array([self.source_index[p.slot] if p.role == "size" else -1 for p in self.infos], np.int64)
 
     def source_of(self, slot: int) -> VariationSource:
         """The source a slot belongs to."""
-        return self.sources[self.source_of_slot[slot]]
+        return self.sources[self.source_index[slot]]
 
     @cached_property
-    def source_of_slot(self) -> list[int]:
-        """(slots,) the place among `sources` of the source that each belongs to."""
+    def source_index(self) -> list[int]:
+        """(slots,) place of each slot's source among `sources`."""
         return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
 
     def of_effect(self, id: str) -> list[int]:
