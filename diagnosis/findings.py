@@ -207,6 +207,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the tip moves {factor:.2g} times as far as robot.yaml predicts for these {pressures}: check the unit and scale of "
             "the {pressures}, the moduli, radii and path_radius"
         ),
+        "axis_stretched": (
+            "along {axis} the tip moves {factor:.2g} times as far as robot.yaml's model can be brought to, {mm:.3g} mm (sd): "
+            "check unit and `scale` of that coordinate first"
+        ),
         "tip_far_off": (
             "the tip is {mm:.3g} mm (rms, outliers down-weighted) from robot.yaml's prediction, and no single mistake explains "
             "it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass and moduli"

@@ -103,6 +103,8 @@ edits to be tried at reading: the rest is left to the diagnosis."""
 EDIT_UNEXPLAINED, EDIT_FAR = 0.05, 0.5
 """Robot lengths; robust rms above which a table is asked about that no edit explains; median distance from the rod above which
 a table in another frame is refused, as nothing can be said of its robot."""
+EDIT_STRETCHED, EDIT_STRETCHED_BY = 2.0, 0.1
+"""Times as far as the nearest fit, and robot lengths farther, that the tip moves along an axis (sd) whose scale is wrong."""
 EDIT_FEWEST = 3
 """States with a tip from which edits are tried."""
 EDIT_REFINED, EDIT_FOLLOWED = 7, 3

@@ -38,7 +38,7 @@ Correlation = Annotated[FiniteFloat, Field(ge=-1, le=1)]
 class Stated(BaseModel):
     """One parameter of an effect."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", coerce_numbers_to_str=True)
 
     value: FiniteFloat
     sd: FiniteFloat = Field(default=0.0, ge=0)

@@ -33,7 +33,7 @@ class Size:
     role: str = "size"
 
     def __str__(self) -> str:
-        return f"{self.key} = {self.value:.4g} ± {self.sd:.2g} {self.unit}".rstrip()
+        return f"{self.key} = {self.value:.4g} ± {self.sd:.2g} {self.unit}".rstrip().removesuffix(" 1")
 
 
 @dataclass(frozen=True)

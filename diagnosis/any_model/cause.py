@@ -64,9 +64,9 @@ def _parameter(cause: str, key: str, quantity: Sequence[Any], exact: bool) -> Pa
     except (TypeError, ValueError):
         raise BadCase(f"{name}: {quantity!r}: nominal, plausible size and bounds must be numbers") from None
     if not (math.isfinite(nominal) and 0 < size < math.inf):
-        raise BadCase(f"{name}: nominal {nominal:g}, plausible size {size:g}; both must be finite, the size above 0 {unit}")
+        raise BadCase(f"{name}: nominal {nominal:g}, plausible size {size:g}; both must be finite, the size above 0")
     if not (low <= nominal <= high and low < high):
-        raise BadCase(f"{name}: nominal {nominal:g} {unit} must lie within its bounds {low:g} .. {high:g} {unit}")
+        raise BadCase(f"{name}: nominal {nominal:g} must lie within its bounds {low:g} .. {high:g} (unit {unit})")
     group, low, high = "effect" if cause else "calibration", low - nominal, high - nominal
     return Parameter(
         name=name, key=key, source=cause or key, group=group, unit=unit, nominal=nominal, sd=size, low=low, high=high, exact=exact

@@ -199,11 +199,12 @@ class _Diagnosis:
         theta = self._fitted(d.effects).theta
         for p, x in zip(b.parameters, theta.tolist(), strict=True):
             if p.source in d.effects and x and min(x - p.low, p.high - x) < 1e-3 * p.sd:
-                why.append(f"{p.key} lies at its bound {p.nominal + x:.4g} {p.unit}")
+                why.append(f"{p.key} lies at its bound {p.nominal + x:.4g} {p.unit}".removesuffix(" 1"))
             elif p.source in d.effects and p.role == "size" and abs(x) > LARGEST_SIZE * p.sd:
                 why.append(f"{p.key} is {abs(x) / p.sd:.2g} times its plausible size")
             elif p.group == "calibration" and abs(x) > judgement.TENSE_SD * p.sd:
-                why.append(f"{p.key} = {p.nominal + x:.4g} {p.unit} lies {abs(x) / p.sd:.2g} spreads from nominal")
+                size = f"{p.nominal + x:.4g} {p.unit}".removesuffix(" 1")
+                why.append(f"{p.key} = {size} lies {abs(x) / p.sd:.2g} spreads from nominal")
         return why
 
     def _asking(self, c: Any) -> tuple[StageError, ...]:

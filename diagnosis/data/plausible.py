@@ -35,6 +35,7 @@ LOWEST_USUAL = 1e3
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
 CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
+CHECK_SCALE = "check their unit and `scale` first"
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
 
@@ -107,7 +108,7 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     if unit is None:
         along, apart = np.ptp(tips.tip, axis=0), float(np.linalg.norm(np.ptp(tips.tip, axis=0)))
         if apart > 4 * FARTHEST * robot.length < 4 * np.median(along):  # along more than one axis, wherever the base is
-            return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: check their unit", tips.take(np.arange(0))
+            return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: {CHECK_SCALE}", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
     return f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}", in_m

@@ -29,13 +29,13 @@ from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, c
 from ..findings import Finding, finding
 from ..remedies import of_origin, of_unit
 from .edit import AREA, MODULUS
-from .misfit import as_described, sample_of
+from .misfit import Fit, Sample, as_described, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
 FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
-PLACES = (*FRAMES, "origin_elsewhere", "axis_in_unit")
+PLACES = (*FRAMES, "origin_elsewhere", "axis_in_unit", "axis_stretched")
 """Those which explain tips that no rod reaches."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
@@ -99,7 +99,10 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
 
         by_edits = judged(sample)
         findings += by_edits.findings if by_edits is not None else ()
-    if not findings and scaled and rms <= gross:
+        fit = (by_edits and by_edits.chosen) or fit
+    if (stretched := _stretched(sample, fit)) is not None:
+        findings = [stretched]
+    elif not findings and scaled and rms <= gross:
         findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
@@ -108,6 +111,17 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse
+
+
+def _stretched(sample: Sample, fit: Fit) -> Finding | None:
+    """The axis along which the tip moves much farther than the nearest fit, which moves, too."""
+    seen, length = sample.edited([(fit.edits, fit.x[None])]).tip[0], sample.robot.length
+    moved, able = seen.std(axis=0), (seen + fit.missed[: len(seen)]).std(axis=0)
+    axis = int(np.argmax(moved - able))
+    if moved[axis] < max(judgement.EDIT_STRETCHED * able[axis], able[axis] + judgement.EDIT_STRETCHED_BY * length):
+        return None
+    factor, follows = moved[axis] / max(able[axis], 1e-9), np.linalg.norm(able) > 0.3 * np.linalg.norm(moved)
+    return finding("axis_stretched", axis="xyz"[axis], factor=factor, mm=1e3 * moved[axis]) if follows else None
 
 
 def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:

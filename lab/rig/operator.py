@@ -42,15 +42,25 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     return "; ".join(text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name))
 
 
+WITHOUT_TERMINAL = (
+    "start at a terminal, or have a program answer (operator: unix:/PATH in rig.yaml); lab run takes --yes, only if all is "
+    "prepared and nobody is within reach of the robot"
+)
+
+
 class Console:
-    """Asks the person to prepare and waits for Enter; without a terminal, assumes that it is prepared and says so."""
+    """Asks the person to prepare and waits for Enter; without a terminal it stops, unless all was said to be `prepared`."""
+
+    def __init__(self, prepared: bool = False) -> None:
+        self._prepared = prepared
 
     def prepare(self, setup: Setup) -> None:
         """See Operator.prepare."""
         questions().print(f"Prepare: {preparations(setup)}.")
-        if not sys.stdin.isatty():
-            questions().print("(not a terminal: assumed to be prepared)")
+        if self._prepared:
             return
+        if not sys.stdin.isatty():
+            raise ProtocolError(f"nothing moved: nobody can confirm that all is prepared (not a terminal); {WITHOUT_TERMINAL}")
         if _typed("Enter when ready, q to stop: ") == "q":
             raise Stopped("not prepared; nothing moved")
 

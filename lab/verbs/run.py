@@ -61,6 +61,7 @@ from ..rig.interrupts import Interrupts
 from ..rig.keeping import settings as settings_within
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, excesses, margins, problems, wiring
+from ..rig.operator import Console
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -382,8 +383,10 @@ def run(
     resume: Path | None,
     watched: bool = False,
     labels: Mapping[str, str] = MappingProxyType({}),
+    prepared: bool = False,
 ) -> Result:
-    """Run a protocol, or go on with the broken run `resume`; `labels`: text by name, `watched`: on a page in the browser.
+    """Run a protocol, or go on with the broken run `resume`; `labels`: text by name, `watched`: on a page in the browser,
+    `prepared`: the person at the console is not asked.
 
     Code 0: completed; 1: cut short or not safe; 3: done, but samples were lost or states are doubtful. Raises ConfigError."""
     broken = find(resume) if resume is not None else None
@@ -400,6 +403,8 @@ def run(
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
     with Rig(j.rig) as rig:
+        if prepared and j.rig.operator == "console":
+            rig.operator = Console(prepared)
         connect(rig, j.experiment.needs)
         note_unverified(rig_path, j.rig)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
@@ -665,7 +670,7 @@ VERBS = (
     ),
     Verb(
         "run",
-        lambda a: run(a.protocol, a.rig, a.set, a.out, a.resume, a.watch, given_labels(a)),
+        lambda a: run(a.protocol, a.rig, a.set, a.out, a.resume, a.watch, given_labels(a), a.yes),
         options=(
             JSON,
             option("protocol", nargs="?", help=PROTOCOL),
@@ -674,6 +679,7 @@ VERBS = (
             option("--out", type=Path, metavar="FOLDER", help="folder for the recording (default: this one)"),
             option("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)"),
             option("--watch", action="store_true", help="show the run on a page in the browser"),
+            option("--yes", action="store_true", help="do not ask: all is prepared, and nobody is within reach"),
             *LABELS,
         ),
         examples=(

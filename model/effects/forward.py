@@ -377,7 +377,8 @@ class ForwardModel:
         wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
             info = self.parameters[int(np.flatnonzero(wrong)[0])]
-            raise BadCondition(f"{info.name} = {theta[wrong][0]:g} {info.unit}: must be within {info.low:g} and {info.high:g}")
+            value = f"{theta[wrong][0]:g} {info.unit}".removesuffix(" 1")
+            raise BadCondition(f"{info.name} = {value}: must be within {info.low:g} and {info.high:g}")
         return np.clip(values, self._low, self._high)
 
     def _laws(

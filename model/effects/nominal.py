@@ -62,7 +62,8 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
             elif stated.unit != p.unit:
                 yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
             elif not p.low <= stated.value <= p.high:
-                yield f"{place} = {stated.value:g} {p.unit}: must be within {p.low:g} and {p.high:g} {p.unit}".replace(" 1:", ":")
+                unit = f" {p.unit}".removesuffix(" 1")
+                yield f"{place} = {stated.value:g}{unit}: must be within {p.low:g} and {p.high:g}{unit}"
 
 
 def fixed_laws(robot: Robot, catalogue: Mapping[str, EffectSpec] = MappingProxyType({})) -> dict[str, tuple[Law, Values]]:

@@ -79,7 +79,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):
             raise BadEffect(
-                f"parameter {self.name}: scale {self.scale:g} {self.unit} must be positive and "
+                f"parameter {self.name}: scale {self.scale:g} (unit {self.unit}) must be positive and "
                 f"the bounds {self.low:g}..{self.high:g} must include zero, where the effect is absent"
             )
 

@@ -368,7 +368,7 @@ def test_a_cause_that_changes_nothing_is_said_to_be_unseen() -> None:
         ({"causes": [ELBOW, lab.Cause("other", ELBOW.parameters)]}, "parameter 'zero' is given 2 times"),
         ({"causes": [lab.Cause("a", {"zero": (0.0, 0.0, "rad")})]}, "a.zero: nominal 0, plausible size 0"),
         ({"causes": [lab.Cause("a", {"zero": (0.0, 0.1)})]}, "a.zero: .*write"),
-        ({"causes": [lab.Cause("a", {"zero": (0.0, 0.1, "rad", 1.0, 2.0)})]}, "a.zero: nominal 0 rad must lie within its bounds"),
+        ({"causes": [lab.Cause("a", {"zero": (0.0, 0.1, "rad", 1.0, 2.0)})]}, "a.zero: nominal 0 must lie within its bounds"),
         ({"causes": ELBOW}, "causes: must be a list of lab.Cause"),
         ({"causes": [lab.Cause("a", ["zero"])]}, "cause 'a': .*'zero'.*write {parameter"),  # type: ignore[arg-type]
         ({"causes": [lab.Cause("a", {"zero": (0.0, 0.01, None)})]}, "a.zero: unit None; write it as text"),

@@ -106,6 +106,22 @@ def test_another_unit_or_frame_is_refused_with_what_to_write(change: Change, wor
     assert all(word in text for word in words), text
 
 
+@pytest.mark.parametrize(
+    ("straight", "scale", "said"),
+    [("at rest", (1, 1, 4), "along z the tip moves"), ("as recorded", (1, 1, 4), "along z the tip moves"),
+     ("as recorded", (6, 6, 6), "m apart")],
+)  # fmt: skip
+def test_a_scale_that_was_forgotten_comes_before_the_place_of_the_base(
+    straight: str, scale: tuple[int, int, int], said: str
+) -> None:
+    rows = [row for chambers in (BENDING, (5, 6)) for row in sweep(chambers=chambers, spines=(0.0,))]
+    base = np.array([0.0, 0.0, (1 - scale[2]) * rows[0].tip[2] if straight == "at rest" else 0.2])  # type: ignore[index]
+    table = Table.of(replace(r, tip=tuple((np.array(r.tip) * scale + base).tolist())) for r in rows)
+    found = read(ROBOT, replace(table, mapped=Mapped(straight=straight)))  # type: ignore[arg-type]
+    text = "; ".join((*found.refused, *found.asked))
+    assert said in text and "`scale`" in text and "straight:" not in text and bool(found.refused) == (straight != "at rest"), text
+
+
 @pytest.mark.parametrize("call", [False, True])
 def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_frame(call: bool) -> None:
     for present, axes in itertools.product(FRAMES, FRAMES):

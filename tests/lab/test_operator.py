@@ -178,6 +178,15 @@ def wait(holds: Callable[[], bool]) -> None:
     assert timing.wait(holds, WITHIN)
 
 
+def test_a_run_begins_where_nobody_can_be_asked_only_after_a_person_said_that_all_is_prepared(
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, cli: Cli
+) -> None:
+    words = ("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path)
+    assert "nobody can confirm that all is prepared (not a terminal)" in (told := cli(*words, code=1).flat) and "--yes" in told
+    assert not real_lab.fakes.plant.regulator.any()
+    cli(*words, "--yes", code=(0, 3))
+
+
 def test_a_run_is_paused_noted_in_and_goes_on_with_every_state_there_once(
     real_lab: VirtualLab, rig: Path, tmp_path: Path, cli: Cli
 ) -> None:

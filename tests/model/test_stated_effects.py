@@ -61,6 +61,7 @@ def test_what_contradicts_itself_is_refused_where_the_file_is_read(
         ({"effects": {"spine_slip": {"momment": SLIP["moment"]}}}, "did you mean moment?"),
         ({"effects": {"spine_slip": {"moment": {**SLIP["moment"], "unit": "N mm"}}}}, "unit 'N mm', must be 'N m'"),
         ({"effects": {"spine_slip": {"moment": {**SLIP["moment"], "value": 3}}}}, "= 3 N m: must be within 0 and 1.5 N m"),
+        ({"effects": {"chamber_gain": {"x": {"value": 9, "unit": 1}}}}, "= 9: must be within -0.4 and 0.4"),
         ({"tolerances": {"tillt": {"x": {"value": 0, "unit": "rad"}}}}, "tolerances.tillt: is not known, did you mean tilt?"),
     ],
 )  # fmt: skip
