@@ -109,15 +109,19 @@ def _recorded(s: Campaign) -> dict[str, bool]:
 
 
 def _three(values: Array, gap: float) -> list[float]:
-    """Lowest, middle and highest of the settings used, rounded to the setting's grain."""
+    """Lowest, middle and highest of the settings used, rounded to the setting's grain and to three digits.
+
+    >>> _three(np.array([10642.195777, 30959.1, 48373.6]), 0.5)
+    [10600.0, 31000.0, 48400.0]
+    """
     known = np.unique(np.round(values / gap) * gap)
-    return np.round(np.unique(known[[0, len(known) // 2, -1]]) if known.size else known, 6).tolist()
+    return [float(f"{x:.3g}") for x in np.unique(known[[0, len(known) // 2, -1]] if known.size else known)]
 
 
 def _between(values: Array, gap: float) -> list[float]:
     """Settings half-way between those used, where these are few."""
     known = np.unique(np.round(values / gap) * gap)
-    return np.round((known[:-1] + known[1:]) / 2, 6).tolist() if len(known) <= 4 else []
+    return [float(f"{x:.3g}") for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
 
 
 def _inflated(s: Campaign) -> list[int]:

@@ -25,7 +25,7 @@ from ..files.rig_file import UNIX
 from ..guard.door import peer
 
 MOUNTS = {
-    "robot": "hang the robot in its frame, spine inside",
+    "robot": "mount the robot in its frame, as robot.yaml's gravity has it",
     "body": "mount the robot at the stiffness stand",
     "spine": "mount the bare spine at the stiffness stand",
 }
@@ -34,11 +34,13 @@ MOUNTS = {
 def preparations(setup: Setup, before: Setup | None = None) -> str:
     """What a person does for a set-up, where `before` stands; None: it is not known what stands."""
     done = {
-        "mount": MOUNTS[setup.mount],
+        "mount": MOUNTS[setup.mount] + ", spine inside" * (setup.mount == "robot" and setup.vacuum > 0),
         "tip_mass": f"hang {setup.tip_mass * 1e3:g} g at the tip" if setup.tip_mass else "no mass at the tip",
         "roll_deg": f"turn the mount to {setup.roll_deg:g} deg",
         "vacuum": f"set the vacuum supply to {setup.vacuum / 1e3:g} kPa below ambient",
     }
+    if before is None and not setup.vacuum:  # perhaps there is none
+        del done["vacuum"]
     return "; ".join(text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name))
 
 

@@ -23,7 +23,7 @@ from protocols.steering import Steering
 from ..console import Screen, out
 from ..files.config import ConfigError, in_si
 from ..files.rig_file import RigFile, load_rig
-from ..files.units import shown
+from ..files.units import KINDS, shown
 from ..guard.messages import SafeReport
 from ..options import Result, Verb, option, rig
 from ..rig.assembly import Rig
@@ -129,7 +129,8 @@ def known(file: RigFile) -> str:
     """The commands that this rig can carry out."""
     spine, valve = file.instruments.spine is not None, file.instruments.valve is not None
     moves = f"p2 20 kPa | {'spine 5 cm | ' * spine}{'valve on | valve off | ' * valve}vent"
-    return f"{moves} | help | q; numbers without a unit are in Pa{' or m' * spine}; Ctrl-C vents and ends"
+    units = f"numbers without a unit are in Pa{' or m' * spine}, pressures may be in {', '.join(KINDS['Pa'])}"
+    return f"{moves} | help | q; {units}; Ctrl-C vents and ends"
 
 
 def jog(rig_path: Path, rate: str) -> Result:

@@ -89,6 +89,11 @@ class Job:
         return yaml.safe_dump(values, sort_keys=False)
 
 
+WITHOUT_CAMERAS = (
+    ", or use lab run cycles or lab jog, which need no cameras, and join tips measured elsewhere (docs/howto/other-data.md)"
+)
+
+
 def job(
     protocol: str,
     rig_path: Path,
@@ -109,7 +114,8 @@ def job(
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
-        raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them")
+        without = WITHOUT_CAMERAS if "mocap" in missing else ""
+        raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them{without}")
     on_rig = (rig, rig_path, robot)
     keeping = partial(settings_within, parameters, given.table, lambda tried: excesses(_planned(experiment, tried), *on_rig))
     if beyond := problems(plan, *on_rig, keeping):

@@ -124,7 +124,7 @@ def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allow
         "task 1, before run 1: mount the bare spine at the stiffness stand; no mass at the tip; turn the mount to 0 deg; "
         "set the vacuum supply to 70 kPa below ambient"
     )
-    assert tasks[1].startswith("task 2, before the warm-up: hang the robot in its frame, spine inside; hang ")
+    assert tasks[1].startswith("task 2, before the warm-up: mount the robot in its frame, as robot.yaml's gravity has it, spine")
     assert tasks[1].endswith(" g at the tip; turn the mount to 40 deg")
     assert tasks[2] in [f"task 3, before run 5: hang {mass} g at the tip" for mass in ("61", "122.5")]
     assert "  pressure 90 kPa of 250 kPa allowed: ok" in text and "  tip mass 122.5 g" in text

@@ -26,7 +26,7 @@ from lab.files.inputs import read_case
 from lab.files.rig_file import RigFile
 from lab.rig.assembly import Rig
 from lab.rig.keys import HELP, Line
-from lab.rig.operator import Program, operator
+from lab.rig.operator import Program, operator, preparations
 from lab.verbs.fakes import PATIENT_SETTLE
 from lab.verbs.jog import readings
 from lab.verbs.run import connect, execute, job
@@ -73,6 +73,12 @@ def answering(path: Path, answer: object) -> Iterator[list[dict[str, object]]]:
         yield asked
         server.shutdown(socket.SHUT_RDWR)
         thread.join(10)
+
+
+def test_what_is_prepared_names_no_spine_and_vacuum_where_there_is_none() -> None:
+    assert preparations(Setup("robot", 0.0, 0.0, 0.0)) == (
+        "mount the robot in its frame, as robot.yaml's gravity has it; no mass at the tip; turn the mount to 0 deg"
+    )
 
 
 def test_a_program_of_ones_own_prepares_and_confirms(folder: Path) -> None:
@@ -370,7 +376,9 @@ def test_lines_move_the_rig_within_its_limits_and_the_end_vents(
     assert max(reached) == pytest.approx(20e3, abs=1e3)
     assert "p2 900 kPa: must be 0 to 250 kPa, the limit of rig and robot" in told and "chamber 11 is on no channel" in told
     assert "'dance': is no command of this rig; there are p2 20 kPa | spine 5 cm | valve on" in told and "p2: '2 bar 5'" in told
-    assert told.count("| vent | help | q; numbers without a unit are in Pa or m; Ctrl-C vents and ends") == 5  # at the start, too
+    assert (
+        told.count("| vent | help | q; numbers without a unit are in Pa or m, pressures may be in Pa, ") == 5
+    )  # at the start, too
     assert "spine at 3 cm" in told and "valve on" in told
     assert float(max(plant.chamber_pressure)) < 5e3 and not plant.valve_on
 
