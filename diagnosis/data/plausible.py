@@ -108,7 +108,7 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
     if unit is None:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
-        if apart > 2 * robot.length and 3 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
+        if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
             return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: {CHECK_SCALE}", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
