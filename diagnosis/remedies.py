@@ -67,6 +67,8 @@ def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
 def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:
     """The same of columns of the table; more than one word, or none: no unit that a map may state."""
     headings = {} if mapped is None else dict(mapped.headings)
+    if mapped is None and len(unit.split()) == 1:
+        return f"correct their unit in the table, or write `unit: {unit}` (or a `scale`) in columns.{names[0]} .. of map.yaml"
     if mapped is None or len(unit.split()) != 1 or not headings.keys() >= {*names}:
         place = "the table or its map.yaml" if mapped is None else "lab.case" if mapped.call else "map.yaml"
         return f"correct unit or scale of {', '.join(names)} in {place}"

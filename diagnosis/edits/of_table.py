@@ -25,6 +25,8 @@ from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
 """Share of the range of pressures above the lowest within which a robot is at rest."""
+LEAST_MOTION = 0.005
+"""Robot lengths (sd) that the rod moves along an axis whose unit is read off: of one that it does not, none is right."""
 PLAINEST = 0.02
 """Share of the likeness that an axis of a frame counts where it stays as it is: who bends little does not show them all."""
 
@@ -53,12 +55,14 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         says = stating("points_exchanged", "tip and markers", number=k + 1)
         for about_rest in (True, False):
             yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
+    rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
+    moves, *able = (np.nanstd(v.tip[0], axis=0) for v in (sample.described, sample.rods(sample.described), rods))
     for axis, (unit, wrong) in product(range(3), permutations(METRES, 2)):
         name, factor = "xyz"[axis] if table.mapped is None else table.mapped.frame[axis][-1], METRES[unit] / METRES[wrong]
-        shown, remedy = heading(name, table.mapped), of_columns([name], unit.replace("inches", "in"), table.mapped)
-        says = stating("axis_in_unit", f"column {shown}", heading=shown, unit=unit, wrong=wrong, factor=factor, remedy=remedy)
-        yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
-    rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
+        if any(max(by[axis] / 2, LEAST_MOTION * robot.length) < factor * moves[axis] < 2 * by[axis] for by in able):
+            shown, remedy = heading(name, table.mapped), of_columns([name], unit.replace("inches", "in"), table.mapped)
+            says = stating("axis_in_unit", f"column {shown}", heading=shown, unit=unit, wrong=wrong, factor=factor, remedy=remedy)
+            yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
         predicted, measured = ([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described))
