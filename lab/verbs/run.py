@@ -89,11 +89,6 @@ class Job:
         return yaml.safe_dump(values, sort_keys=False)
 
 
-WITHOUT_CAMERAS = (
-    ", or use lab run cycles or lab jog, which need no cameras, and join tips measured elsewhere (docs/howto/other-data.md)"
-)
-
-
 def job(
     protocol: str,
     rig_path: Path,
@@ -114,8 +109,9 @@ def job(
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
     if missing:
-        without = WITHOUT_CAMERAS if "mocap" in missing else ""
-        raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them{without}")
+        blind = "; without cameras use lab run cycles or lab jog, and join tips measured elsewhere (docs/howto/other-data.md)"
+        need = f"{experiment.name} needs instruments.{', instruments.'.join(missing)}; add them"
+        raise ConfigError(f"{rig_path}: {need}{blind * ('mocap' in missing)}")
     on_rig = (rig, rig_path, robot)
     keeping = partial(settings_within, parameters, given.table, lambda tried: excesses(_planned(experiment, tried), *on_rig))
     if beyond := problems(plan, *on_rig, keeping):
@@ -416,7 +412,6 @@ def run(
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
-    lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
     warn(rig.notices)
     poses: dict[str, Any] = {}
@@ -425,7 +420,7 @@ def run(
             from ..files.poses import write_poses  # slow to import
 
             poses = write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
-    data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+    data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": result.lost,
             "safe": result.safe, "resume": again, **poses}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
@@ -433,7 +428,7 @@ def run(
             f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
         ])  # fmt: skip
     cut_short = result.error is not None and (result.asked or not result.displaced)
-    lossy = lost or result.displaced or result.table.doubtful.any()
+    lossy = result.lost or result.displaced or result.table.doubtful.any()
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
     return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
@@ -591,8 +586,7 @@ def execute(
     if recorder.path != file:
         announce(j.rig_path, recorder.path)
     table = Table.stacked([*([] if broken is None else [broken.table]), Table.of(trials.rows)])
-    asked_to_end = interrupts.stopping()
-    return Outcome(recorder.path, outcome, table, lost, safe, error, asked_to_end, recorder.displaced)
+    return Outcome(recorder.path, outcome, table, lost, safe, error, interrupts.stopping(), recorder.displaced)
 
 
 @contextlib.contextmanager
