@@ -226,27 +226,19 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
         out.print(f"{first.id} is expected to distinguish {pairs}.")
     if not d.words.by_rig:
         where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
-        out.print(
-            f"The states of the first are in {where}. Measure them, import the table, and diagnose both cases together",
-            soft_wrap=True,
-        )
+        todo = "Measure them, import the table, and diagnose both cases together"
+        out.print(f"The states of the first are in {where}. {todo}", soft_wrap=True)
         return
     run = command(first, protocols)
-    out.print(
-        f"Run the first: {run}"
-        if protocols
-        else f"To run the first, repeat this command with --protocols next, which writes its file; then {run}",
-        soft_wrap=True,
-    )
+    later = "To run the first, repeat this command with --protocols next, which writes its file; then"
+    out.print(f"{'Run the first:' if protocols else later} {run}", soft_wrap=True)
 
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
     columns = ("hypothesis", "p", "log evidence", "unseen states", "size")
     t = Sheet(*columns, title="What the data support", title_justify="left")
-    for r in ranking:
-        if r.probability < LEAST_STATED:
-            continue
+    for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
