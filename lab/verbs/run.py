@@ -107,8 +107,7 @@ def job(
     experiment, parameters, plan = protocol_plan(protocol, [], facts, given, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
-    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
-    if missing:
+    if missing := [n for n in experiment.needs if getattr(rig.instruments, n) is None]:
         blind = "; without cameras use lab run cycles or lab jog, and join tips measured elsewhere (docs/howto/other-data.md)"
         need = f"{experiment.name} needs instruments.{', instruments.'.join(missing)}; add them"
         raise ConfigError(f"{rig_path}: {need}{blind * ('mocap' in missing)}")
@@ -126,10 +125,8 @@ def protocol_plan(
 
     `facts`: what is known of the robot; `source`: the protocol's file where it was read; `of_file`: a protocol of Python."""
     source = _with(source or source_of(protocol), settings)
-    table = source.table
-    name = table.get("protocol", protocol)
-    experiment = _experiment(name, of_file, source.name)
-    values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
+    experiment = _experiment(source.table.get("protocol", protocol), of_file, source.name)
+    values, lines = _by_new_names({k: v for k, v in source.table.items() if k != "protocol"}, source, experiment)
     values = {**_defaults(experiment, facts), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
@@ -274,10 +271,8 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
     """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
     out.print(f"{p.protocol}: {counted(len(p.steps), 'step')}, about {clock(p.seconds)} of rig time", soft_wrap=True)
     if speed != 1:
-        out.print(
-            f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer.",
-            soft_wrap=True,
-        )
+        real = f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer."
+        out.print(real, soft_wrap=True)
     for m in asked:
         out.print(f"  {m}", soft_wrap=True)
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
@@ -297,12 +292,9 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 def _rehearsed(j: Job) -> dict[str, Any]:
     """Execute a protocol's `run` without instruments: states and trials read, differences from its plan. Raises BadProtocol."""
     rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
-    differs = []
-    chambers = wiring(j.rig, j.rig.body).count
+    differs = ["the plan's steps do not state what they read: give each Step its `reads`"] if rows else []
     if any(step.reads for step in j.plan.steps):
-        differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), rows))
-    elif rows:
-        differs.append("the plan's steps do not state what they read: give each Step its `reads`")
+        differs = [unlike(planned_rows(j.plan, j.parameters, wiring(j.rig, j.rig.body).count), rows)]
     planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
     if highest > planned * SLACK:
         differs.append(
