@@ -110,11 +110,9 @@ def sentence(
     if named == UNKNOWN:
         return f"Something has changed since the reference that no effect of the catalogue explains ({probability})."
     units = {f"{e}.{q.name}": q.unit for e in named for q in catalogue[e].parameters}
-    sizes_in_words = []
-    for name, value in ((name.removesuffix(CHANGE), value) for name, value in sizes.items()):
-        number, unit = for_people(value, units[name], words)
-        sizes_in_words.append(f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip())
-    return f"Since the reference {effects} changed ({'; '.join(sizes_in_words)}; {probability})."
+    read = {name: for_people(value, units[name], words) for key, value in sizes.items() for name in [key.removesuffix(CHANGE)]}
+    by = "; ".join(f"{plain_name(name, names)} by {number:.3g} {unit}".rstrip() for name, (number, unit) in read.items())
+    return f"Since the reference {effects} changed ({by}; {probability})."
 
 
 class _JointForward:

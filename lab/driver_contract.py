@@ -25,7 +25,6 @@ from drivers.interfaces import ArmSample, BodySample, Identity, PressureSample
 from sim_fakes.instrument import FakePart, Site
 from sim_fakes.plant import Plant
 from sim_fakes.pty_fake import Faults, PtyFake
-from sim_fakes.registry import of_role
 from sim_fakes.ur.process import free_host
 from timing import RigClock
 
@@ -719,7 +718,3 @@ def close(place: Any, wanted: Any) -> bool:
 def near(values: Any, wanted: Any) -> bool:
     """Equal within what a regulator's steps and noise are."""
     return all(abs(a - b) < 1.5e3 for a, b in zip(values, wanted, strict=True))
-
-
-def test_every_registered_pressure_driver_is_tried() -> None:
-    assert set(of_role("pressure", found_fakes().usable)) >= {"alicat", "smc_itv"}

@@ -69,10 +69,7 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
-    for id, name in ALIKE:
-        if f"{id}.{name}" not in names:
-            continue
-        k = names.index(f"{id}.{name}")
+    for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:
         theta, remaining = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
         if remaining <= most_left and infos[k].low < theta[k] < infos[k].high:
             as_good.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * remaining))

@@ -109,11 +109,7 @@ def _recorded(s: Campaign) -> dict[str, bool]:
 
 
 def _three(values: Array, gap: float) -> list[float]:
-    """Lowest, middle and highest of the settings used, rounded to the setting's grain and to three digits.
-
-    >>> _three(np.array([10642.195777, 30959.1, 48373.6]), 0.5)
-    [10600.0, 31000.0, 48400.0]
-    """
+    """Lowest, middle and highest of the settings used, rounded to the setting's grain and to three digits."""
     known = np.unique(np.round(values / gap) * gap)
     return [float(f"{x:.3g}") for x in np.unique(known[[0, len(known) // 2, -1]] if known.size else known)]
 

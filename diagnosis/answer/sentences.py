@@ -371,9 +371,8 @@ def also_present(budget: Sequence[Carries], name: Callable[[str], str], digits: 
 
 def _odd(d: Diagnosis) -> str:
     trial = d.detail["misfit"]["outlier_trial"]
-    if d.attribute.verdict != "unknown" or trial is None:
-        return ""
-    return f"Trial {trial} does not fit the others: check it first."
+    odd = d.attribute.verdict == "unknown" and trial is not None
+    return f"Trial {trial} does not fit the others: check it first." if odd else ""
 
 
 def _pushed(d: Diagnosis) -> str:
@@ -387,9 +386,8 @@ def _pushed(d: Diagnosis) -> str:
         f"The calibrated model misses the deflections of the stiffness trials by {before} mm rms (in-sample; {of} "
         f"{pushes['floor_mm']:.3f} mm)"
     )
-    if d.attribute.verdict != "effect":
-        return f"{text}."
-    return f"{text}; with the cause, by {'as much' if after == before else f'{after} mm'}."
+    cause = f"; with the cause, by {'as much' if after == before else f'{after} mm'}"
+    return f"{text}{cause * (d.attribute.verdict == 'effect')}."
 
 
 def held_out(d: Diagnosis) -> str:

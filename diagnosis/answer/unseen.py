@@ -238,9 +238,7 @@ def closed(how: str, before: Array, after: Array, floor: float, states: Campaign
 
 def share_closed(before: float, after: float, floor: float) -> float | None:
     """Share of the reducible gap that is closed, from root mean squares; None where before is at the floor."""
-    if before <= REDUCIBLE_RATIO * floor:
-        return None
-    return 1 - (after**2 - floor**2) / (before**2 - floor**2)
+    return None if before <= REDUCIBLE_RATIO * floor else 1 - (after**2 - floor**2) / (before**2 - floor**2)
 
 
 def closed_with_interval(

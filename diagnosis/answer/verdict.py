@@ -121,9 +121,7 @@ def budget_section(f: Attribution) -> tuple[Carries, ...]:
 
 def rivals(d: Decision, posterior: EffectPosterior) -> tuple[str, ...]:
     """Return the effects of the 95 % set that are not named, most probable first; none where no effect is named."""
-    if d.verdict != "effect":
-        return ()
-    others = (h for h in posterior.credible_set if h not in (NONE, UNKNOWN, d.effects))
+    others = (h for h in posterior.credible_set if d.verdict == "effect" and h not in (NONE, UNKNOWN, d.effects))
     return tuple(dict.fromkeys(e for h in others for e in h if e not in d.effects))
 
 

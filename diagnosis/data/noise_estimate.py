@@ -82,9 +82,8 @@ def _learnt(remainder: Array, change: Array, step: Array) -> Array:
     """Symmetric rank-one update of the remainder R of the curvature, so that R step = `change`, unless ill-conditioned."""
     missed = change - remainder @ step
     along = float(missed @ step)
-    if abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):
-        return remainder
-    return remainder + np.outer(missed, missed) / along
+    ill_conditioned = abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step))
+    return remainder if ill_conditioned else remainder + np.outer(missed, missed) / along
 
 
 def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:

@@ -35,7 +35,6 @@ LOWEST_USUAL = 1e3
 USUAL_PRESSURE = 60e3
 """Pa, the highest pressure of most soft robots."""
 CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
-CHECK_SCALE = "check their unit and `scale` first"
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
 
@@ -109,7 +108,7 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
-            return f"{head}: tips lie up to {apart:.3g} m apart; positions are in m: {CHECK_SCALE}", tips.take(np.arange(0))
+            return f"{head}: tips lie up to {apart:.3g} m apart: check unit (m) and `scale` first", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
     in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
     return f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}", in_m

@@ -210,9 +210,8 @@ def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
     turn = Rotation.from_rotvec(own)
-    if turn.magnitude() < np.radians(judgement.EDIT_LEAST_TILT):
-        return []
-    return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own)
+    tilted = turn.magnitude() >= np.radians(judgement.EDIT_LEAST_TILT)
+    return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own) if tilted else []
 
 
 def axes_say(axes: Array, mapped: Mapped | None, turn: Rotation | None = None) -> Says:
@@ -363,11 +362,10 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
                starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
     yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
-    for k in range(len(robot.actuators.azimuths_deg)):
-        gain = np.log(judgement.EDIT_USUAL_GAIN)
+    count, gain = len(robot.actuators.azimuths_deg), np.log(judgement.EDIT_USUAL_GAIN)
+    for k in range(count):
         apply = partial(_gain, [k], 1.0)
-        yield Edit(f"gain {k}", 0.1 / len(robot.actuators.azimuths_deg), apply=apply, starts=((0.0,),),
-                   bounds=((-gain, gain),), left=True)  # fmt: skip
+        yield Edit(f"gain {k}", 0.1 / count, apply=apply, starts=((0.0,),), bounds=((-gain, gain),), left=True)
     signatures = _signatures(*sample.edited([((), near.x[None])]).written())
     for slope, bounds in signatures:
         apply = partial(_effect, slope)
@@ -377,9 +375,8 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
 def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[float, float], ...]]]:
     """Of each effect of the catalogue that shows: (k, n, 3) m by which tips move with its k parameters, to first order and for
     one prior standard deviation of each, and their bounds in such."""
-    columns = {name: table[name] for name in table.columns}
     try:
-        design = design_from_columns(robot, columns, TIP)
+        design = design_from_columns(robot, {name: table[name] for name in table.columns}, TIP)
         shown = {id: spec for id, spec in CATALOGUE.items() if spec.shown is None or spec.shown(robot, design)}
         forward = ForwardModel(robot, design, "one", shown)
         wanted = [k for id in shown for k in forward.index(id)]

@@ -115,13 +115,13 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:
     """The axis along which the tip moves much farther than the nearest fit, which moves, too."""
-    seen, length = sample.edited([(fit.edits, fit.x[None])]).tip[0], sample.robot.length
+    seen = sample.edited([(fit.edits, fit.x[None])]).tip[0]
     moved, able = seen.std(axis=0), (seen + fit.missed[: len(seen)]).std(axis=0)
-    axis = int(np.argmax(moved - able))
-    if moved[axis] < max(judgement.EDIT_STRETCHED * able[axis], able[axis] + judgement.EDIT_STRETCHED_BY * length):
-        return None
-    factor, follows = moved[axis] / max(able[axis], 1e-9), np.linalg.norm(able) > 0.3 * np.linalg.norm(moved)
-    return finding("axis_stretched", axis="xyz"[axis], factor=factor, mm=1e3 * moved[axis]) if follows else None
+    axis, follows = int(np.argmax(moved - able)), np.linalg.norm(able) > 0.3 * np.linalg.norm(moved)
+    least = max(judgement.EDIT_STRETCHED * able[axis], able[axis] + judgement.EDIT_STRETCHED_BY * sample.robot.length)
+    factor = moved[axis] / max(able[axis], 1e-9)
+    found = finding("axis_stretched", axis="xyz"[axis], factor=factor, mm=1e3 * moved[axis])
+    return found if follows and moved[axis] >= least else None
 
 
 def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:

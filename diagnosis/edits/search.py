@@ -103,9 +103,8 @@ def edit_first(robot: Robot, states: Campaign, effects: Collection[str] = ()) ->
     on several sides, another order that it knows is taken for that, as an effect of the robot.
     """
     found = None if robot.effects or robot.tolerances else judge(robot, states)
-    if found is None or found.chosen is None:
-        return Edited(robot, states)
-    return _made(robot, states, found, found.chosen, effects)
+    chosen = None if found is None else found.chosen
+    return Edited(robot, states) if found is None or chosen is None else _made(robot, states, found, chosen, effects)
 
 
 def judge(robot: Robot, states: Campaign) -> Judged | None:

@@ -63,9 +63,7 @@ def light(c: Candidate, bases: Bases) -> Candidate:
 def complete(c: Candidate, bases: Bases) -> Candidate:
     """The inverse of `light`."""
     slope = c.fit.slope
-    if slope is None or slope.left is None:
-        return c
-    return _with(c, replace(slope, base=bases[slope.left], left=None))
+    return c if slope is None or slope.left is None else _with(c, replace(slope, base=bases[slope.left], left=None))
 
 
 def without_derivatives(c: Candidate) -> Candidate:

@@ -225,8 +225,7 @@ class Session:
                 self.journal.ended(number, result.outcome, seconds, len(result.table), lost, False)
                 return Ended(False, str(result.error), result.safe)
             return self._failed(number, result.error, seconds, lost)
-        inflated = run is None or run.inflates
-        self.journal.ended(number, "completed", seconds, len(result.table), lost, inflated)
+        self.journal.ended(number, "completed", seconds, len(result.table), lost, run is None or run.inflates)
         return self._judged(run, result)
 
     def _judged(self, run: CampaignRun | None, result: Outcome) -> Ended:
@@ -236,12 +235,9 @@ class Session:
             self.stops.take(run.cell, result.table)
         if not result.safe:
             return Ended(False, "the safe state is not confirmed", False)
-        all_done = len(self.journal.done.completed) == len(self.campaign.runs)
-        why = "" if all_done else self.stops.after(self.journal.done)
-        if result.asked and not all_done:
-            why = why or "stopped by the operator"
-        if result.displaced and not all_done:
-            why = why or "; ".join(result.displaced)
+        if len(self.journal.done.completed) == len(self.campaign.runs):
+            return Ended(True)
+        why = self.stops.after(self.journal.done) or "stopped by the operator" * result.asked or "; ".join(result.displaced)
         return Ended(not why, why)
 
     def _failed(self, number: int | None, error: Exception | None, seconds: float, lost: int) -> Ended | None:

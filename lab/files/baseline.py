@@ -125,14 +125,12 @@ def from_simulator(
     Each setting is simulated once. Raises ConfigError for results that violate `Forward`."""
     specs = (*catalogue.values(), *tolerances(case.robot).values(), AREA)
     scale = {f"{spec.id}.{p.name}": p.scale for spec in specs for p in spec.parameters}
-    unknown = [p for p in forward.parameters if p not in scale]
-    if unknown:
+    if unknown := [p for p in forward.parameters if p not in scale]:
         raise ConfigError(f"simulator {name}: parameter {unknown[0]!r} is not known; `lab effects --json` lists the names")
     s = settings(case.robot, case.table)
     distinct, place = _distinct(np.column_stack([s.spine_length, s.pressure, s.tip_mass, s.roll, s.force, s.moment]))
     states = [distinct[i : i + 8] for i in range(0, len(distinct), 8)]  # eight a call, so that progress is seen
-    steps = [(p, 0.1 * scale[p]) for p in forward.parameters] if varied else []  # a tenth of each plausible size
-    variants: list[tuple[str, float]] = [("", 0.0), *steps]
+    variants = [("", 0.0), *((p, 0.1 * scale[p]) for p in forward.parameters if varied)]  # a tenth of each plausible size
     baselines: dict[str, Baseline] = {}
     for v, (parameter, step) in enumerate(variants):
         parts: list[Array] = []

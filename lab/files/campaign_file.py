@@ -39,8 +39,7 @@ class CampaignProtocol(FileTable):
 
     @model_validator(mode="after")
     def _once(self) -> CampaignProtocol:
-        both = ", ".join(sorted(set(self.parameters) & set(self.conditions)))
-        if both:
+        if both := ", ".join(sorted(set(self.parameters) & set(self.conditions))):
             raise ValueError(f"{both}: is in both parameters and conditions; keep it in one of them")
         for name, values in self.conditions.items():
             if any(value in values[:k] for k, value in enumerate(values)):

@@ -127,10 +127,8 @@ def check(source: Source, model: type[M]) -> M:
         if not problems:
             return result
     order = sorted(problems, key=lambda loc: (source.lines.get(loc, 10**9), str(loc)))
-    texts = []
-    for loc in order[:MOST_PROBLEMS]:
-        problem = problems[loc]
-        texts.append(f"{source.at(loc)}: {problem if isinstance(problem, str) else _describe(problem, loc, data, model)}")
+    said = {loc: p if isinstance(p := problems[loc], str) else _describe(p, loc, data, model) for loc in order[:MOST_PROBLEMS]}
+    texts = [f"{source.at(loc)}: {text}" for loc, text in said.items()]
     if len(order) > len(texts):
         texts.append(f"{source.name}: and {len(order) - len(texts)} more problems")
     raise ConfigError(*texts, placed=True)
@@ -279,12 +277,9 @@ def _in_unit(value: Any, field: FieldInfo) -> Any:
 def _own_loc(loc: Loc, data: object) -> Loc:
     """Drop what pydantic adds to a location for unions (tags, type names): keep the steps that lead through the data."""
     own: list[str | int] = []
-    for i, step in enumerate(loc):
-        last = i == len(loc) - 1
-        if _holds(data, step):
+    for left, step in zip(range(len(loc) - 1, -1, -1), loc, strict=True):
+        if _holds(data, step) or (isinstance(data, dict) and not left):
             data = _inside(data, step)
-            own.append(step)
-        elif isinstance(data, dict) and last:
             own.append(step)
     return tuple(own)
 

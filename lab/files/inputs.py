@@ -136,12 +136,8 @@ def without_torn(paths: Sequence[Path]) -> list[Path]:
     """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
 
     The recording is left out with a note. One that is whole counts, and its recovered file is left out instead."""
-    left_out: dict[Path, Path] = {}
-    for path in paths:
-        saved = path.with_name(f"{path.stem}-recovered.mcap")
-        if saved in paths:
-            over, counts = (saved, path) if verify(path).ok else (path, saved)
-            left_out[over] = counts
+    pairs = ((path, path.with_name(f"{path.stem}-recovered.mcap")) for path in paths)
+    left_out = dict((saved, path) if verify(path).ok else (path, saved) for path, saved in pairs if saved in paths)
     note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]
 

@@ -68,14 +68,11 @@ def find(run: Path) -> Broken:
     recordings = [_open(_beside(journal, name), progress.campaign) for name, _ in names]
     table = merged(recordings)
     rows = {trial: int((table.trial == trial).sum()) for trial in progress.done}
-    finished = 0  # a trial of which a row is missing from the recordings is done again, with all after it
-    while finished < progress.finished and (
-        finished + 1 in progress.skipped or rows[finished + 1] == progress.done[finished + 1]
-    ):
-        finished += 1
+    # a trial of which a row is missing from the recordings is done again, with all after it
+    lacking = (k for k in range(1, progress.finished + 1) if k not in progress.skipped and rows[k] != progress.done[k])
+    finished = next(lacking, progress.finished + 1) - 1
     first = recordings[0]
-    missing = [name for name in ("protocol.yaml", "robot.yaml") if name not in first.attachments]
-    if missing:
+    if missing := [name for name in ("protocol.yaml", "robot.yaml") if name not in first.attachments]:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, table.take(table.trial <= finished),

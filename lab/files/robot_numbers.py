@@ -37,10 +37,7 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
             f"outer_radius of {1e3 * outer:.4g} mm: check both and their units"
         )
     if 0 < robot.density < LEAST_DENSITY:
-        yield (
-            f"density is {robot.density:g} kg/m^3, less than that of a foam ({LEAST_DENSITY:g}): if it is in g/cm^3, multiply by "
-            "1000"
-        )
+        yield f"density is {robot.density:g} kg/m^3, below a foam's ({LEAST_DENSITY:g}): if it is in g/cm^3, multiply by 1000"
     body = body_mass(robot)
     if body > 0 and robot.tip_mass > MOST_BODIES * body:
         yield (
@@ -48,8 +45,7 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
             "g, divide by 1000"
         )
     poisson = robot.youngs_modulus / (2 * robot.shear_modulus) - 1
-    by_material = robot.bending_stiffness is None
-    if by_material and not LEAST_POISSON <= poisson <= MOST_POISSON:
+    if robot.bending_stiffness is None and not LEAST_POISSON <= poisson <= MOST_POISSON:
         yield (
             f"shear_modulus {sized(robot.shear_modulus, 'Pa')} with youngs_modulus {sized(robot.youngs_modulus, 'Pa')} means a "
             f"Poisson's ratio of {poisson:.2g}, outside 0 to 0.5: rubber has a third of its youngs_modulus, "

@@ -43,10 +43,7 @@ def forget(rig: RigFile) -> None:
 
 def recall(path: Path) -> RigFile | None:
     """The rig as it was last used with the rig.yaml of this path; None when that is not known."""
-    for found in _all(_digest(path.resolve())):
-        if found.path == path.resolve():
-            return found
-    return None
+    return next((found for found in _all(_digest(path.resolve())) if found.path == path.resolve()), None)
 
 
 def remembered() -> list[RigFile]:

@@ -138,7 +138,7 @@ def _serve(guard: Guard, commands: Connection) -> None:
             try:
                 ok, answer = True, guard.obey(asked) if isinstance(asked, Order) else guard.do(asked)
             except Exception as e:  # noqa: BLE001 - every failure is handed to the caller, typed where the type can travel
-                if isinstance(asked, Command):
+                if isinstance(asked, Command) and asked.instrument in guard.own.drivers:
                     e = of_driver(asked.instrument, getattr(guard.rig.instruments, asked.instrument), e)
                 typed = isinstance(e, (InstrumentError, RigLanded, RigLocked))
                 ok, answer = False, e if typed else RuntimeError(f"{type(e).__name__}: {e}")

@@ -102,9 +102,7 @@ def seconds(values: Array, unit: str, factor: float) -> Array:
 
 def gaps(t: Array) -> Mask:
     """(n,) rows that follow the row before by far more than the period."""
-    found = np.zeros(len(t), bool)
-    found[1:] = np.diff(t) > max(FAR * period(t), LEAST_GAP)
-    return found
+    return np.asarray(np.diff(t, prepend=t[:1]) > max(FAR * period(t), LEAST_GAP))
 
 
 def timeline(t: Array, tick: float, place: Callable[[int], str], several: bool) -> Timeline:
@@ -181,8 +179,7 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
 def _overflow(t: Array, off: float, usual: float, tick: float) -> float:
     """s after which a counter that fell by `off` (s, its period aside) begins again; 0 of what is none."""
     sizes = [2.0**bits * unit for bits in BITS for unit in (tick, *TICKS)]
-    fits = [size for size in sizes if abs(off + size) <= 3 * usual < 0.1 * size and np.ptp(t) <= size]
-    return fits[0] if fits else 0.0
+    return next((size for size in sizes if abs(off + size) <= 3 * usual < 0.1 * size and np.ptp(t) <= size), 0.0)
 
 
 def _set_back(t: Array, i: int, usual: float) -> bool:

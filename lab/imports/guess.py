@@ -80,11 +80,8 @@ def guess_map(series: Series, robot: Robot) -> Guess:
 
 def _with_plane(series: Series) -> tuple[Series, str]:
     """The same with zeros for the coordinate that one camera does not see, and that coordinate; empty where it sees all."""
-    found = unseen_axis([heading(n, series.units.get(n, "")) for n in series.numbers])
-    if found is None:
-        return series, ""
-    axis, name = found
-    return replace(series, columns={**series.columns, name: np.zeros(len(series))}), axis
+    axis, name = unseen_axis([heading(n, series.units.get(n, "")) for n in series.numbers])
+    return (replace(series, columns={**series.columns, name: np.zeros(len(series))}), axis) if axis else (series, "")
 
 
 def lacks(series: Series, robot: Robot) -> frozenset[str]:

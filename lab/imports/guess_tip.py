@@ -217,11 +217,9 @@ def _mass_at_rest(series: Series, rest: Mask) -> float | None:
 
 def _roll(series: Series, headings: Sequence[Heading]) -> Array:
     """(n,) deg by which the body was turned in its mount, where a heading says so and the angle stays for some rows; else 0."""
-    for h in headings:
-        values = series.numbers[h.name]
-        if own_column(h) == "roll_deg" and not changes_throughout(values):
-            return np.nan_to_num(values) * KINDS["deg"].get(unit_in(series, h.name, KINDS["deg"]), 1.0)
-    return np.zeros(len(series))
+    mounted = [h.name for h in headings if own_column(h) == "roll_deg" and not changes_throughout(series.numbers[h.name])]
+    units = [KINDS["deg"].get(unit_in(series, name, KINDS["deg"]), 1.0) for name in mounted[:1]]
+    return np.nan_to_num(series.numbers[mounted[0]]) * units[0] if mounted else np.zeros(len(series))
 
 
 def changes_throughout(angle: Array) -> bool:

@@ -221,16 +221,16 @@ def triples(headings: Sequence[Heading]) -> list[Triple]:
     return found or _counted(headings)
 
 
-def unseen_axis(headings: Sequence[Heading]) -> tuple[str, str] | None:
-    """The coordinate that one camera does not see, and a heading for it; None unless one place alone has two coordinates."""
+def unseen_axis(headings: Sequence[Heading]) -> tuple[str, str]:
+    """The coordinate that one camera does not see, and a heading for it; empty unless one place alone has two coordinates."""
     groups = [(c, words, unit) for words, unit, c in _groups(headings) if unit in ("", *KINDS["m"])]
     pairs = [c for c, words, unit in groups if len(c) == 2 and (unit or words & PLACE_WORDS)]
     if len(pairs) != 1 or any(len(c) == 3 for c, _, _ in groups):
-        return None
+        return "", ""
     (axis,) = set("xyz") - set(pairs[0])
     seen, name = next(iter(pairs[0].items()))
     made = re.sub(rf"(?i)(?<![a-z]){seen}(?![a-z])", axis, name)
-    return None if made in [h.name for h in headings] else (axis, made)
+    return ("", "") if made in [h.name for h in headings] else (axis, made)
 
 
 def _counted(headings: Sequence[Heading]) -> list[Triple]:

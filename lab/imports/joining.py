@@ -81,11 +81,8 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Str
 
 def time_heading(series: Series) -> str | None:
     """The first column whose heading is one of times."""
-    for name in series.numbers:
-        h = heading(name, series.units.get(name, ""))
-        if own_column(h) in (None, "t") and (quantity(h) == "t" or h.kind == "s"):
-            return name
-    return None
+    headings = (heading(name, series.units.get(name, "")) for name in series.numbers)
+    return next((h.name for h in headings if own_column(h) in (None, "t") and (quantity(h) == "t" or h.kind == "s")), None)
 
 
 def _has(series: Series, name: Name) -> bool:
@@ -180,8 +177,8 @@ def _apart(lead: Stream, other: Stream) -> str:
     zones = [k * HALF_HOUR for k in range(-LARGEST_CHANGE, LARGEST_CHANGE + 1)]
     moved = [z for z in zones if min(lead.span[1], other.span[1] + z) > max(lead.span[0], other.span[0] + z)]
     zone = min(moved, key=abs) if moved and lead.absolute == other.absolute else None
-    start, why = lead.span[0] - other.span[0], "if both started together"
-    proposed, why = (start, why) if zone is None else (zone, "if one clock is set to another time zone")
+    start = lead.span[0] - other.span[0], "if both started together"
+    proposed, why = start if zone is None else (zone, "if one clock is set to another time zone")
     return (
         f"{spans} do not overlap in time. State by how many seconds to shift one of them; {why}, write files: "
         f"{{{other.label!r}: {{source: {{offset: {proposed:.10g}}}}}, '*': {{}}}}, or {JOIN}"

@@ -125,9 +125,7 @@ def read_topics(paths: Sequence[Path], source: Source, named: Collection[str] | 
     wanted = all_topics
     if named is not None:  # a column is a topic, or a field of it
         wanted = [t for t in all_topics if t == source.topic or any(n == t or n.startswith(f"{t}.") for n in named)]
-    notes = []
-    if len(paths) > 1:
-        notes.append(f"read as one recording, by its times: {', '.join(p.name for p in paths)}")
+    notes = [f"read as one recording, by its times: {', '.join(p.name for p in paths)}"] if len(paths) > 1 else []
     if unwanted := [t for t in all_topics if t not in wanted]:
         more = f" and {len(unwanted) - SHOWN} more" if len(unwanted) > SHOWN else ""
         notes.append(f"topics that are not in the map are not read: {', '.join(unwanted[:SHOWN])}{more}")
@@ -264,8 +262,7 @@ def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callab
 
 def _by_package(encoding: str, schema: Schema | None) -> Decoder:
     """The decoder of a package; raises ValueError where there is none."""
-    package = DECODERS.get(encoding)
-    if package is None:
+    if (package := DECODERS.get(encoding)) is None:
         raise ValueError(f"messages of encoding {encoding!r} are not read")
     try:
         factory = import_module(package).DecoderFactory()

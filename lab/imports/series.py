@@ -195,8 +195,7 @@ def axes_of(series: Series, marker: str, place: str) -> list[str]:
 def numbers(series: Series, name: Name, place: str) -> Array:
     """A column of numbers; raises ConfigError naming the first cell that is none and what to write."""
     head = name_of(series, name, place)
-    strange = series.strange.get(head)
-    if strange is not None:
+    if (strange := series.strange.get(head)) is not None:
         words = ", ".join(repr(w[:40]) for w in strange.words)
         raise ConfigError(
             f"{series.path}, {series.place(strange.row)}, column {head!r} ({place}): {strange.words[0][:40]!r} is not a number "
@@ -217,11 +216,8 @@ def numbers(series: Series, name: Name, place: str) -> Array:
 def texts(series: Series, name: Name, place: str, missing: Sequence[str | float] = ()) -> NDArray[np.str_]:
     """A column as words, numbers too; empty where they are missing. Raises ConfigError where there is no such column."""
     own = name_of(series, name, place)
-    if own in series.strange:
-        found = series.strange[own].column
-    elif own in series.words:
-        found = series.words[own]
-    else:
+    found = series.strange[own].column if own in series.strange else series.words.get(own)
+    if found is None:
         values = series.numbers.get(own, np.full(len(series), np.nan))
         return np.array([f"{v:g}" if np.isfinite(v) else "" for v in values.tolist()], np.str_)
     said = {w: "" if is_missing(w, missing) and w.strip().casefold() != "x" else w.strip() for w in set(found.tolist())}
@@ -249,14 +245,10 @@ def unseen(xyz: Array, resting: Mask | None = None) -> Mask:
     No row is where zeros may be positions: others come as near to the origin, or the rows at zero are exactly those at rest."""
     zero = np.asarray((xyz == 0).all(axis=1))
     seen = xyz[~zero & np.isfinite(xyz).all(axis=1)]
-    if not zero.any() or not len(seen):
-        return np.zeros(len(xyz), bool)
-    if resting is not None and (zero == resting).all():
+    if not zero.any() or not len(seen) or (resting is not None and (zero == resting).all()):
         return np.zeros(len(xyz), bool)
     spread = float(np.linalg.norm(seen - np.median(seen, axis=0), axis=1).max())
-    if float(np.linalg.norm(seen, axis=1).min()) < 0.05 * spread:
-        return np.zeros(len(xyz), bool)
-    return zero
+    return zero & (float(np.linalg.norm(seen, axis=1).min()) >= 0.05 * spread)
 
 
 def at_rest(pressures: Array) -> Mask:
@@ -309,9 +301,7 @@ def _fields(value: Any) -> dict[str, Any] | None:
     if hasattr(value, "DESCRIPTOR"):
         fields = value.DESCRIPTOR.fields
         return {f.name: getattr(value, f.name) for f in fields if not f.has_presence or value.HasField(f.name)}
-    if hasattr(value, "__slots__"):
-        return {slot: getattr(value, slot, None) for slot in value.__slots__}
-    return None
+    return {slot: getattr(value, slot, None) for slot in value.__slots__} if hasattr(value, "__slots__") else None
 
 
 def _is_list(value: Any) -> bool:

@@ -318,18 +318,14 @@ def _without_strays(
     tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         of_state = cut.rows
-        if of_state.stop - of_state.start < 2:
-            continue
-        row = moves_within(tip[of_state], markers[of_state], length)
-        if row is None:
+        if len(tip[of_state]) < 2 or (row := moves_within(tip[of_state], markers[of_state], length)) is None:
             continue
         first = row + of_state.start if first is None else first
         rows = np.flatnonzero(strays(tip[of_state], markers[of_state], length)) + of_state.start
-        if len(rows) > MOST_STRAY * (of_state.stop - of_state.start):
+        if len(rows) > MOST_STRAY * len(tip[of_state]):
             torn.append(cut)
-            continue
-        tip[rows], markers[rows] = np.nan, np.nan
-        stray_count += len(rows)
+        else:
+            tip[rows], markers[rows], stray_count = np.nan, np.nan, stray_count + len(rows)
     if first is not None:
         notes.append(
             f"{series.path.name}, {series.place(int(q.row[first]))}: a marker jumps within a state: was it confused with "

@@ -10,6 +10,7 @@ import csv
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -321,10 +322,8 @@ def _numbers_above_headings(data: Mask, commented: Mask, words: Mask) -> int:
     """The line below which the table's own rows begin, where lines of numbers, of channels say, stand above a heading."""
     rows = np.flatnonzero(data)
     headed = ~data & ~commented & (words.sum(axis=1) >= DATA_SHARE * words.shape[1])
-    for k in range(min(MOST_ABOVE, len(rows) // 2), 0, -1):
-        if headed[rows[k - 1] : rows[k]].any():
-            return int(rows[k])
-    return 0
+    above = range(min(MOST_ABOVE, len(rows) // 2), 0, -1)
+    return next((int(rows[k]) for k in above if headed[rows[k - 1] : rows[k]].any()), 0)
 
 
 def _is_cut_off(last: Sequence[str], above: pd.DataFrame) -> bool:
@@ -519,10 +518,7 @@ def _is_label(cells: Sequence[str]) -> bool:
 
 def _carried(cells: Sequence[str]) -> list[str]:
     """A line of headings in which a name stands above the first of its columns only, or above each."""
-    out: list[str] = []
-    for cell in cells:
-        out.append(cell or (out[-1] if out and out[-1] else ""))
-    return out
+    return list(accumulate(cells, lambda last, cell: cell or last, initial=""))[1:]
 
 
 def _listed_units(text: str, width: int) -> list[str]:

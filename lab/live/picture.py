@@ -123,16 +123,10 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
         return None, robot, {}
     if robot is not None:
         rig = within_robot(rig, robot.max_pressure)
-    instruments = rig.instruments
-    limits = {
-        "force": rig.limits.max_force, "moment": rig.limits.max_moment, "vacuum": rig.limits.max_vacuum,
-        "total_pressure": rig.limits.max_total_pressure, "hidden": rig.limits.max_hidden,
-    }  # fmt: skip
-    if instruments.pressure is not None:
-        limits["pressure"] = instruments.pressure.max_pressure
-    if instruments.spine is not None:
-        limits["spine"] = instruments.spine.max_length
-    return rig, robot, limits
+    pressure, spine = rig.instruments.pressure, rig.instruments.spine
+    limits = {name: getattr(rig.limits, f"max_{name}") for name in ("force", "moment", "vacuum", "total_pressure", "hidden")}
+    limits |= {"pressure": pressure.max_pressure} if pressure is not None else {}
+    return rig, robot, limits | ({"spine": spine.max_length} if spine is not None else {})
 
 
 def _protocol(contents: Contents, missing: list[str]) -> str:

@@ -111,10 +111,9 @@ def origin(robot: str, inputs: Sequence[Path]) -> str:
 
 def gap_numbers(d: Diagnosis) -> list[tuple[str, str, str]]:
     """Name, size and note of the numbers at the page's top: the gap by each model (mm rms, unseen or in-sample), noise floor."""
-    digits = 2 if d.locate.of == "tip" else 3
-    basis = "unseen states"
+    digits, basis = 2 if d.locate.of == "tip" else 3, "in-sample" if d.waterfall is None else "unseen states"
     if d.waterfall is None:
-        rows, basis = [(CALIBRATED, d.locate.gap_rmse_mm)], "in-sample"
+        rows = [(CALIBRATED, d.locate.gap_rmse_mm)]
     else:
         rows = [(GIVEN, d.waterfall.given_mm), (CALIBRATED, d.waterfall.steps[0].left_mm)]
         if d.shrink is not None and d.attribute.verdict == "effect":
@@ -189,8 +188,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         interval = "" if ends is None else f" (95 %: {percent(ends[0])} .. {percent(ends[1])} %)"
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
-        alone = sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None
-        itself = sentences.by_itself(alone)
+        itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
         s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{itself}.")
 
 
@@ -364,10 +362,9 @@ def _shapes(s: PageSection, d: Diagnosis, folder: Path) -> None:
         f"States with the largest calibrated error, one for each group of {d.words.actuators}{_lengths(d, ' and ')}, in-sample"
         + "; mm, base frame",
     )
-    rows = []
-    for x in states:
-        name = draw.state_name(x, d.words).replace("\n", ", ")
-        rows.append([name, _point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")])
+    names = [draw.state_name(x, d.words).replace("\n", ", ") for x in states]
+    missed = [[_point(x["measured_tip"]), _miss(x, "calibrated"), _miss(x, "explained")] for x in states]
+    rows = [[name, *cells] for name, cells in zip(names, missed, strict=True)]
     s.table(("state", "measured tip, mm", f"{CALIBRATED}, off by, mm", f"{explained(d)}, off by, mm"), rows)
 
 

@@ -44,12 +44,6 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
     return "; ".join(text for name, text in done.items() if before is None or getattr(setup, name) != getattr(before, name))
 
 
-WITHOUT_TERMINAL = (
-    "start at a terminal, or have a program answer (operator: unix:/PATH in rig.yaml); lab run takes --yes, only if all is "
-    "prepared and nobody is within reach of the robot"
-)
-
-
 class Console:
     """Asks the person to prepare and waits for Enter; without a terminal it stops, unless all was said to be `prepared`."""
 
@@ -62,7 +56,10 @@ class Console:
         if self._prepared:
             return
         if not sys.stdin.isatty():
-            raise ProtocolError(f"nothing moved: nobody can confirm that all is prepared (not a terminal); {WITHOUT_TERMINAL}")
+            raise ProtocolError(
+                "nothing moved: nobody can confirm that all is prepared (not a terminal); have a program answer (operator: "
+                "unix:/PATH in rig.yaml), or add --yes to lab run, only if nobody is within reach of the robot"
+            )
         if _typed("Enter when ready, q to stop: ") == "q":
             raise Stopped("not prepared; nothing moved")
 

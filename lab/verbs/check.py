@@ -362,8 +362,7 @@ def check(rig_path: Path, seconds: float, move: bool = False, yes: bool = False,
 
     data = {"rig": rig.file.name, "seconds": span, "instruments": rows, "scatter_mm": scatter, "warnings": rig.notices}
     failed = not all(r["ok"] for r in rows) or not all(m.ok for m in moved)
-    data |= {"moved": [asdict(m) for m in moved]} if robot is not None else {}
-    data |= {"calibration": said} if calibrating else {}
+    data |= ({"moved": [asdict(m) for m in moved]} if robot is not None else {}) | ({"calibration": said} if calibrating else {})
     return Result(data, show, 1 if failed else (3 if lost else 0))
 
 

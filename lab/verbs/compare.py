@@ -49,9 +49,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
         note(marked_notes(case.table))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
-        for path in (figure, measured):
-            if path:
-                out.print(f"figure: {path}")
+        for path in filter(None, (figure, measured)):
+            out.print(f"figure: {path}")
 
     pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
     counts = {"unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}

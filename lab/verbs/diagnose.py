@@ -79,8 +79,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         case = read_case(inputs, robot)
         if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
-        note(case.table.warnings)
-        note(marked_notes(case.table))
+        note((*case.table.warnings, *marked_notes(case.table)))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = worth_doing(_answer(case, robot, wanted, executor))
@@ -239,9 +238,7 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
     columns = ("hypothesis", "p", "log evidence", "unseen states", "size")
     t = Sheet(*columns, title="What the data support", title_justify="left")
-    for r in ranking:
-        if r.probability < LEAST_STATED:
-            continue
+    for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"

@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
+from rich.table import Column as Heading
 from rich.table import Table as Sheet
 
 from model.robot import Robot
@@ -60,10 +61,8 @@ PATIENT_SETTLE = ("settle.still_distance=5 mm", *PATIENT_PAUSES)
 def serve(a: argparse.Namespace) -> Result:
     """Run fakes until Ctrl-C, and write or print the rig.yaml that reaches them; with --list-effects only list effects."""
     if a.list_effects:
-        sheet = Sheet(title="Effects of the virtual robot, for --effect ID[=SIZE]", title_justify="left")
-        sheet.add_column("effect", no_wrap=True)
-        sheet.add_column("plausible size", justify="right")
-        sheet.add_column("what it is")
+        title = "Effects of the virtual robot, for --effect ID[=SIZE]"
+        sheet = Sheet(Heading("effect", no_wrap=True), "plausible size", "what it is", title=title, title_justify="left")
         for e in list_effects():
             sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
         out.print(sheet)

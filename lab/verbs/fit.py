@@ -4,6 +4,7 @@ write them into a robot.yaml."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -129,14 +130,10 @@ def effects_sheet(f: Fitted) -> Sheet:
     """The fitted parameters as a table, in the units in which people read them."""
     named, words = " + ".join(f.effects) or "no effect", f.robot.actuators.words
     t = Sheet("parameter", "value", title=f"Robot with {named} (± standard deviation)", title_justify="left")
-    last_group = ""
-    for name, p in f.parameters.items():
-        kind = name.partition(".")[0]
-        group = "effect" if kind in f.effects else "tolerance" if "." in name else "area"
-        if last_group and group != last_group:
-            t.add_section()
-        last_group = group
-        t.add_row(name, sized(p, words))
+    for _, group in groupby(f.parameters.items(), lambda one: (one[0].partition(".")[0] in f.effects, "." in one[0])):
+        t.add_section()
+        for name, p in group:
+            t.add_row(name, sized(p, words))
     for each in f.by_actuator:
         t.add_section()
         for name, factor in each.by_name(words).items():
@@ -253,14 +250,9 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
 
 
 def _within(mean: Array, root: Array, limits: Array, rng: np.random.Generator) -> Array:
-    """(k,) of a normal with covariance `root` `root`^T, drawn until within `limits` (k, 2), or cut there after 1000 draws."""
-    low, high = limits[:, 0], limits[:, 1]
-    value = mean
-    for _ in range(1000):
-        value = mean + root @ rng.normal(size=len(mean))
-        if ((value >= low) & (value <= high)).all():
-            break
-    return np.clip(value, low, high)
+    """(k,) of a normal with covariance `root` `root`^T, drawn until within `limits` (k, 2); else the mean, cut there."""
+    draws = (mean + root @ rng.normal(size=len(mean)) for _ in range(1000))
+    return next((value for value in draws if (value == np.clip(value, *limits.T)).all()), np.clip(mean, *limits.T))
 
 
 def write_samples(names: tuple[str, ...], values: Array, robots: list[Robot], folder: Path, given: str = "") -> Iterator[Path]:

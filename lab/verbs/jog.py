@@ -106,8 +106,7 @@ def act(bench: Bench, file: RigFile, line: str, rate: float) -> str:
         if not 0 <= target[channel] <= pressure.max_pressure:
             raise ConfigError(f"{line}: must be 0 to {shown(pressure.max_pressure, 'Pa')}, the limit of rig and robot")
         ramp(bench, target, min(rate, pressure.max_rate))
-        group = ", ".join(map(str, bench.chambers.channels[channel]))
-        return f"set-point of chamber {group}: {shown(target[channel], 'Pa')}"
+        return f"set-point of chamber {', '.join(map(str, bench.chambers.channels[channel]))}: {shown(target[channel], 'Pa')}"
     if word == "spine" and bench.spine is not None and file.instruments.spine is not None:
         length, most = in_si(word, value, "m"), file.instruments.spine.max_length
         if not 0 <= length <= most:

@@ -253,14 +253,12 @@ def _with_ends(names: Sequence[str], value: Array, low: Array, high: Array) -> C
 def _rows(columns: Columns) -> list[dict[str, Any]]:
     """Values for JSON; None for a missing number."""
     cells = zip(*(column.tolist() for column in columns.values()), strict=True)
-    rows: list[dict[str, Any]] = plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])
-    return rows
+    return plain_numbers([dict(zip(columns, row, strict=True)) for row in cells])  # type: ignore[no-any-return]
 
 
 def _pressures(robot: Robot, states: Columns) -> Array:
-    n = len(states["spine_length"])
-    count = len(robot.actuators.azimuths_deg)
-    return np.stack([np.asarray(states.get(f"p{c}", np.zeros(n)), float) for c in range(1, count + 1)], axis=1)
+    none, count = np.zeros(len(states["spine_length"])), len(robot.actuators.azimuths_deg)
+    return np.stack([np.asarray(states.get(f"p{c}", none), float) for c in range(1, count + 1)], axis=1)
 
 
 def _judge(robot: Robot, states: Columns) -> None:
@@ -343,8 +341,7 @@ def _predict_verb(a: argparse.Namespace) -> Result:
         raise ConfigError(f"--figure {a.figure}: must end in {', '.join(PICTURES)}")
     if a.inverse is not None:
         return invert(robot, a.inverse, files, a.effects, a.spine_length, a.groups)
-    by_table = a.table is not None
-    states = table_states(a.table, robot.actuators.words) if by_table else protocol_states(a.protocol, a.set, robot)
+    states = table_states(a.table, robot.actuators.words) if a.table else protocol_states(a.protocol, a.set, robot)
     return predict(robot, states, files, a.effects)
 
 

@@ -80,10 +80,8 @@ def _show(file: Path, s: Info) -> None:
             "are 1 Hz here.",
             soft_wrap=True,
         )
-    if s.finished:
-        ended = s.outcome or "finished; its outcome was not recorded"
-    else:
-        ended = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `{typed('lab', 'recover', file)}` keeps them"
+    torn = f"ended abruptly; {s.readable} of {s.size} bytes can be read; `{typed('lab', 'recover', file)}` keeps them"
+    ended = (s.outcome or "finished; its outcome was not recorded") if s.finished else torn
     out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {_states(s)} states read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
     for topic, stream in s.streams.items():
@@ -231,11 +229,10 @@ def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Recorded
     """Return each run that resumed another one, behind that one; `listed` is in the order of time."""
     last: dict[str, RecordedRun] = {}
     pairs: list[tuple[RecordedRun, RecordedRun]] = []
-    for run in listed:
-        if run.campaign and run.campaign in last and not run.path.endswith("-recovered.mcap"):
+    for run in (run for run in listed if run.campaign):
+        if run.campaign in last and not run.path.endswith("-recovered.mcap"):
             pairs.append((last[run.campaign], run))
-        if run.campaign:
-            last[run.campaign] = run
+        last[run.campaign] = run
     return pairs
 
 

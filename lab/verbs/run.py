@@ -89,11 +89,6 @@ class Job:
         return yaml.safe_dump(values, sort_keys=False)
 
 
-WITHOUT_CAMERAS = (
-    ", or use lab run cycles or lab jog, which need no cameras, and join tips measured elsewhere (docs/howto/other-data.md)"
-)
-
-
 def job(
     protocol: str,
     rig_path: Path,
@@ -112,10 +107,10 @@ def job(
     experiment, parameters, plan = protocol_plan(protocol, [], facts, given, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
-    missing = [n for n in experiment.needs if getattr(rig.instruments, n) is None]
-    if missing:
-        without = WITHOUT_CAMERAS if "mocap" in missing else ""
-        raise ConfigError(f"{rig_path}: {experiment.name} needs instruments.{', instruments.'.join(missing)}; add them{without}")
+    if missing := [n for n in experiment.needs if getattr(rig.instruments, n) is None]:
+        blind = "; without cameras use lab run cycles or lab jog, and join tips measured elsewhere (docs/howto/other-data.md)"
+        need = f"{experiment.name} needs instruments.{', instruments.'.join(missing)}; add them"
+        raise ConfigError(f"{rig_path}: {need}{blind * ('mocap' in missing)}")
     on_rig = (rig, rig_path, robot)
     keeping = partial(settings_within, parameters, given.table, lambda tried: excesses(_planned(experiment, tried), *on_rig))
     if beyond := problems(plan, *on_rig, keeping):
@@ -130,10 +125,8 @@ def protocol_plan(
 
     `facts`: what is known of the robot; `source`: the protocol's file where it was read; `of_file`: a protocol of Python."""
     source = _with(source or source_of(protocol), settings)
-    table = source.table
-    name = table.get("protocol", protocol)
-    experiment = _experiment(name, of_file, source.name)
-    values, lines = _by_new_names({k: v for k, v in table.items() if k != "protocol"}, source, experiment)
+    experiment = _experiment(source.table.get("protocol", protocol), of_file, source.name)
+    values, lines = _by_new_names({k: v for k, v in source.table.items() if k != "protocol"}, source, experiment)
     values = {**_defaults(experiment, facts), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
     plan = _planned(experiment, parameters)
@@ -278,10 +271,8 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
     """Print duration, margins to the limits (`asked`), steps and the rehearsal (`done`, see `_rehearsed`)."""
     out.print(f"{p.protocol}: {counted(len(p.steps), 'step')}, about {clock(p.seconds)} of rig time", soft_wrap=True)
     if speed != 1:
-        out.print(
-            f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer.",
-            soft_wrap=True,
-        )
+        real = f"At clock speed {speed:g} this takes {clock(p.seconds / speed)} of real time; a slow computer takes longer."
+        out.print(real, soft_wrap=True)
     for m in asked:
         out.print(f"  {m}", soft_wrap=True)
     steps, repeats = (p.steps, 1) if whole else folded(p.steps)
@@ -301,12 +292,9 @@ def _show_plan(p: Plan, speed: float, asked: Sequence[Margin], whole: bool, done
 def _rehearsed(j: Job) -> dict[str, Any]:
     """Execute a protocol's `run` without instruments: states and trials read, differences from its plan. Raises BadProtocol."""
     rows, highest = rehearse(j.experiment, j.parameters, j.plan, j.rig)
-    differs = []
-    chambers = wiring(j.rig, j.rig.body).count
+    differs = ["the plan's steps do not state what they read: give each Step its `reads`"] if rows else []
     if any(step.reads for step in j.plan.steps):
-        differs.append(unlike(planned_rows(j.plan, j.parameters, chambers), rows))
-    elif rows:
-        differs.append("the plan's steps do not state what they read: give each Step its `reads`")
+        differs = [unlike(planned_rows(j.plan, j.parameters, wiring(j.rig, j.rig.body).count), rows)]
     planned = max((p for step in j.plan.steps for p in step.ask.pressures), default=0.0)
     if highest > planned * SLACK:
         differs.append(
@@ -416,7 +404,6 @@ def run(
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
-    lost = result.lost
     again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
     warn(rig.notices)
     poses: dict[str, Any] = {}
@@ -425,7 +412,7 @@ def run(
             from ..files.poses import write_poses  # slow to import
 
             poses = write_poses(Recording.open(result.file), result.table, result.file.with_suffix(".poses.csv"))
-    data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": lost,
+    data = {"file": str(result.file), "outcome": result.outcome, "rows": len(result.table), "lost": result.lost,
             "safe": result.safe, "resume": again, **poses}  # fmt: skip
     if isinstance(result.error, NotReached) and j.rig.clock.speed > 1:
         note([
@@ -433,7 +420,7 @@ def run(
             f"few samples: start the fakes with a smaller --speed, such as {slower(j.rig.clock.speed):g}"
         ])  # fmt: skip
     cut_short = result.error is not None and (result.asked or not result.displaced)
-    lossy = lost or result.displaced or result.table.doubtful.any()
+    lossy = result.lost or result.displaced or result.table.doubtful.any()
     code = 1 if cut_short or not result.safe else 3 if lossy else 0
     error = None if isinstance(result.error, Stopped) else result.error
     return Result(data, lambda: _show_outcome(j, result, poses), code, error, safe=result.safe, again=again)
@@ -591,8 +578,7 @@ def execute(
     if recorder.path != file:
         announce(j.rig_path, recorder.path)
     table = Table.stacked([*([] if broken is None else [broken.table]), Table.of(trials.rows)])
-    asked_to_end = interrupts.stopping()
-    return Outcome(recorder.path, outcome, table, lost, safe, error, asked_to_end, recorder.displaced)
+    return Outcome(recorder.path, outcome, table, lost, safe, error, interrupts.stopping(), recorder.displaced)
 
 
 @contextlib.contextmanager

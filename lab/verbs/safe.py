@@ -56,8 +56,7 @@ class RigLanding:
     @property
     def told(self) -> dict[str, Any]:
         """As JSON has it."""
-        steps = [asdict(s) for s in self.steps]
-        return {"confirmed": self.report.confirmed, "locked": self.locked, "steps": steps}
+        return {"confirmed": self.report.confirmed, "locked": self.locked, "steps": [asdict(s) for s in self.steps]}
 
 
 @coming_first()
@@ -169,9 +168,8 @@ def _ended(landed: Landed) -> list[str]:
                     f"process {owner.pid} owns the rig and does not answer, but only user {owner.user} may kill it. Kill it, "
                     "then enter `lab safe` again"
                 )
-    for owner in landed.doubtful:
-        texts.append(f"{owner}. It was asked to land; the safe state is read from the instruments alone")
-    return texts
+    asked = "It was asked to land; the safe state is read from the instruments alone"
+    return texts + [f"{owner}. {asked}" for owner in landed.doubtful]
 
 
 def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) -> None:

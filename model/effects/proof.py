@@ -71,9 +71,7 @@ def _nearest(error: Exception) -> str:
     """The quantity whose name is nearest to one that does not exist; empty for another error."""
     found = _NO_SUCH.search(str(error)) if isinstance(error, AttributeError) else None
     known = {kind.__name__: [f.name for f in fields(kind)] for kind in (Quantities, Readings, History)}
-    if found is None or found[1] not in known:
-        return ""
-    return f"; {nearest(found[2], known[found[1]])}"
+    return "" if found is None or found[1] not in known else f"; {nearest(found[2], known[found[1]])}"
 
 
 def _tried(robot: Robot, design: States, spec: EffectSpec) -> tuple[Array, Array]:

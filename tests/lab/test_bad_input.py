@@ -77,7 +77,7 @@ def test_a_wrong_parameter_is_named_before_anything_is_connected(
 def test_a_protocol_without_its_instruments_is_refused(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, lambda rig: rig["instruments"].pop("mocap"))
     text = cli("run", "bending", "--rig", rig, code=2).err
-    assert "instruments.mocap" in text
+    assert "instruments.mocap" in text and "without cameras use lab run cycles or lab jog" in text
 
 
 def test_a_port_that_is_something_else_is_told(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
