@@ -57,17 +57,17 @@ def compare_campaigns(
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
     # A change is named for what it moves in the later campaign, as a cause is.
-    offset = len(before.problem.observed)
-    w = weighed(_joined(before, after), [replace(part, rows=part.rows + offset) for part in parts(after)], executor)
+    w = weighed(
+        _joined(before, after), [replace(part, rows=part.rows + len(before.problem.observed)) for part in parts(after)], executor
+    )
     trials = np.concatenate([before.labels.trial, after.labels.trial + before.labels.trial.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
     ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
-    theta = ranked.candidates[named].fit.theta
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
-    sizes = {parameters.names[i]: float(theta[i]) for i in of_named}
+    sizes = {parameters.names[i]: float(ranked.candidates[named].fit.theta[i]) for i in of_named}
     change = what_is_told(ranked)
     return Change(sentence(ranked, change, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, change)
 

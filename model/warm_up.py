@@ -17,7 +17,7 @@ import numpy as np
 from model import rods as rod
 from model.effects import history
 from model.rods.fast.compiler import compiled_here
-from model.rods.solution import AT_ORIENTATION, RESULT, Solution, no_shape
+from model.rods.solution import AT_ORIENTATION, RESULT, Solution
 
 BUCKLING = 2.0
 """A margin that no rod has: every rod is loaded in steps."""
@@ -43,7 +43,7 @@ def derivatives() -> None:
     rod.solve(batch, rod.PAPER)
     values = np.zeros((1, RESULT))
     values[0, AT_ORIENTATION] = 1.0
-    straight = Solution(values, np.zeros(1, np.int8), no_shape(1))
+    straight = Solution(values, np.zeros(1, np.int8), np.zeros((1, 0, 3)))
     rod.sensitivities(batch, straight, np.zeros((1, 1, batch.form.width)), strain=True)
 
 

@@ -150,7 +150,8 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
     for size in SMOOTH_SIZES:
         refit = fit(p.problem, with_tolerances.prior, size, with_tolerances.theta, 4, least_promise=UNCONVERGED)
         smooth.append(replace(with_tolerances, size=size, theta=refit.theta, smooth=True))
-    models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *(_only(f, s) for s in subsets)]
+    alone = (Model(p.problem.parameters.prior_of(s), 0.0, fit_alone(p.problem, s, f.best.fit.theta, 4).theta) for s in subsets)
+    models = [*([] if tolerant_is_known else [with_tolerances]), *smooth, *alone]
     refits = held_out.errors(models, DiagnosisStep.GAP_STEP_BY_STEP)
 
     def finish() -> Waterfall:
@@ -163,12 +164,6 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
         return _steps(p, named, by_causes, (tolerant, with_smooth), held_out.how)
 
     return finish
-
-
-def _only(f: Attribution, named: Hypothesis) -> Model:
-    """These effects and no tolerance of others."""
-    problem = f.prepared.problem
-    return Model(problem.parameters.prior_of(named), 0.0, fit_alone(problem, named, f.best.fit.theta, 4).theta)
 
 
 def _simulator_as_it_is(p: Prepared) -> Array | None:

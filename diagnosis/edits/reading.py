@@ -119,8 +119,7 @@ def _stretched(sample: Sample, fit: Fit) -> Finding | None:
     moved, able = seen.std(axis=0), (seen + fit.missed[: len(seen)]).std(axis=0)
     axis, follows = int(np.argmax(moved - able)), np.linalg.norm(able) > 0.3 * np.linalg.norm(moved)
     least = max(judgement.EDIT_STRETCHED * able[axis], able[axis] + judgement.EDIT_STRETCHED_BY * sample.robot.length)
-    factor = moved[axis] / max(able[axis], 1e-9)
-    found = finding("axis_stretched", axis="xyz"[axis], factor=factor, mm=1e3 * moved[axis])
+    found = finding("axis_stretched", axis="xyz"[axis], factor=moved[axis] / max(able[axis], 1e-9), mm=1e3 * moved[axis])
     return found if follows and moved[axis] >= least else None
 
 

@@ -255,13 +255,8 @@ def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: floa
 
 def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: StiffnessTrials | None) -> Array:
     """(k,) prior sd in each parameter's unit: of trials what their repeats show, of all others what the effect declares."""
-
-    def sd(p: ParameterInfo) -> float:
-        of_push = pushes is not None and p.name in pushes.names
-        components = pushes.noise_components if pushes is not None and of_push else floor
-        return components.trial.get(p.source, p.sd)
-
-    return np.array([sd(p) for p in infos])
+    of = [pushes.noise_components if pushes is not None and p.name in pushes.names else floor for p in infos]
+    return np.array([components.trial.get(p.source, p.sd) for components, p in zip(of, infos, strict=True)])
 
 
 def _smooth_errors(robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None) -> SmoothErrors:

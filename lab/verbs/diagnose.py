@@ -225,13 +225,9 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
     where = f"{protocols}/{first.id}.csv" if protocols else "a file that --protocols FOLDER writes"
     by_hand = f"measure the states in {where}, import the table, and diagnose both cases together"
     run = command(first, protocols)
-    if not d.words.by_rig:
-        what_to_do = f"M{by_hand[1:]}"
-    elif protocols:
-        what_to_do = f"Run the first: {run}; without a rig, {by_hand}"
-    else:
-        what_to_do = f"To run the first, repeat this command with --protocols next, which writes its file; then {run}"
-    out.print(what_to_do, soft_wrap=True)
+    later = f"To run the first, repeat this command with --protocols next, which writes its file; then {run}"
+    by_rig = f"Run the first: {run}; without a rig, {by_hand}" if protocols else later
+    out.print(by_rig if d.words.by_rig else f"M{by_hand[1:]}", soft_wrap=True)
 
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:

@@ -301,8 +301,7 @@ class ForwardModel:
         if not here.bare.converged.all() or not here.final.converged.all():
             return self
         other = copy.copy(self)
-        other._points = (here,)
-        other._steps = here.bare.steps
+        other._points, other._steps = (here,), here.bare.steps
         other._start, other._remembering = here.bare, here.final if here.remembers else None
         return other
 
@@ -316,8 +315,7 @@ class ForwardModel:
         # single states are solved in a form from which no other solve can go on
         begin = final if final.solution.memory.size else None
         along = solve(self._layout, final.rows, np.asarray(arcs, float), final.steps, begin, inside=False)
-        read = self._readings(here.quantities, along.result[None], here.spread)
-        return read.markers[0, : len(self.design)]
+        return self._readings(here.quantities, along.result[None], here.spread).markers[0, : len(self.design)]
 
     def observe(self, columns: Columns) -> Array:
         """Measured values of a table with the design's rows, in the order of `labels`; NaN for a cell that was not measured."""

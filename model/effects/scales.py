@@ -45,12 +45,11 @@ class Scales:
         (2.5, 250000.0, 1.0)
         """
         force = self.stiffness / self.length**2
-        known = {
+        return {
             "Pa": self.pressure, "m": self.length, "1/m": 1 / self.length, "rad/m": 1 / self.length, "N": force,
             "N m": force * self.length, "N/m": force / self.length, "m/N": self.length / force,
             "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity, "s": self.time, "1/s": 1 / self.time,
-        }  # fmt: skip
-        return known.get(unit, 1.0)
+        }.get(unit, 1.0)  # fmt: skip
 
     def times_standard(self, unit: str) -> float:
         """This scale over the standard one."""

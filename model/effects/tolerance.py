@@ -210,8 +210,8 @@ def sources(
     of_robot = bool((~design.stiffness).any())
     chosen += [as_stated(source, sized, uncertainty) for source in (ALWAYS if of_robot else ALWAYS[:2])]
     if of_robot:
-        factor = VariationSource(AREA, "calibration", "all" if area == "one" else "spine_length")
-        chosen.append(as_stated(factor, sized, uncertainty))
+        scope: Scope = "all" if area == "one" else "spine_length"
+        chosen.append(as_stated(VariationSource(AREA, "calibration", scope), sized, uncertainty))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:

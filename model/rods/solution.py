@@ -16,7 +16,6 @@ AT_TIP, AT_ORIENTATION, AT_FORCE, AT_MOMENT = 0, 3, 7, 10
 AT_RESIDUAL, AT_MARGIN, AT_LARGEST, AT_LOAD = 13, 14, 15, 16
 """Residual expected after the last correction (rad, lengths), margin to buckling, largest moment (N m), share of load."""
 RESULT = 17
-_NO_MEMORY = np.zeros((0, 0))
 
 
 class Status(IntEnum):
@@ -47,7 +46,7 @@ class Solution:
     """(n,) `Status`: how each solution came about, or why there is none."""
     shape: Array
     """(n, k, 3) m: positions at the k arc lengths that were asked for, in their order."""
-    memory: Array = field(default_factory=lambda: _NO_MEMORY)
+    memory: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """What a later solve of nearly the same rods starts from (`Fast.remember`), or no rows."""
 
     @property
@@ -120,8 +119,3 @@ def assembled(
     values[lost] = np.nan
     values[~lost, AT_LOAD] = 1.0
     return Solution(values, status, np.where(lost[:, None, None], np.nan, shape))
-
-
-def no_shape(n: int) -> Array:
-    """(n, 0, 3): the shape of rods of which no arc length was asked."""
-    return np.zeros((n, 0, 3))

@@ -21,7 +21,7 @@ from model.rods.fast.lanes import LANES, copy, new_numbers
 from model.rods.fast.newton import buckling_margin, correct, difference_jacobian, expected_residual, first_guess, improve
 from model.rods.fast.passes import WHOLE, evaluate
 from model.rods.fast.walk import AT_PLACE, states_at
-from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status, no_shape
+from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solution, Status
 from model.rotation import from_vector, to_base
 
 Flags = NDArray[np.int8]
@@ -163,7 +163,7 @@ class Fast:
             self._follow(rods, np.flatnonzero(~converged), memory, values, status)
         elif not converged.all():
             status[~converged], values[~converged, :AT_RESIDUAL] = Status.FAILED, np.nan
-        found = Solution(values, status, no_shape(n), memory)
+        found = Solution(values, status, np.zeros((n, 0, 3)), memory)
         if arcs is None:
             return found
         place = states_at(rods, found, arcs, self.divisions, fixed)[..., AT_PLACE : AT_PLACE + 3]
