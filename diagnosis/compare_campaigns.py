@@ -57,9 +57,8 @@ def compare_campaigns(
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
     # A change is named for what it moves in the later campaign, as a cause is.
-    w = weighed(
-        _joined(before, after), [replace(part, rows=part.rows + len(before.problem.observed)) for part in parts(after)], executor
-    )
+    joined, n = _joined(before, after), len(before.problem.observed)
+    w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
     trials = np.concatenate([before.labels.trial, after.labels.trial + before.labels.trial.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
