@@ -341,8 +341,8 @@ class Problem:
         share = np.array([p.law_error[e] for e in p.ids])
         white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
         # Any rotation of the effects' contributions has the same joint errors.
-        together = [self.form_error_of(own) for own in self.noise.colour(leading(white)).T]
-        return leading(np.hstack(together)) if together else np.zeros((len(white), 0))
+        each = map(self.form_error_of, self.noise.colour(leading(white)).T)
+        return leading(np.hstack([np.zeros((len(white), 0)), *each]))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
         """Contribution of an effect to the values (n,): `predicted` at parameters (k,) less the prediction without it; NaN where
