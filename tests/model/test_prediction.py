@@ -38,13 +38,8 @@ NOISE = {"floor": 6e-4, "reading": 2e-4, "pressure": 300.0, "spine_length": 1e-3
 
 def robot_with(paper_robot: Robot, effects: dict[str, Any], **more: Any) -> Robot:
     tilt = {"tilt": {"x": {"value": 1e-3, "sd": 1e-3, "unit": "rad"}}}
-    stated = {
-        "effects": effects,
-        "tolerances": tilt,
-        "posterior": POSTERIOR | {"law_error": 0.05, "discrepancy": 1e-4, "noise": NOISE},
-        "markers": [0.2],
-        **more,
-    }
+    posterior = POSTERIOR | {"law_error": 0.05, "discrepancy": 1e-4, "noise": NOISE}
+    stated = {"effects": effects, "tolerances": tilt, "posterior": posterior, "markers": [0.2], **more}
     return robot_from_dict({**paper_robot.model_dump(), "area_factor": 1.6, **stated})
 
 
