@@ -271,13 +271,6 @@ def test_a_point_tracked_beyond_the_end_may_be_farther_away() -> None:
     assert not reading(ROBOT.model_copy(update={"effects": stated}), rows).refused
 
 
-def test_a_level_body_that_sags_is_left_alone() -> None:
-    level = ROBOT.model_copy(update={"gravity": (-9.81, 0.0, 0.0), "youngs_modulus": 1.2e5, "shear_modulus": 4e4})
-    rows = sweep(level, spines=(0.0,), levels=(0.0, 10e3, 20e3))
-    assert rows[0].tip is not None and rows[0].tip[0] < -0.1
-    assert reading(level, rows) == SILENT
-
-
 @pytest.mark.parametrize(
     "effects",
     [

@@ -27,22 +27,14 @@ def bitten(servo: DynamixelFake) -> None:
     wait_until(lambda: servo.motor.table[WATCHDOG] == 0xFF)
 
 
-def test_open_names_the_model_and_sets_the_mode_with_torque_off(make: Make) -> None:
+@pytest.mark.parametrize(("mode", "torque"), [(3, 0), (5, 1)])
+def test_open_names_the_model_and_drops_the_torque_only_to_change_the_mode(make: Make, mode: int, torque: int) -> None:
     spine, servo = make()
+    servo.motor.put(MODE, mode)
     servo.motor.put(TORQUE, 1)
     identity = spine.open()
-    assert identity.model == "XM430-W350"
-    assert identity.firmware == "45"
-    assert servo.motor.get(MODE) == 5
-    assert servo.motor.get(TORQUE) == 0
-
-
-def test_a_servo_already_in_its_mode_keeps_its_torque_at_open(make: Make) -> None:
-    spine, servo = make()
-    servo.motor.put(MODE, 5)
-    servo.motor.put(TORQUE, 1)
-    spine.open()
-    assert servo.motor.get(TORQUE) == 1
+    assert (identity.model, identity.firmware) == ("XM430-W350", "45")
+    assert (servo.motor.get(MODE), servo.motor.get(TORQUE)) == (5, torque)
 
 
 def persistent(servo: DynamixelFake, address: int, value: int) -> None:

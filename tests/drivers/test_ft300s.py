@@ -283,12 +283,6 @@ def test_damaged_frames_are_counted_stray_bytes_are_not(between: bytes, damaged:
     assert parser.damaged == damaged
 
 
-def test_joining_in_the_middle_of_a_frame_is_no_damage() -> None:
-    parser = FrameParser()
-    assert parser.feed(GOOD[3:] + GOOD) == [TOOL]
-    assert parser.damaged == 0
-
-
 RNG = random.Random(4)
 GONE = set(RNG.sample(range(200, 2800), 60))
 STEADY = [i * STEP for i in range(3000)]

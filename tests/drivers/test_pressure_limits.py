@@ -128,8 +128,3 @@ def test_a_wrong_number_of_channel_values_is_refused() -> None:
 def test_a_wiring_that_cannot_be_is_refused(chambers: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         ChamberMap(chambers, 9)
-
-
-def test_a_robot_has_as_many_chambers_as_it_has() -> None:
-    assert ChamberMap([[1], [2], [3]], 3).by_chamber((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
-    assert ChamberMap([], 9).by_chamber(()) == (0.0,) * 9

@@ -3,7 +3,7 @@
 import json
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
@@ -35,9 +35,14 @@ def events(page: str) -> Iterator[tuple[str, dict[str, Any]]]:
     where = urlsplit(page)
     with socket.create_connection((where.hostname, where.port), timeout=120) as wire:
         wire.sendall(f"GET {where.path}events HTTP/1.1\r\nHost: test\r\n\r\n".encode())
-        name = ""
-        for line in wire.makefile("rb"):
-            if line.startswith(b"event: "):
-                name = line[7:].strip().decode()
-            elif line.startswith(b"data: "):
-                yield name, json.loads(line[6:])
+        yield from told(wire.makefile("rb"))
+
+
+def told(lines: Iterable[bytes]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The events of a stream's lines."""
+    name = ""
+    for line in lines:
+        if line.startswith(b"event: "):
+            name = line[7:].strip().decode()
+        elif line.startswith(b"data: "):
+            yield name, json.loads(line[6:])

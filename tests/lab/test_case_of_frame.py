@@ -266,21 +266,17 @@ def test_one_column_in_another_unit_is_named_with_the_entry_to_change(
     frame = seen("base_tilt", "x", 0.001, "rad")
     frame[column] *= factor
     case = lab.case(frame, FINGER, **AT_REST, **BY_REST)
-    in_call = f'write columns={{"{column}": "{column} [{unit}]"}} in lab.case'
+    remedy = f'write columns={{"{column}": "{column} [{unit}]"}}' if unit else f"correct unit or scale of {column}"
     (mistake,) = map(str, edit_first(case.robot, states(case)[0]).changes)
-    assert re.match(found, mistake) and mistake.endswith(in_call if unit else f"correct unit or scale of {column} in lab.case"), (
-        mistake
-    )
+    assert re.match(found, mistake) and mistake.endswith(f"{remedy} in lab.case"), mistake
     (tmp_path / "robot.yaml").write_text(FINGER.read_text())
     columns = f"columns:\n  {column}: {{column: my column}}\n"
     (tmp_path / "map.yaml").write_text(f"straight: at rest\nframe: {{x: -x, y: -z, z: -y}}\n{columns}")
     write_csv(case.table, tmp_path / "trials.csv")
-    case, remedy = (
-        lab.case(tmp_path),
-        f"write `unit: {unit}` for columns.{column} in" if unit else f"correct unit or scale of {column} in",
-    )
+    case = lab.case(tmp_path)
+    remedy = f"write `unit: {unit}` for columns.{column}" if unit else remedy
     (mistake,) = map(str, edit_first(case.robot, states(case)[0]).changes)
-    assert mistake.startswith("column my column ") and mistake.endswith(f"{remedy} map.yaml"), mistake
+    assert mistake.startswith("column my column ") and mistake.endswith(f"{remedy} in map.yaml"), mistake
 
 
 def test_a_column_whose_unit_puts_the_tip_out_of_reach_is_named_where_it_is_refused() -> None:

@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-import shutil
 import subprocess
 import warnings
 from dataclasses import replace
@@ -17,7 +16,7 @@ import pytest
 from diagnosed_case import Answered
 from pages import read_as_text
 
-from benchmarks.browser import Browser
+from benchmarks.browser import BROWSERS, Browser, installed
 from diagnosis.answer.result import Diagnosis
 from diagnosis.findings import finding
 from lab.files.inputs import read_case
@@ -25,7 +24,6 @@ from lab.pages.diagnosis_figures import _curve
 from lab.pages.diagnosis_report import alike, gap_numbers, write
 from lab.pages.report import TERMS, Report
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 QUIET = (
     "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update", "--host-resolver-rules=MAP * ~NOTFOUND",
@@ -44,8 +42,7 @@ SECTIONS = (
 
 @pytest.fixture(scope="module")
 def browser() -> str:
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None:
+    if (found := installed()) is None:
         pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
     return found
 

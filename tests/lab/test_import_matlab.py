@@ -81,9 +81,8 @@ def test_arrays_on_their_side_structures_and_cells(tmp_path: Path) -> None:
     series = read(tmp_path / "run.mat", Source())
     assert "pressure_kPa (3 x 30) is read with rows along its second dimension" in series.notes
     left = next(n for n in series.notes if n.startswith("not read: "))
-    assert all(
-        word in left for word in ("gains (3 instead of 30 rows)", "name (a text)", "rate (one number)", "z (complex numbers)")
-    )
+    assert "gains (3 instead of 30 rows)" in left and "name (a text)" in left
+    assert "rate (one number)" in left and "z (complex numbers)" in left
     _, made = through(tmp_path / "run.mat")
     assert len(made.table) == STATES - 1 and made.table["branch"].tolist()[:4] == ["load", "load", "load", "unload"]
     assert made.table["p3"] / 1e3 == pytest.approx(np.delete(PRESSURES[:, 2], 4), abs=1e-6)

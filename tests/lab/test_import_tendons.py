@@ -228,12 +228,8 @@ def test_another_gravity_than_that_of_readings_put_at_rest_is_asked_about(
     soft = ROBOT.replace("length: 180 mm", "length: 260 mm").replace("[90 mm]", "[130 mm]").replace("320 kPa", "220 kPa")
     hangs, stated = soft.replace("107 kPa", "73 kPa"), f"gravity: {list(gravity)}"
     trunk.robot.write_text(hangs)
-    robot = lab.load_robot(trunk.robot)
-    tensions = np.array([np.eye(3)[k] * pull for k in range(3) for pull in (0.0, 0.4, 0.8, 1.2, 0.0)])
-    tips = [1e3 * Predictor(robot)(row * robot.actuators.words.pascal).tip[0] + (30, -20, 5) for row in tensions]
-    lines = [",".join(f"{v:.4f}" for v in (*p, *tip)) for p, tip in zip(tensions, tips, strict=True)]
-    trunk.table.write_text("\n".join(["p1,p2,p3,x,y,z", *lines]) + "\n")
-    columns = {f"p{k}": {"column": f"p{k}", "unit": "N"} for k in (1, 2, 3)} | {a: {"column": a, "unit": "mm"} for a in "xyz"}
+    predicted_table(trunk, (0.0, 0.4, 0.8, 1.2, 0.0), (30, -20, 5))
+    columns = plain(**{f"p{k}": f"F{k} [N]" for k in (1, 2, 3)}, **{a: f"tip {a} [mm]" for a in "xyz"})
     trunk.map.write_text(yaml.safe_dump({"robot": "robot.yaml", "columns": columns, "straight": "at rest"}))
     for text, asked in ((hangs, False), (hangs.replace("gravity: [0, 0, 9.81]", stated), True)):
         trunk.robot.write_text(text.replace("markers: [130 mm]\n", ""))
@@ -454,10 +450,10 @@ def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_
     assert not re.search("spine|vacuum|ballooning|thrust", said)
 
 
-def predicted_table(trunk: Trunk, pulls: Sequence[float]) -> np.ndarray:
-    """Each tendon in turn pulled so far (N), and where the model of robot.yaml has the tip, mm; written as the trunk's table."""
+def predicted_table(trunk: Trunk, pulls: Sequence[float], base: Sequence[float] = (0, 0, 0)) -> np.ndarray:
+    """Each tendon in turn pulled so far (N), and the tip (mm) by robot.yaml with its base there; written as the trunk's table."""
     tensions = [[pull * (k == j) for j in range(3)] for k in range(3) for pull in pulls]
-    tips = lab.predict(lab.load_robot(trunk.robot), np.multiply(tensions, 1e4)).tip * 1e3
+    tips = lab.predict(lab.load_robot(trunk.robot), np.multiply(tensions, 1e4)).tip * 1e3 + base
     lines = ["t [s],F1 [N],F2 [N],F3 [N],tip x [mm],tip y [mm],tip z [mm]"]
     lines += [",".join(map(str, (3.0 * i, *f, *tip))) for i, (f, tip) in enumerate(zip(tensions, tips, strict=True))]
     trunk.table.write_text("\n".join(lines) + "\n")

@@ -11,6 +11,7 @@ from http.client import HTTPConnection
 from typing import Any
 
 import pytest
+from pages import told
 
 import timing
 from lab.live import viewers
@@ -160,7 +161,7 @@ def test_of_too_many_at_once_the_last_are_cut_off_and_the_first_are_served(door:
         first = [stack.enter_context(events(door)) for _ in range(3)]
         assert door.get(f"/{door.at.token}/") == b""
         door.tell({"n": 1})
-        assert all(next_event(lines) == ("new", {"n": 1}) for lines in first)
+        assert all(next(told(lines)) == ("new", {"n": 1}) for lines in first)
 
 
 @contextlib.contextmanager
@@ -172,18 +173,8 @@ def events(door: Door) -> Iterator[Iterator[bytes]]:
         assert b"200" in next(lines)
         while next(lines) != b"\r\n":
             pass
-        assert next_event(lines) == ("whole", HELLO)
+        assert next(told(lines)) == ("whole", HELLO)
         yield lines
-
-
-def next_event(lines: Iterator[bytes]) -> tuple[str, Any]:
-    name = ""
-    for line in lines:
-        if line.startswith(b"event: "):
-            name = line[7:].strip().decode()
-        elif line.startswith(b"data: "):
-            return name, json.loads(line[6:])
-    raise AssertionError("the stream has ended")
 
 
 def test_every_viewer_gets_every_update_in_order(door: Door) -> None:
@@ -192,7 +183,7 @@ def test_every_viewer_gets_every_update_in_order(door: Door) -> None:
         for n in range(20):
             door.tell({"n": n, "text": "\n\nevent: whole\ndata: {}"})
         for lines in streams:
-            assert [next_event(lines)[1]["n"] for _ in range(20)] == list(range(20))
+            assert [next(told(lines))[1]["n"] for _ in range(20)] == list(range(20))
 
 
 def test_a_viewer_who_takes_nothing_is_let_go_and_the_others_notice_nothing(door: Door, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,12 +193,12 @@ def test_a_viewer_who_takes_nothing_is_let_go_and_the_others_notice_nothing(door
         stuck.sendall(f"GET /{door.at.token}/events HTTP/1.1\r\n\r\n".encode())
         while door.hall.count < 2:
             door.tell({"n": -1})
-            next_event(lines)
+            next(told(lines))
         n = 0
         while door.hall.count == 2:  # what waits for the stuck one is bounded
             n += 1
             door.tell({"n": n, "filling": "x" * 50_000})
-            assert next_event(lines)[1]["n"] == n
+            assert next(told(lines))[1]["n"] == n
             assert n < 5000
         assert door.hall.count == 1
 

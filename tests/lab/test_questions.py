@@ -12,27 +12,23 @@ from lab.rig.watch import STUCK, Repeats
 from model.actuators import Chambers
 from model.effects import CATALOGUE
 from model.prediction import Predictor
-from model.robot import robot_from_dict
+from tests.diagnosis.test_edits import TENDON_ARM
 
 # ------------------------------------------------------------------ robot.yaml
-TENDONS = {
-    "name": "cable arm", "length": 0.24, "outer_radius": 0.006, "inner_radius": 0.0, "density": 1100.0, "youngs_modulus": 9e6,
-    "shear_modulus": 3e6, "tip_mass": 0.0, "gravity": [0, 0, 9.81], "area_factor": 1.0,
-    "tendons": {"path_radius": 0.011, "azimuths_deg": [0.0, 90.0, 180.0, 270.0]},
-}  # fmt: skip
+ARM = TENDON_ARM.replace(tip_mass=0.0)
 
 
 def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is() -> None:
-    assert not list(doubtful_numbers(robot_from_dict(TENDONS)))
+    assert not list(doubtful_numbers(ARM))
     rod = {"outer_radius": 0.001, "youngs_modulus": 40e9, "shear_modulus": 5e9, "bending_stiffness": 0.03}
-    assert not list(doubtful_numbers(robot_from_dict(TENDONS | rod)))
-    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"tendons": {"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}}))
+    assert not list(doubtful_numbers(ARM.replace(**rod)))
+    (said,) = doubtful_numbers(ARM.replace(tendons={"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}))
     assert said.startswith("tendons.path_radius is 110 mm") and "outer_radius of 6 mm" in said
 
 
 @pytest.mark.parametrize(("shear", "asked"), [(9e6, True), (3e6, False), (4.5e6, False), (2e6, True)])
 def test_a_shear_modulus_that_no_material_has_is_asked_about(shear: float, asked: bool) -> None:
-    said = list(doubtful_numbers(robot_from_dict(TENDONS | {"shear_modulus": shear})))
+    said = list(doubtful_numbers(ARM.replace(shear_modulus=shear)))
     assert bool(said) == asked and all("Poisson" in text and "youngs_modulus 9 MPa" in text and "3 MPa" in text for text in said)
 
 
@@ -47,15 +43,15 @@ def test_a_body_as_stiff_as_no_tolerance_makes_it_is_asked_about(stiffness: floa
 
 
 def test_a_density_in_grams_and_a_tip_mass_in_grams_are_asked_about() -> None:
-    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"density": 1.1}))
+    (said,) = doubtful_numbers(ARM.replace(density=1.1))
     assert "density is 1.1 kg/m^3" in said and "multiply by 1000" in said
-    (said,) = doubtful_numbers(robot_from_dict(TENDONS | {"tip_mass": 20.0}))
+    (said,) = doubtful_numbers(ARM.replace(tip_mass=20.0))
     assert "tip_mass is 20 kg" in said and "divide by 1000" in said
-    assert not list(doubtful_numbers(robot_from_dict(TENDONS | {"tip_mass": 0.2, "density": 0.0})))
+    assert not list(doubtful_numbers(ARM.replace(tip_mass=0.2, density=0.0)))
 
 
 def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> None:
-    robot, noise = robot_from_dict(TENDONS), 0.1e-3 * np.random.default_rng(8).normal(size=(32, 3))
+    robot, noise = ARM, 0.1e-3 * np.random.default_rng(8).normal(size=(32, 3))
     pulls = np.array([p for k in range(4) for p in np.outer((0.0, 4e3, 8e3, 12e3), np.eye(4)[k])] * 2)
     frame = pandas.DataFrame(10 * pulls, columns=["p1", "p2", "p3", "p4"])
     frame[["x", "y", "z"]] = Predictor(robot)(pulls).tip + noise

@@ -101,9 +101,8 @@ def test_a_first_rig_of_an_own_driver_has_the_keys_that_this_needs(tmp_path: Pat
 
 def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp_path: Path) -> None:
     three = load(paper_robot().parents[1] / "three_chambers/robot.yaml", Robot)
-    assert (
-        left_out(None, three) == {"spine", "arm", "force"} and left_out(None, None) == set() and left_out("", three) == {"spine"}
-    )
+    assert left_out(None, three) == {"spine", "arm", "force"}
+    assert left_out(None, None) == set() and left_out("", three) == {"spine"}
     solid = three.replace(inner_radius=0.0)
     assert played(solid).inner_radius == 0
     fakes = FakeRig(truth=played(solid), without=left_out(None, solid))

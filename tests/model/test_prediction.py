@@ -19,6 +19,7 @@ from model.prediction.inverse import inverse, limits_of
 from model.prediction.residual import LearntResidual, section_sums
 from model.robot import Robot, robot_from_dict
 from model.stated import Residual
+from tests.model.test_stated_effects import POSTERIOR
 
 GROUPS = ((9, 1, 2), (3, 4, 5), (6, 7, 8))
 AZIMUTH = {"chamber_azimuth": {"angle": {"value": 0.1, "sd": 0.01, "unit": "rad"}}}
@@ -32,19 +33,13 @@ MEMORY = {
     "spine_slip": {"moment": {"value": 0.12, "sd": 0.01, "unit": "N m"}},
     "viscoelastic": {"slow": {"value": 0.04, "sd": 0.01, "unit": "1"}},
 }
-POSTERIOR: dict[str, Any] = {
-    "parameters": ["area_factor", "chamber_azimuth.angle"],
-    "area_factor_sd": 0.01,
-    "correlation": [[1], [0.5, 1]],
-    "law_error": 0.05,
-    "discrepancy": 1e-4,
-    "noise": {"floor": 6e-4, "reading": 2e-4, "pressure": 300.0, "spine_length": 1e-3, "spine_stiffness": 0.02},
-}
+NOISE = {"floor": 6e-4, "reading": 2e-4, "pressure": 300.0, "spine_length": 1e-3, "spine_stiffness": 0.02}
 
 
 def robot_with(paper_robot: Robot, effects: dict[str, Any], **more: Any) -> Robot:
     tilt = {"tilt": {"x": {"value": 1e-3, "sd": 1e-3, "unit": "rad"}}}
-    stated = {"effects": effects, "tolerances": tilt, "posterior": POSTERIOR, "markers": [0.2], **more}
+    posterior = POSTERIOR | {"law_error": 0.05, "discrepancy": 1e-4, "noise": NOISE}
+    stated = {"effects": effects, "tolerances": tilt, "posterior": posterior, "markers": [0.2], **more}
     return robot_from_dict({**paper_robot.model_dump(), "area_factor": 1.6, **stated})
 
 

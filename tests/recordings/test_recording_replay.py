@@ -169,7 +169,7 @@ def test_a_state_that_never_settles_says_what_stood_in_the_way() -> None:
     ):
         with pytest.raises(NotSettled, match=word) as caught:
             conclude(filled(run.messages()), state(short, **changes))
-        assert "trial 1 step 2" in str(caught.value)
+        assert "trial 1 step 2" in str(caught.value) and ("channel" in str(caught.value)) == ("channel" in word)
 
 
 def test_what_was_at_rest_is_not_named_among_what_was_not() -> None:
@@ -180,9 +180,6 @@ def test_what_was_at_rest_is_not_named_among_what_was_not() -> None:
     said = str(caught.value)
     assert said.startswith("trial 1 step 2: not settled within 8 s: channel 2 is 2") and "set-point 60.0 kPa" in said
     assert said.endswith("1 further channels are off") and "the tip" not in said
-    with pytest.raises(NotSettled) as caught:
-        conclude(filled(Run(lag=20.0).messages()), state(short))
-    assert "the tip still moved" in str(caught.value) and "channel" not in str(caught.value)
 
 
 def test_a_stream_that_stands_still_keeps_the_reading_waiting() -> None:

@@ -202,20 +202,6 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     assert until(lambda: not small.latch.exists())
 
 
-@pytest.mark.long
-@pytest.mark.real
-def test_a_killed_program_s_guard_lands_what_comes_back(house: House, tmp_path: Path) -> None:
-    house.change(without=NETWORK, safe={"within": 0.1})
-    program = house.start(tmp_path)
-    house.fakes.switch.begin("pressure", "disconnect")
-    program.kill()
-    program.communicate()
-    assert until(lambda: not house.fakes.plant.valve_on)
-    house.fakes.switch.end()
-    assert house.vented()
-    assert until(lambda: not house.latch.exists())
-
-
 def test_an_adapter_that_comes_back_under_the_name_of_another_is_landed_and_not_used_again(
     small: House, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,7 @@ from lab.guard import door, last_used
 from lab.guard.commands import SetPressures
 from lab.guard.door import Door, LandingAnswer, Owner, demand_free, land, names_of_path, owners
 from lab.guard.guard import Guard
-from lab.guard.instruments import exclusive, owned_names
+from lab.guard.instruments import exclusive
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded, SafeReport, SafeStep
@@ -536,15 +536,3 @@ def test_names_of_an_instrument_are_those_of_what_its_address_leads_to(house: Ho
     (tmp_path / "link").symlink_to("/dev/null")
     device = names("gauge", port="/dev/null")
     assert device & names("gauge", port=str(tmp_path / "link")) and not device & names("gauge", port="/dev/zero")
-
-
-def test_one_arm_under_two_spellings_has_one_guard(house: House) -> None:
-    rig = load_rig(house.rig)
-    assert rig.instruments.arm is not None
-    respelt = rig.instruments.arm.model_copy(update={"host": f"::FFFF:{rig.instruments.arm.host} "})
-    other = rig.model_copy(update={"instruments": rig.instruments.model_copy(update={"arm": respelt})}).read_from(None)
-    first, second = Door(owned_names(rig), Lander(), about="lab run bending"), Door(exclusive(other)["arm"], Lander())
-    first.open()
-    with pytest.raises(RigLocked, match="in use: lab run bending"):
-        second.open()
-    first.close()

@@ -89,17 +89,6 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_
     assert bool(recording.marks) == frozen
 
 
-@pytest.mark.long  # what is lost must be lost within a second
-def test_a_spine_that_never_was_jammed_asks_for_a_person(house: House, tmp_path: Path) -> None:
-    house.change(without=("mocap",))
-    fakes = house.fakes
-    fakes.on_confirm = lambda trouble: put_right(house)
-    during(lambda: fakes.plant.valve_on and fakes.plant.vacuum_absolute < 24e3, lambda: lose(house))
-    recording = house.completed(tmp_path, "stiffness", *STIFFNESS)
-    assert fakes.troubles and "jammed" in fakes.troubles[0]
-    assert [row.step for row in table_of(recording)] == [1, 2, 3]
-
-
 def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
     house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

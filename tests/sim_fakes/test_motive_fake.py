@@ -2,8 +2,6 @@
 
 import socket
 import struct
-import subprocess
-import sys
 
 import pytest
 
@@ -104,37 +102,6 @@ def test_an_independent_client_hears_frames_for_longer_than_a_client_is_remember
     client.update_sync()
     assert len(frames) > count and models
     client.shutdown()
-
-
-MAKERS_SAMPLE = """
-import os, sys, time
-from natnetsdk.NatNetClient import NatNetClient
-
-client, bodies = NatNetClient(), set()
-client.set_client_address("127.0.0.1")
-client.set_server_address(sys.argv[1])
-client.set_use_multicast(False)
-client.set_print_level(0)
-client.rigid_body_listener = lambda number, position, rotation: bodies.add(number)
-assert client.run()
-for version in (None, (3, 1)):
-    if version:
-        client.set_nat_net_version(*version)
-    bodies.clear()
-    while len(bodies) < 5:
-        timing.sleep(0.05)
-    print("BODIES", *sorted(bodies), flush=True)
-os._exit(0)  # its threads wait for ever
-"""
-
-
-@pytest.mark.long
-def test_the_makers_sample_hears_frames_of_the_bitstream_that_it_asks_for(host: Host) -> None:
-    pytest.importorskip("natnetsdk")
-    words = [sys.executable, "-c", MAKERS_SAMPLE, host.fake.host]
-    said = subprocess.run(words, capture_output=True, text=True, timeout=60)
-    assert said.stdout.count("BODIES 1 2 11 12 13") == 2, said.stderr
-    assert list(host.fake.versions.values()) == [(3, 1)]
 
 
 def test_a_client_is_sent_the_bitstream_that_it_asked_for(host: Host) -> None:
