@@ -426,8 +426,7 @@ def disorder(ranking: Sequence[Ranked]) -> str:
     if any(len(b.effects) <= len(a.effects) and b.effects for a, b in disordered):
         return (
             "Probability and evidence differ in order. The probability counts, over the fits of all hypotheses, how often an "
-            "effect moves the readings by more than the noise floor; the log evidence is that of one fit. The first row is "
-            "likely, not certain: do the proposed experiment."
+            "effect moves the readings by more than the noise floor; the log evidence is that of one fit."
         )
     return (
         "Probability and evidence differ in order. A hypothesis with more log evidence may be less probable: naming more effects "
