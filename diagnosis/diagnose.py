@@ -124,14 +124,14 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()
-    doubtful = bool(far or edited.numbers or tense)
+    doubtful = bool(far or edited.changes or tense)
     if named:
         floor_mm, as_good = location.noise_floor_mm, [sentences.with_id(e, names) for e in alone]
         reasons = tuple(verdict.doubts(named, named_sizes, carries, unseen.shrink, fitted, floor_mm, as_good, follows_law))
         others = [sentences.with_id(e, names) for e in verdict.rivals(causes.decision, causes.posterior)]
         if others and (straight := case.table.moved_to_model):
             reasons = (finding("cause_hidden_at_rest", others=" or ".join(others), straight=straight), *reasons)
-        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.numbers, *tense), len(alone)))
+        causes = replace(causes, decision=doubted(causes.decision, (*reasons, *far, *edited.changes, *tense), len(alone)))
     excess = prepared.noise_components.excess_scatter
     answer = Diagnosis(
         statement="",

@@ -86,9 +86,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "moved_to_model": (
             "`straight: {straight}` moved tip and markers to the model. A shift of base or origin cannot show; a tilted base, a "
             "turned frame, a tip marker off its place and a wrong weight show only by what changes with the {pressure}; a frame "
-            "turned about z looks like {actuators} at another azimuth. To tell them apart, measure the base's place and x axis "
-            "in the cameras' frame, turn the positions to it, give the place as `zero` of columns x, y, z, and leave out "
-            "`straight`"
+            "turned about z looks like {actuators} at another azimuth, unless robot.yaml states how well its turn is known "
+            "(`uncertainty`, frame_turn). To tell them apart, measure the base's place and x axis in the cameras' frame, turn "
+            "the positions to it, give the place as `zero` of columns x, y, z, and leave out `straight`"
         ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"

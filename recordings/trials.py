@@ -249,13 +249,13 @@ def _group(cells: Mapping[str, Any], names: Sequence[str]) -> Any:
 class Mapped:
     """How columns of another program became those of a table: the axis of the file for each axis of the base, the readings from
     which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), column of the table and
-    its heading in the file, of those that are known, and whether nothing says the unit of p1 .., so that it is Pa."""
+    its heading in the file, of those that are known, and the unit of p1 .., empty where nothing says it, so that it is Pa."""
 
     frame: tuple[str, ...] = ("x", "y", "z")
     straight: str = "as recorded"
     call: bool = False
     headings: tuple[tuple[str, str], ...] = ()
-    no_unit: bool = False
+    unit: str | None = None
 
 
 @dataclass(frozen=True, repr=False, eq=False)

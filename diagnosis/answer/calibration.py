@@ -15,6 +15,7 @@ from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 
 from ..arrays import Array, rms
+from ..criticism.gaussian import Gaussian
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
@@ -23,6 +24,8 @@ from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, Simulator
 
+DETERMINED = 0.5
+"""Share of its standard deviation in robot.yaml below which the data determine the modulus by themselves."""
 AT_BOUND = 1e-3
 """Share of the area factor within which it has reached a limit of the fit."""
 ALIKE = (("tip_payload", "mass"), ("body_modulus", "excess"), ("self_weight", "excess"))
@@ -47,11 +50,20 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
     area = p.problem.parameters.infos[p.problem.parameters.names.index(AREA)]
     at_bound = min(abs(theta[AREA] - area.low), abs(theta[AREA] - area.high)) < AT_BOUND
-    result = Calibration(float(p.forward.area_factor[0]) * (1 + theta[AREA]), stated_factor, modulus, at_bound=at_bound)
+    factor, determined = float(p.forward.area_factor[0]) * (1 + theta[AREA]), _determined(f)
+    result = Calibration(factor, stated_factor, modulus, at_bound=at_bound, determined=determined)
     # stiffness trials measure the modulus, which is then no origin
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
-    return replace(result, origins=possible_origins, alike=alike(f, robot, states))
+    return replace(result, origins=() if determined else possible_origins, alike=alike(f, robot, states))
+
+
+def _determined(f: Attribution) -> bool:
+    """Whether the data know the modulus better than robot.yaml does, as where the body's weight bends it."""
+    problem, at = f.prepared.problem, np.array([f.prepared.problem.parameters.names.index(MODULUS)])
+    prior, where = f.best.prior(problem.parameters), f.best.grid_point
+    seen = Gaussian(f.best.linear(problem), prior, where.size, where.form_error)
+    return bool(seen.covariance(problem.parameters.of_effect, at)[0, 0] < DETERMINED**2)
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:

@@ -12,7 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
-from ..judgement import CAUSE_PROBABILITY, LIKELY, TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, LIKELY, SAME_FACTOR, TIE_STATED
 from .result import Attribute, Diagnosis, Value
 from .size import by_actuator
 from .verdict import stage
@@ -152,6 +152,9 @@ def headline(
         else:
             text = f"{_says_all(a.effects, _sizes(a, a.effects), speech)} {p}."
             text = (_tied(a, speech) or f"most likely {text}") if several else text
+            other_body = d.calibration is not None and abs(d.calibration.stiffness - 1) > SAME_FACTOR
+            if not several and calibration_closes and other_body:
+                text = _short_enough(f"{text[:-1]}, beside {calibrated}.", text)
         return text[0].upper() + text[1:]
     if a.verdict == "unknown":
         error = stage(a.stage_errors)

@@ -116,11 +116,14 @@ class Calibration:
     """Whether the fit reached the limit of the area factor, and would go beyond."""
     alike: tuple[Alike, ...] = ()
     """The one that leaves least first."""
+    determined: bool = False
+    """Whether the data tell area factor and modulus apart; else only their ratio."""
 
     @property
     def stiffness(self) -> float:
-        """Stiffness of the body, as a ratio to that of robot.yaml, with which the given area factor bends it as far."""
-        return self.modulus * self.given / self.area_factor
+        """Stiffness of the body, as a ratio to that of robot.yaml; with which the given area factor bends it as far, where the
+        data do not tell the two apart."""
+        return self.modulus if self.determined else self.modulus * self.given / self.area_factor
 
 
 @dataclass(frozen=True)

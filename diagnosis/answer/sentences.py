@@ -113,13 +113,14 @@ def _gap(d: Diagnosis) -> str:
     if d.waterfall is None:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
-        return f"Calibrated with one {d.words.area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
+        return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
     calibrated = d.waterfall.steps[0].left_mm
     no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
-        f"{d.words.area_factor}{factor}, by {calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
+        f"{d.words.area_factor}{factor} and the set-up within its tolerances, by {calibrated:.{digits}f} mm on unseen "
+        f"states{remark}; {floor}."
     )
 
 
@@ -134,8 +135,9 @@ def _factor(d: Diagnosis) -> str:
     how = f"; {body} would look the same"
     if c.at_bound:
         how = f", with {c.modulus:.2f} times the modulus, at the limit of the fit"
-    elif abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
-        how = f", with {c.modulus:.2f} times the modulus; these data determine only the ratio of the two, that of {body}"
+    elif c.determined or abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
+        how = "" if c.determined else f"; these data determine only the ratio of the two, that of {body}"
+        how = f", with {c.modulus:.2f} times the modulus{how}"
     return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
 
 
@@ -306,7 +308,7 @@ def _moved(d: Diagnosis) -> str:
         return ""
     gap = d.waterfall.steps[0].left_mm if d.waterfall is not None else d.locate.gap_rmse_mm
     more = max(c.mm for c in d.budget if c.role == "named") > judgement.MORE_THAN_GAP * gap
-    hidden = ". This exceeds the gap because other effects partly cancel it" if more else ""
+    hidden = ". This exceeds the gap because calibration and other effects take up part of it" if more else ""
     return f"After {d.words.an_area_factor} is refitted, {'; '.join(shares)}{hidden}."
 
 

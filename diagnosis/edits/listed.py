@@ -312,7 +312,7 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     for sign, bounds in ((1.0, (np.log(30.0), widest)), (-1.0, (-widest, -np.log(30.0)))):
         starts = tuple((sign * float(np.log(factor)),) for factor in (1e2, 1e3, 6895.0, 1e5))
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
-            prior, most = 0.3 if mapped is not None and mapped.no_unit else 0.03, float(highest.max())
+            prior, most = 0.3 if mapped is not None and mapped.unit == "" else 0.03, float(highest.max())
             yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
     if low := sample.ambient:
         says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
@@ -347,6 +347,9 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
     units = PRESSURES if robot.chambers is not None else TENSIONS | {words.pascal: "N", 1 / words.pascal: "Pa read as N"}
+    sizes = PASCALS if robot.chambers is not None else NEWTONS
+    if mapped is not None and mapped.unit in sizes:
+        units = {size / sizes[mapped.unit]: name for name, size in sizes.items()}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     remedy = remedies.of_unit(mapped, robot, units[unit])
     return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]

@@ -63,7 +63,7 @@ def read(robot: Robot, table: Table) -> Reading:
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
     highest, mapped, words = float(np.nan_to_num(table.pressures).max(initial=0.0)), table.mapped, robot.actuators.words
-    no_unit = mapped is not None and mapped.no_unit and 0 < highest < plausible.LOWEST_USUAL
+    no_unit = mapped is not None and mapped.unit == "" and 0 < highest < plausible.LOWEST_USUAL
     if no_unit and not any(f.code == "pressures_in_unit" for f, _ in found):
         low = finding("pressures_without_unit", words, highest=highest, remedy=of_unit(mapped, robot, words.unit))
         found = [(low, bool(impossible)), *(one for one in found if one[0].code not in OF_NO_UNIT)]

@@ -180,13 +180,13 @@ def prepare(
 
 
 def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> tuple[Robot, Mapping[str, EffectSpec]]:
-    """Robot and catalogue where the map moved tip and markers to the model at rest: nobody knows where they were, nor how the
-    cameras' frame is turned about z."""
+    """Robot and catalogue where the map moved tip and markers to the model at rest: nobody knows where they were, nor, unless
+    robot.yaml states it, how the cameras' frame is turned about z."""
     if not states.trials.moved_to_model:
         return robot, catalogue
     unknown = {"frame_shift": OF_MOVED * robot.length, "marker_shift": OF_MOVED * robot.length, "tracked_turn": OF_MOVED}
     placed = robot.model_copy(update={"uncertainty": robot.uncertainty.model_copy(update=unknown)})
-    if FRAME not in catalogue:
+    if FRAME not in catalogue or robot.uncertainty.frame_turn is not None:
         return placed, catalogue
     turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in catalogue[FRAME].parameters)
     return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}

@@ -55,8 +55,8 @@ class FileRows:
     notes: tuple[str, ...] = ()
     """What is missing."""
     questions: tuple[str, ...] = ()
-    no_unit: bool = False
-    """Whether nothing says the unit of a pressure, which was read as Pa."""
+    unit: str | None = None
+    """Of the pressures; empty where nothing says it, and they were read as Pa."""
 
     @property
     def t(self) -> Array:
@@ -91,15 +91,16 @@ class File:
     """(n,) rows at rest, once pressures are known."""
     factors: dict[str, float] = field(default_factory=dict)
     """Key of the map -> how many SI units one of its column's is, once it is read."""
-    no_unit: bool = False
-    """Whether neither map nor file says the unit of a pressure that was read."""
+    unit: str | None = None
+    """Of the pressures that were read; empty where neither map nor file says it of one."""
 
     def numbers(self, column: Column, name: str, place: str) -> tuple[Array, str]:
         """The numbers of a column as the file has them, and their unit."""
         values, own = numbers(self.series, column.column, place), name_of(self.series, column.column, place)
         unit = column.unit or unit_in(self.series, own, units_for(name, self.drive), place)
         self.factors[place] = factor(unit, name, self.drive, f"{place}.unit")
-        self.no_unit |= not unit and re.fullmatch(r"p\d+", name) is not None
+        if re.fullmatch(r"p\d+", name):
+            self.unit = unit if self.unit != "" else ""
         _contradict(self, own, name, unit, place, column.scale)
         return values, unit
 
@@ -156,7 +157,7 @@ def quantities_of(series: Series, wanted: Map, drive: Words) -> FileRows:
         raise ConfigError(f"{series.path}: columns.t: all rows have the same time; name another column, or give source.rate")
     for text, keys in file.contradicted.items():
         notes.append(f"column{'s' * (len(keys) > 1)} {listed(keys)} ({', '.join(keys.values())}): {text}")
-    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), no_unit=file.no_unit)
+    return replace(made, notes=tuple(dict.fromkeys(notes)), questions=tuple(line.questions), unit=file.unit)
 
 
 def _time(series: Series, wanted: Map) -> Array:

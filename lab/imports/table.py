@@ -241,9 +241,9 @@ def conclude(
         table = _with_pushes(table, file, forces, wanted)
     try:
         table = checked({name: table[name] for name in table.columns}, table.place, limits=False)
-        call, no_unit = every[0][0].form == FRAME, any(q.no_unit for _, q, _ in every)
+        call, unit = every[0][0].form == FRAME, min((q.unit for _, q, _ in every if q.unit is not None), default=None)
         columns = tuple((name, str(column.column)) for name, column in wanted.columns.items())
-        mapped = Mapped(wanted.frame.axes, wanted.straight, call, columns, no_unit)
+        mapped = Mapped(wanted.frame.axes, wanted.straight, call, columns, unit)
         table = replace(table, mapped=mapped)
     except RecordingError as e:
         raise ConfigError(f"the map makes no valid table: {e}") from e
@@ -301,9 +301,11 @@ def _demand_mounted(states: Table) -> None:
 def _why(wanted: Map, q: FileRows, words: Words) -> str:
     if wanted.states.plateaus is None:
         return "its rows have no tip or pressure"
-    if q.no_unit and np.nanmax(q.table.pressures) < LOWEST_USUAL:
+    if q.unit == "" and np.nanmax(q.table.pressures) < LOWEST_USUAL:
         unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
         return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
+    if (apart := float(np.nanmax(q.table.pressures) - np.nanmin(q.table.pressures))) < wanted.states.plateaus.steady:
+        return f"all {words.pressures} lie within {apart:.3g} Pa, read as {q.unit}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "

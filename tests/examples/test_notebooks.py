@@ -28,7 +28,7 @@ def executed(name: str) -> tuple[str, dict[str, Any]]:
 def test_a_table_is_analysed_to_its_cause(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lab.files.own_effects.CATALOGUE", SOME)
     page, names = executed("analysis.ipynb")
-    assert "turned by 8" in repr(names["answer"]) and list(names["known"].effects) == ["chamber_azimuth"]
+    assert "turned by 7.9" in repr(names["answer"]) and list(names["known"].effects) == ["chamber_azimuth"]
     assert names["reached"].reached.all() and names["longer"].length == 0.13
     assert "4 of 126 rows have no tip" in page and "<th>tip x [mm]</th>" in page
 
