@@ -48,22 +48,18 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     stated_factor = float(np.mean(robot.area_factor_at(states.spine_length[of_robot])))
     theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True)) if fitted is None else fitted
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
-    area = p.problem.parameters.infos[p.problem.parameters.names.index(AREA)]
-    at_bound = min(abs(theta[AREA] - area.low), abs(theta[AREA] - area.high)) < AT_BOUND
-    factor, determined = float(p.forward.area_factor[0]) * (1 + theta[AREA]), _determined(f)
+    parameters, factor = p.problem.parameters, float(p.forward.area_factor[0]) * (1 + theta[AREA])
+    area, modulus_at = (parameters.names.index(name) for name in (AREA, MODULUS))
+    at_bound = min(abs(theta[AREA] - limit[area]) for limit in (parameters.lower, parameters.upper)) < AT_BOUND
+    # whether the data know the modulus better than robot.yaml does, as where the body's weight bends it
+    where = f.best.grid_point
+    posterior = Gaussian(f.best.linear(p.problem), f.best.prior(parameters), where.size, where.form_error)
+    determined = bool(posterior.covariance(parameters.of_effect, np.array([modulus_at]))[0, 0] < DETERMINED**2)
     result = Calibration(factor, stated_factor, modulus, at_bound=at_bound, determined=determined)
     # stiffness trials measure the modulus, which is then no origin
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
     return replace(result, origins=() if determined else possible_origins, alike=alike(f, robot, states))
-
-
-def _determined(f: Attribution) -> bool:
-    """Whether the data know the modulus better than robot.yaml does, as where the body's weight bends it."""
-    problem, at = f.prepared.problem, np.array([f.prepared.problem.parameters.names.index(MODULUS)])
-    prior, where = f.best.prior(problem.parameters), f.best.grid_point
-    seen = Gaussian(f.best.linear(problem), prior, where.size, where.form_error)
-    return bool(seen.covariance(problem.parameters.of_effect, at)[0, 0] < DETERMINED**2)
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:

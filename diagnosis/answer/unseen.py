@@ -200,11 +200,6 @@ def _steps(
     while rest := [e for e in named if e not in order]:
         order = (*order, min(rest, key=lambda e: float(of_causes[frozenset((*order, e))][0])))
 
-    def in_any_order(effect: str) -> Array:
-        """(..,) m that a cause takes: over draws, and over which others were added before it."""
-        others = [causes for causes in of_causes if effect not in causes]
-        return np.concatenate([of_causes[causes] - of_causes[causes | {effect}] for causes in others])
-
     titles: list[tuple[StepName, str | None]] = [("calibration", None)]
     titles += [("simulator", None)] * (len(before) - 1)
     titles += [("cause", e) for e in order]
@@ -213,8 +208,10 @@ def _steps(
     levels_m += [np.full(len(drawn), p.noise_floor), np.zeros(len(drawn))]
     steps = []
     for (name, effect), higher, lower in zip(titles, levels_m[:-1], levels_m[1:], strict=True):
-        decrease = higher - lower
-        low, high = np.quantile(decrease if effect is None else in_any_order(effect), [0.025, 0.975])
+        decrease = taken = higher - lower
+        if effect is not None:  # over draws, and over which others were added before it
+            taken = np.concatenate([of_causes[c] - of_causes[c | {effect}] for c in of_causes if effect not in c])
+        low, high = np.quantile(taken, [0.025, 0.975])
         steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, lower[0]))))
     return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps))
 

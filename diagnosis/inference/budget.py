@@ -229,7 +229,10 @@ def weighed(
     whole = posterior([*within, *more], len(problem.parameters.ids))
     carried = budget(problem, where, [*search.tried, *more], naming)
     known = by_what_is_carried(carried, whole)
-    leading, best = search.leading_and_answer(*(k.candidates[k.ranking[0][0]] for k in (whole, known)))
+    first, answer = (k.candidates[k.ranking[0][0]] for k in (whole, known))
+    leading = best = search.with_all_derivatives(first)
+    if answer is not first:
+        best = search.with_all_derivatives(search.searched_beside(first, answer))
     return WeighedCauses(search, whole, known, carried, leading, best)
 
 

@@ -26,7 +26,7 @@ from ..edits.order import leave_out
 from ..errors import BadCase
 from ..judgement import DISCREPANCY_UNIT_RANGE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_NOISE_FLOOR, OF_MOVED
 from .budget import BudgetPart
-from .discrepancy import SmoothErrors, settings, smooth_errors
+from .discrepancy import settings, smooth_errors
 from .jacobian import Columns
 from .on_baseline import SHARE, Baseline, OnBaseline, on_baseline
 from .problem import FitForward, FitParameter, FitParameters, MaskedForward, Problem, derivatives
@@ -169,12 +169,17 @@ def prepare(
     else:
         known_floor = max(beside_readings, LEAST_NOISE_FLOOR)
     unit = float(np.clip(beside_model / np.sqrt(3), *np.multiply(robot.length, DISCREPANCY_UNIT_RANGE)))
+    load = states.highest if pushes is None else pushes.load_level(states)
+    where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
+    smooth = smooth_errors(where, labels.state, labels.channel, unit, robot.length)
+    if pushes is not None:
+        smooth = replace(smooth, size=smooth.size * np.where(labels.kind == 3, pushes.unit[labels.state], 1.0))
     problem = Problem(
         MaskedForward(whole, kept),
         replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope, known_floor)),
         observed[kept],
         noise,
-        _smooth_errors(robot, states, labels, unit, pushes),
+        smooth,
     )
     return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
 
@@ -257,12 +262,3 @@ def _prior_sd(infos: tuple[ParameterInfo, ...], floor: NoiseComponents, pushes: 
     """(k,) prior sd in each parameter's unit: of trials what their repeats show, of all others what the effect declares."""
     of = [pushes.noise_components if pushes is not None and p.name in pushes.names else floor for p in infos]
     return np.array([components.trial.get(p.source, p.sd) for components, p in zip(of, infos, strict=True)])
-
-
-def _smooth_errors(robot: Robot, states: Campaign, labels: Labels, unit: float, pushes: StiffnessTrials | None) -> SmoothErrors:
-    load = states.highest if pushes is None else pushes.load_level(states)
-    where = settings(states.spine_length, load, states.branch, states.kind, robot.length)
-    errors = smooth_errors(where, labels.state, labels.channel, unit, robot.length)
-    if pushes is None:
-        return errors
-    return replace(errors, size=errors.size * np.where(labels.kind == 3, pushes.unit[labels.state], 1.0))

@@ -315,12 +315,7 @@ class Search:
         whole = c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named)
         return replace(c, fit=whole, made=whole.linear(self.problem))
 
-    def leading_and_answer(self, leading: Candidate, answer: Candidate) -> tuple[Candidate, Candidate]:
-        """Both with all derivatives; once where they are one."""
-        whole = self.with_all_derivatives(leading)
-        return whole, whole if answer is leading else self.with_all_derivatives(self._searched_beside(leading, answer))
-
-    def _searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
+    def searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
         """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
         if answer.turns:
             return answer
