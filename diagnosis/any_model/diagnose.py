@@ -133,7 +133,10 @@ class _Diagnosis:
         as_well = alike(among, decision.effects, best)
         why = self._doubts(decision, before[0], corrected[0], as_well)
         if decision.verdict == "effect":
-            decision = _less_what_is_left(doubted(decision, why, 0), why, closed)
+            decision = doubted(decision, why, 0)
+            if why and closed is not None and closed < decision.probability:  # no more probable than what of the gap it closes
+                closing = replace(decision, probability=closed, outside=1 - closed, limited=False)
+                decision = closing if closed >= judgement.EXPLAINS else outside_at_most(decision, 1 - closed)
         elif decision.verdict == "none":
             decision = doubted(decision, why, 0)
         elif why:
@@ -356,16 +359,6 @@ def together(search: Search) -> list[Candidate]:
         if here is not None:
             out[here.named] = here
     return [*out.values()]
-
-
-def _less_what_is_left(d: Decision, why: Sequence[str], closed: float | None) -> Decision:
-    """The decision on what is named where a gap remains: no more probable than the share of it that is closed on unseen rows; a
-    cause outside of the list where that is less than `EXPLAINS`."""
-    if not why or closed is None or closed >= d.probability:
-        return d
-    if closed < judgement.EXPLAINS:
-        return outside_at_most(d, 1 - closed)
-    return replace(d, probability=closed, outside=1 - closed, limited=False)
 
 
 @dataclass(frozen=True)

@@ -50,21 +50,12 @@ def _plus(name: str, excess: Callable[[Quantities, Values], Array]) -> Law:
     return Law(before=lambda q, v: setattr(q, name, getattr(q, name) + excess(q, v)))
 
 
-def _lens(r: Readings, v: Values) -> None:
-    _stretched(
-        r, lambda place: _along(v["bend"], place) * (place[..., :2] ** 2).sum(axis=-1, keepdims=True) / (ASIDE * r.length) ** 2
-    )
-
-
-def _along(value: Array, place: Array) -> Array:
-    """(v, n, 1) or (v, n, 1, 1) beside places (v, n, 3) or (v, n, k, 3)."""
-    return value[(..., *(None,) * (place.ndim - 2))]
-
-
-def _stretched(r: Readings, by: Callable[[Array], Array]) -> None:
-    r.tip = r.tip * (1 + by(r.tip))
-    if r.markers.shape[2]:
-        r.markers = r.markers * (1 + by(r.markers))
+def _stretched(r: Readings, share: Array, power: int) -> None:
+    """Places grow by a share, times a power of how far aside they are."""
+    for name, each in (("tip", share[..., None]), ("markers", share[..., None, None])):
+        place = getattr(r, name)
+        aside = np.linalg.norm(place[..., :2], axis=-1, keepdims=True) / (ASIDE * r.length)
+        setattr(r, name, place * (1 + each * aside**power))
 
 
 ANGLE = math.radians(1.5)
@@ -112,11 +103,10 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             _plus("length", lambda q, v: v["excess"]), Parameter("excess", "m", 5e-3, -0.05, 0.05)),
         _relative(
             "camera_scale", "measurement", "the scale of the cameras", "let the cameras read a rod of known length",
-            Law(after=lambda r, v: _stretched(r, lambda place: _along(v["excess"], place))),
-            Parameter("excess", "1", 0.02, -0.2, 0.2)),
+            Law(after=lambda r, v: _stretched(r, v["excess"], 0)), Parameter("excess", "1", 0.02, -0.2, 0.2)),
         _relative(
             "lens", "measurement", "distortion of the cameras", "let the cameras read a rod of known length where the tip was",
-            Law(after=_lens), Parameter("bend", "1", 0.02, -0.2, 0.2)),
+            Law(after=lambda r, v: _stretched(r, v["bend"], 2)), Parameter("bend", "1", 0.02, -0.2, 0.2)),
         _relative(
             "cameras_creep", "measurement", "cameras that turn during the campaign",
             "let the cameras read a fixed marker before and after",

@@ -108,13 +108,16 @@ def _kinds(s: Campaign) -> Ints:
         # A sweep is of one kind: near zero pressure no chamber stands out, and at its ends it stands still.
         inflated[in_trial] = _sweeps(inflated[in_trial], s.highest[in_trial], s.pressure_gap)
         ramp[in_trial] = rate[in_trial].max() if while_ramping[in_trial].any() else 0.0
+    vacuum = np.zeros(len(trials), np.int64)
+    for own in rows_by(levels(s.spine_length, gaps.SPINE_GAP)):  # a leak takes more from a longer spine
+        vacuum[own] = levels(-trials.get("vacuum", 0.0)[own], gaps.VACUUM_GAP)
     return by_frequency(
         np.unique(trials.get("protocol"), return_inverse=True)[1],
         distinct(inflated),
         levels(trials.get("tip_mass", 0.0), gaps.MASS_GAP),
         levels(trials.get("roll_deg", 0.0), gaps.ROLL_GAP),
         *(levels(along_axis, gaps.FORCE_GAP) for along_axis in trials.tip_force.T),
-        _vacuums(trials.get("vacuum", 0.0), s.spine_length),
+        vacuum,
         levels(ramp, gaps.RATE_GAP),
     )
 
@@ -132,20 +135,13 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
     return of_sweep
 
 
-def _vacuums(vacuum: Array, spine: Array) -> Ints:
-    """(n,) level of each row's vacuum among rows of its spine length, 0 the strongest: a leak takes more from a longer spine."""
-    out = np.zeros(len(vacuum), np.int64)
-    for own in rows_by(levels(spine, gaps.SPINE_GAP)):
-        out[own] = levels(-vacuum[own], gaps.VACUUM_GAP)
-    return out
-
-
 def lacking(s: Campaign) -> tuple[str, ...]:
     """Data that are missing to name a cause: repeated states, a robot bent at two pressures; or, of stiffness trials, a
-    specimen pushed to two deflections at two lengths. Templates of `Words`."""
-    own = s.take(~s.pushed)
+    specimen pushed to two deflections at two lengths, or two specimens. Templates of `Words`."""
+    own, pushes = s.take(~s.pushed), s.take(s.pushed)
     if not (len(own) and own.repeats >= 2):
-        if _pushes_name_cause(s.take(s.pushed)):
+        places = len(np.unique(distinct(levels(pushes.spine_length, gaps.SPINE_GAP), pushes.kind)))
+        if len(np.unique(pushes.condition)) > places > 1 and pushes.repeats >= 2:
             return ()
         if not len(own):
             return ("no repeated pushes to two deflections at two lengths",)
@@ -198,11 +194,3 @@ def _conditions_of_pushes(given: Table) -> Ints:
     for own in rows_by(same):
         level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
     return distinct(same, level)
-
-
-def _pushes_name_cause(s: Campaign) -> bool:
-    """Whether pushes alone may name a cause: repeated, to two deflections, at two lengths or of two specimens."""
-    if not len(s) or s.repeats < 2:
-        return False
-    places = len(np.unique(distinct(levels(s.spine_length, gaps.SPINE_GAP), s.kind)))
-    return places > 1 and len(np.unique(s.condition)) > places

@@ -38,7 +38,7 @@ from model.prediction.box_minima import box_minima
 
 from .. import judgement
 from ..arrays import Array, Ints
-from .noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, contrasts
+from .noise_components import PRESSURE, NoiseComponents, Repeated, contrasts
 
 MOST_CONTRASTS = 150
 """Largest number of contrasts with correlated errors."""
@@ -70,20 +70,15 @@ def lowest(loss: Loss) -> Array:
             break
         there = loss(x + step)
         if promised < 1.0:  # close to the end
-            remainder = _learnt(remainder, there.slope - here.slope - there.curve @ step, step)
+            missed = there.slope - here.slope - (there.curve + remainder) @ step
+            along = float(missed @ step)
+            if abs(along) > 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step)):  # else ill-conditioned
+                remainder = remainder + np.outer(missed, missed) / along
         if here.value - there.value > 0.1 * promised:
             x, here, damping = x + step, there, damping / 4 if damping > HELD else 0.0
         else:
             damping = max(4 * damping, HELD)
     return x
-
-
-def _learnt(remainder: Array, change: Array, step: Array) -> Array:
-    """Symmetric rank-one update of the remainder R of the curvature, so that R step = `change`, unless ill-conditioned."""
-    missed = change - remainder @ step
-    along = float(missed @ step)
-    ill_conditioned = abs(along) <= 1e-8 * float(np.linalg.norm(missed) * np.linalg.norm(step))
-    return remainder if ill_conditioned else remainder + np.outer(missed, missed) / along
 
 
 def _step(here: Point, curve: Array, damping: float, low: Array, high: Array) -> tuple[Array, float]:
@@ -139,7 +134,10 @@ class Loss:
         order, parts = _together(contrast, data.block)
         contrast = contrast[order]
         drift = judgement.DRIFT_SD * np.einsum("kn,ncd->kcd", contrast, data.drift).reshape(k * c, -1)
-        every = [*(_parted(contrast, data.scatter[name]) for name in self._names), drift]
+        # one column for each parameter of each trial or repeat
+        apart = [(s.response, (s.part[:, None] == np.unique(s.part)).astype(float)) for s in data.scatter.values()]
+        made = [np.einsum("kn,nca,nt->kcta", contrast, *of, optimize=True).reshape(k * c, -1) for of in apart]
+        every = [*made, drift]
         columns, self._of = np.hstack(every), np.repeat(np.arange(len(every)), [x.shape[1] for x in every])
         self._named = self._of[None, :] == np.arange(len(self._names))[:, None]
         self._parts = [_Part(data, contrast[own], columns[own.start * c : own.stop * c]) for own in parts]
@@ -360,13 +358,6 @@ def _inverse(matrix: Array) -> tuple[Array, float]:
     log_det = float(np.log(np.diag(factor)).sum())
     lower = np.tril(dpotri(factor, lower=1, overwrite_c=1)[0])
     return lower + np.tril(lower, -1).T, log_det
-
-
-def _parted(contrast: Array, scatter: Scatter) -> Array:
-    """(contrasts, columns) of a component: one column for each parameter of each trial or repeat."""
-    own = (scatter.part[:, None] == np.unique(scatter.part)[None, :]).astype(float)
-    made = np.einsum("kn,nca,nt->kcta", contrast, scatter.response, own, optimize=True)
-    return np.asarray(made.reshape(made.shape[0] * made.shape[1], -1))
 
 
 def _together(contrast: Array, block: Ints) -> tuple[Ints, list[slice]]:
