@@ -142,7 +142,10 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
         of_clock = regular and set_by and abs(excess - set_by) <= tolerance and abs(set_by) <= LARGEST_CHANGE * HALF_HOUR
         # forward, only on the hour (else that time may have passed); back, not to where the run began (else a run begins)
         on_the_hour = abs((before + usual + tolerance) % (2 * HALF_HOUR)) <= 2 * tolerance
-        if modulus := _overflow(line.t, excess, usual, tick):
+        # s after which a counter that fell by `excess`, its period aside, begins again
+        sizes = [2.0**bits * unit for bits in BITS for unit in (tick, *TICKS)]
+        fits = (s for s in sizes if abs(excess + s) <= 3 * usual < 0.1 * s and np.ptp(line.t) <= s)
+        if modulus := next(fits, 0.0):
             shift[i + 1 :] += modulus
             line.notes.append(f"{where}: the count of time overflows ({before:.6g} s to {after:.6g} s) and is continued")
         elif of_clock and (on_the_hour if excess > 0 else abs(after - run_start) > tolerance):
@@ -174,12 +177,6 @@ def _continue(line: Timeline, tick: float, place: Callable[[int], str]) -> None:
             f"{line.t[i]:.6g} s): each time another trial begins, {BETWEEN_RUNS:g} s later"
         )
     line.t, line.run = line.t + shift, np.searchsorted(np.array(run_rows), np.arange(len(line.t)), side="right")
-
-
-def _overflow(t: Array, off: float, usual: float, tick: float) -> float:
-    """s after which a counter that fell by `off` (s, its period aside) begins again; 0 of what is none."""
-    sizes = [2.0**bits * unit for bits in BITS for unit in (tick, *TICKS)]
-    return next((size for size in sizes if abs(off + size) <= 3 * usual < 0.1 * size and np.ptp(t) <= size), 0.0)
 
 
 def _set_back(t: Array, i: int, usual: float) -> bool:
