@@ -150,7 +150,7 @@ def _first_step(d: Diagnosis, protocols: Path | None) -> tuple[str, str]:
 
 
 STEPS = {
-    "calibration": "calibration with one {area_factor}",
+    "calibration": "calibration: one {area_factor}, set-up within its tolerances",
     "simulator": "the simulator replaced by the rod",
     "tolerances": "tolerances of every other effect",
     "regular": "systematic residual",

@@ -147,7 +147,7 @@ def residual_lines(f: Fitted) -> list[str]:
     lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
-        f"{f.calibrated_mm:.2f} mm rms with one area factor and no effect, {f.left_mm:.2f} mm with the effects"
+        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects"
     )
     if posterior is not None:
         lines.append(

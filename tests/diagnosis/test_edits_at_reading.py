@@ -90,20 +90,22 @@ SILENT = Reading((), ())
     ("change", "words"),
     [
         (pressures(1 / 6894.76), ["pressures must be 6895 times as large", "look like psi"]),
-        pytest.param(pressures(1e3), ["column p", "must be at most 2e+06 Pa", "Pa read as kPa (divide by 1000)"],
-                     marks=pytest.mark.long),
         (pressures(1.0, 84_000.0), ["absolute", "subtract 83"]),
         (moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "hold what is now x, ", "-z"]),
         (lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),
         (lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
-        pytest.param(lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"],
-                     marks=pytest.mark.long),
+        (lambda r: replace(r, tip_mass=53.0), ["tip_mass", "53 kg", "looks like g", "divide by 1000"]),
     ],
 )  # fmt: skip
 def test_another_unit_or_frame_is_refused_with_what_to_write(change: Change, words: list[str]) -> None:
     text = "; ".join(reading(ROBOT, map(change, sweep())).refused)
     assert all(word in text for word in words), text
+
+
+def test_a_unit_is_read_off_relative_to_that_of_the_map() -> None:
+    (text,) = read(ROBOT, replace(Table.of(map(pressures(0.01), sweep())), mapped=Mapped(unit="kPa"))).refused
+    assert "100 times as large" in text and "look like bar" in text
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,8 @@ def test_where_calibration_alone_closes_the_gap_the_headline_does_not_say_that_n
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); no effect closes the rest."
     said = line(a, by_calibration=0.99, closed=0.7, calibrated="a body 86 % softer", alone=True)
     assert said == "Calibration closes 99 % of the gap (a body 86 % softer); the rest has no clear cause."
+    sure = replace(answer(attribute("effect", "cause", {}, "base_tilt", p=0.98)), calibration=Calibration(1.0, 1.0, 0.86))
+    assert headline(sure, CATALOGUE, None, 0.97, "a body 14 % softer").endswith("(p = 0.98), beside a body 14 % softer.")
 
 
 def test_where_numbers_far_off_were_calibrated_first_the_gap_as_given_is_not_said_to_be_none() -> None:

@@ -230,25 +230,21 @@ def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predic
         "name": "finger", "length": 0.12, "outer_radius": 9e-3, "inner_radius": 0, "density": 1070, "tip_mass": 3e-3,
         "youngs_modulus": "800 kPa +- 50 %", "shear_modulus": "200 kPa", "area_factor": 1.0,
         "gravity": [-9.81, 0, 0], "max_pressure": "60 kPa",
-        "chambers": {"path_radius": 5.2e-3, "radius": 2.8e-3, "azimuths_deg": [0, 180]},
-    }  # fmt: skip
+        "chambers": {"path_radius": 5.2e-3, "radius": 2.8e-3, "azimuths_deg": [0, 180]}}  # fmt: skip
+    (tmp_path / "given.yaml").write_text(json.dumps(given))
     tilt = {"base_tilt": {"x": {"value": 0.05, "unit": "rad"}}}
-    robots = []
-    for name, own in (("given", {}), ("true", {"youngs_modulus": "440 kPa", "effects": tilt})):
-        (tmp_path / f"{name}.yaml").write_text(json.dumps(given | own))
-        robots.append(lab.load_robot(tmp_path / f"{name}.yaml"))
+    true = lab.load_robot(tmp_path / "given.yaml").replace(youngs_modulus=440e3, effects=tilt)
     levels = 1e3 * np.array([0, 20, 40, 48, 40, 20])
     pressure = np.vstack([np.outer(levels, on) for _ in range(3) for on in ([1, 0], [0, 1], [1, 1])])
-    tips = np.asarray(lab.predict(robots[1], pressure).tip)
-    tips += 1e-4 * np.random.default_rng(1).normal(size=tips.shape)
+    tips = lab.predict(true, pressure).tip + 1e-4 * np.random.default_rng(1).normal(size=(len(pressure), 3))
     frame = pd.DataFrame(np.hstack([pressure, tips]), columns=["p1", "p2", "x", "y", "z"])
     found = lab.case(frame, tmp_path / "given.yaml", trials={"begin": "rest"})
     answer = diagnose(found, Options(experiments=False))
     assert answer.attribute.effects == ("base_tilt",) and answer.locate.gap_rmse_mm < 1, answer.headline
+    assert answer.calibration is not None and answer.calibration.determined and not answer.calibration.origins
     fitted = lab.fit(found, effects=("base_tilt",))
     assert fitted.robot.stated["youngs_modulus.excess"].value == pytest.approx(-0.45, abs=0.08) and fitted.left_mm < 0.25
-    _, _, (drawn_robot,) = drawn(fitted.robot, CATALOGUE, 1, 0)
-    for robot in (fitted.robot, drawn_robot):
+    for robot in (fitted.robot, *drawn(fitted.robot, CATALOGUE, 1, 0)[2]):
         assert np.linalg.norm(np.asarray(lab.predict(robot, pressure).tip) - tips, axis=1).max() < 2e-3
 
 

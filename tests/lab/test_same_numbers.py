@@ -114,7 +114,7 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "step":
             left = {row[0].partition(" and the numbers")[0]: row[3] for row in rows}
             said["uncalibrated in steps"] = left["model, uncalibrated"]
-            said["calibrated in steps"] = left["calibration with one area factor"]
+            said["calibrated in steps"] = left["calibration: one area factor, set-up within its tolerances"]
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])
