@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+DIGITS = 7
 
 
 def rows_by(number: Ints) -> list[Ints]:
@@ -21,3 +22,8 @@ def rms(values: Array) -> float:
     distance = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
     known = distance[np.isfinite(distance)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def rounded(value: float, digits: int = DIGITS) -> float:
+    """A number to so many significant digits, by default those of what is written."""
+    return float(f"{value:.{digits}g}")

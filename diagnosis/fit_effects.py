@@ -34,7 +34,7 @@ from .answer.headline import sized
 from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance
 from .answer.size import ByActuator, by_actuator
-from .arrays import Array, rms
+from .arrays import DIGITS, Array, rms, rounded
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
@@ -42,7 +42,7 @@ from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
 from .findings import Finding
-from .fit_residual import DIGITS, learn_residual
+from .fit_residual import learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
 from .inference.executor import Progress, no_progress, one_thread
@@ -254,7 +254,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
         undetermined = of_shape or (parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE)
-        stated[name] = Value(_rounded(value), _rounded(value_sd), info.unit, not undetermined, bound)
+        stated[name] = Value(rounded(value), rounded(value_sd), info.unit, not undetermined, bound)
     trials, components = len(np.unique(p.states.trial)), p.noise_components
     # m^2 by which the mean square exceeds what the noise floor gives in as many trials, with two standard errors
     beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
@@ -264,13 +264,13 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         "parameters": list(index_of),
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
-        "law_error": _rounded(law_error),
-        "discrepancy": _rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
+        "law_error": rounded(law_error),
+        "discrepancy": rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
         "noise": {
-            "floor": _rounded(p.noise_floor),
-            "reading": _rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
-            "pressure": _rounded(components.pressure),
-            **{name: _rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
+            "floor": rounded(p.noise_floor),
+            "reading": rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
+            "pressure": rounded(components.pressure),
+            **{name: rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
         },
     }
     return stated, posterior
@@ -311,7 +311,7 @@ def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[st
     data = robot.model_dump()
     if "contact" in named:
         x, y = p.forward.plane_direction.tolist()
-        data["obstacle_azimuth_deg"] = _rounded(float(np.degrees(np.arctan2(y, x))))
+        data["obstacle_azimuth_deg"] = rounded(float(np.degrees(np.arctan2(y, x))))
     if named:
         data |= {"quoted_pressure": p.forward.scales.pressure, "quoted_time": p.forward.scales.time}
     data |= {
@@ -321,7 +321,3 @@ def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[st
         "posterior": posterior,
     }
     return robot_from_dict(data)
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")

@@ -18,7 +18,7 @@ from model.prediction.residual import covariance, kernel, section_sums
 from model.robot import Robot
 from model.stated import Residual
 
-from .arrays import Array, Ints, Mask, rms, rows_by
+from .arrays import Array, Ints, Mask, rms, rounded, rows_by
 from .errors import BadCase
 
 LEAST_STATES = 6
@@ -28,8 +28,6 @@ LOW, HIGH = 0.05, 20.0
 """Bounds of both scales, in ranges."""
 STARTS = ((1.0, 0.7, 0.7, 0.3, 0.3), (1.0, 0.3, 0.3, 0.1, 0.3), (0.5, 1.5, 1.5, 0.7, 0.7))
 """Amplitude, scales, trial and reading, in units of the rms and of the ranges."""
-DIGITS = 7
-"""Significant digits of what is written."""
 
 
 def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> tuple[Residual, float]:
@@ -56,7 +54,7 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     table = np.column_stack([trial, u, length, missed])
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
-        states=[[float(f"{v:.{DIGITS}g}") for v in row] for row in table.tolist()],
+        states=[[rounded(v) for v in row] for row in table.tolist()],
     )
     return learnt, rms(_left_out(learnt, u, length, trial, missed))
 
@@ -81,7 +79,7 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
     bounds = np.log([(1e-2, 1e2), *[(LOW, HIGH)] * 2, *[(1e-3, 10.0)] * 2])
     minima = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
     best = min(minima, key=lambda f: float(f.fun))
-    return [float(f"{v:.{DIGITS}g}") for v in np.exp(best.x + log_usual).tolist()]
+    return [rounded(v) for v in np.exp(best.x + log_usual).tolist()]
 
 
 def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array) -> Array:

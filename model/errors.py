@@ -34,6 +34,11 @@ class NotIdentified(ModelError, ValueError):
     """The data do not determine what is to be fitted."""
 
 
+def unit_text(unit: str, before: str = " ") -> str:
+    """A unit, perhaps of somebody else's file, as it stands behind a number or, after a comma, behind a name; nothing for 1."""
+    return "" if unit in ("", "1") else f"{before}{unit[:30]}"
+
+
 def alike(name: str, known: Iterable[str]) -> str:
     """The known name that was probably meant, capitals aside; empty if none resembles it."""
     names = {other.casefold(): other for other in known}

@@ -22,7 +22,7 @@ from model.condition import NOMINAL_VACUUM
 from model.effects.scales import scales
 from model.robot import Robot
 
-from ..arrays import Array
+from ..arrays import Array, rounded
 from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import EffectPosterior
@@ -54,7 +54,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
     }  # fmt: skip
     offered: list[Proposal] = []
-    more = float(f"{MASS * scales(robot).of('kg'):.1g}")
+    more = rounded(MASS * scales(robot).of("kg"), 1)
 
     def offer(id: str, do: str, hands: float = 0.0, channels: tuple[str, ...] = (), **changed: Any) -> None:
         protocol = {**base, **changed}
@@ -111,13 +111,13 @@ def _recorded(s: Campaign) -> dict[str, bool]:
 def _three(values: Array, gap: float) -> list[float]:
     """Lowest, middle and highest of the settings used, rounded to the setting's grain and to three digits."""
     known = np.unique(np.round(values / gap) * gap)
-    return [float(f"{x:.3g}") for x in np.unique(known[[0, len(known) // 2, -1]] if known.size else known)]
+    return [rounded(x, 3) for x in np.unique(known[[0, len(known) // 2, -1]] if known.size else known)]
 
 
 def _between(values: Array, gap: float) -> list[float]:
     """Settings half-way between those used, where these are few."""
     known = np.unique(np.round(values / gap) * gap)
-    return [float(f"{x:.3g}") for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
+    return [rounded(x, 3) for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
 
 
 def _inflated(s: Campaign) -> list[int]:

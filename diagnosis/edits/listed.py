@@ -349,7 +349,7 @@ def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own
     units = PRESSURES if robot.chambers is not None else TENSIONS | {words.pascal: "N", 1 / words.pascal: "Pa read as N"}
     sizes = PASCALS if robot.chambers is not None else NEWTONS
     if mapped is not None and mapped.unit in sizes:
-        units = {size / sizes[mapped.unit]: name for name, size in sizes.items()}
+        units = {size / sizes[mapped.unit]: name for name, size in sizes.items() if name != mapped.unit}
     unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
     remedy = remedies.of_unit(mapped, robot, units[unit])
     return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]

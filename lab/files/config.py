@@ -19,12 +19,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from model.errors import alike, nearest
+from model.errors import alike, nearest, unit_text
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
 from recordings.bounded import read_bounded
 from recordings.numbers import number
 
-from .units import UnitError, meant, sized, to_si, unit_text, written
+from .units import UnitError, meant, sized, to_si, written
 
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]

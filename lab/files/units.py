@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+from model.errors import unit_text
 from recordings.numbers import NUMBER
 
 KINDS: dict[str, dict[str, float]] = {
@@ -90,12 +91,6 @@ def to_si(text: str, unit: str, known: Mapping[str, float] | None = None) -> flo
 def example(unit: str) -> str:
     """A quantity as one would write it."""
     return {"Pa": "'50 kPa'", "m": "'5 cm'", "Pa/s": "'20 kPa/s'"}.get(unit, f"'1 {unit}'")
-
-
-def unit_text(unit: str, before: str = " ") -> str:
-    """A unit as it stands behind a number or, after a comma, behind a name; nothing for 1."""
-    # the unit may come from a file of somebody else
-    return "" if unit in ("", "1") else f"{before}{unit[:30]}"
 
 
 USUAL = {"Pa": "kPa", "Pa/s": "kPa/s", "m": "cm", "m/s": "cm/s", "kg": "g"}

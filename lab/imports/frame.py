@@ -52,8 +52,7 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)
-    mapped = replace(result.table.mapped or Mapped(), call=True)
-    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts), mapped=mapped)
+    return replace(result.table, warnings=tuple(re.sub(f"^{FRAME}[:,] ", "", text) for text in doubts))
 
 
 def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Table:

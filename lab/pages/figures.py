@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import matplotlib
 
 from model.actuators import Chambers, Words
+from model.errors import unit_text
 from recordings.own_files import replacing
 from recordings.trials import Table
-
-from ..files.units import unit_text
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
+from model.errors import unit_text
 from protocols.errors import BadProtocol
 from protocols.parameters import Parameters
 from recordings.numbers import NUMBER
 
 from ..files.config import unit_of
-from ..files.units import KINDS, plain_unit, unit_text, usual
+from ..files.units import KINDS, plain_unit, usual
 from ..plain import typed
 from .limits import Excess, Excesses
 

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from rich.table import Column as Heading
 from rich.table import Table as Sheet
 
+from model.errors import unit_text
 from model.robot import Robot
 from recordings.messages import NAME
 from recordings.numbers import number
@@ -32,7 +33,6 @@ from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
-from ..files.units import unit_text
 from ..options import Option, Result, Verb, option
 from ..rig.real_time import process_of
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from rich.table import Table as Sheet
 
+from model.errors import unit_text
 from recordings.campaign.info import Info
 from recordings.campaign.info import info as summary
 from recordings.campaign.labels import split
@@ -31,7 +32,7 @@ from recordings.trials import counted
 from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
-from ..files.units import UnitError, to_si, unit_text
+from ..files.units import UnitError, to_si
 from ..options import READS, Result, Verb, option
 from ..plain import typed
 

@@ -28,7 +28,7 @@ from model.effects.solver import SolvedRods, Steps, differentiate, integration_s
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import VariationSource, single_sources, sources
-from model.errors import BadCondition, BadRobot
+from model.errors import BadCondition, BadRobot, unit_text
 from model.robot import Robot
 from model.rods import columns as col
 
@@ -374,9 +374,8 @@ class ForwardModel:
         slack = 1e-9 * self._sd
         wrong = ~((values >= self._low - slack) & (values <= self._high + slack))
         if wrong.any():
-            info = self.parameters[int(np.flatnonzero(wrong)[0])]
-            value = f"{theta[wrong][0]:g} {info.unit}".removesuffix(" 1")
-            raise BadCondition(f"{info.name} = {value}: must be within {info.low:g} and {info.high:g}")
+            p = self.parameters[int(np.flatnonzero(wrong)[0])]
+            raise BadCondition(f"{p.name} = {theta[wrong][0]:g}{unit_text(p.unit)}: must be within {p.low:g} and {p.high:g}")
         return np.clip(values, self._low, self._high)
 
     def _laws(

@@ -15,7 +15,7 @@ from model.effects.parameters import ParameterInfo
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec, Law, Values
 from model.effects.tolerance import ALWAYS, JAMMING, as_stated
-from model.errors import BadRobot, nearest
+from model.errors import BadRobot, nearest, unit_text
 from model.robot import Robot
 from model.stated import Stated, Table
 
@@ -62,7 +62,7 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
             elif stated.unit != p.unit:
                 yield f"{place}: unit {stated.unit!r}, must be {p.unit!r}: convert value and sd"
             elif not p.low <= stated.value <= p.high:
-                unit = f" {p.unit}".removesuffix(" 1")
+                unit = unit_text(p.unit)
                 yield f"{place} = {stated.value:g}{unit}: must be within {p.low:g} and {p.high:g}{unit}"
 
 

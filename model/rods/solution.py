@@ -90,7 +90,8 @@ class Solution:
         """Itself when every rod converged; raises `SolveFailed` with the others, how far their load was followed, a remedy."""
         bad = np.flatnonzero(~self.converged)
         if bad.size:
-            listed = ", ".join(f"{i} ({self._why(i)})" for i in bad[:8])
+            reached = ["" if np.isnan(x) else f" at {x:.3g} of the load" for x in self.load_reached[bad[:8]]]
+            listed = ", ".join(f"{i} ({Status(self.status[i]).name}{x})" for i, x in zip(bad, reached, strict=False))
             raise SolveFailed(
                 f"{bad.size} of {len(self.status)} rods have no trusted equilibrium: {listed}"
                 f"{', ...' if bad.size > 8 else ''}; lower the pressure or load, or check stiffness, length and area factor"
@@ -101,11 +102,6 @@ class Solution:
         """The rods picked by a slice, mask or index array."""
         memory = self.memory[rows] if len(self.memory) else self.memory
         return Solution(self.values[rows], self.status[rows], self.shape[rows], memory)
-
-    def _why(self, i: int) -> str:
-        name = Status(self.status[i]).name
-        reached = self.load_reached[i]
-        return name if np.isnan(reached) else f"{name} at {reached:.3g} of the load"
 
 
 def assembled(
