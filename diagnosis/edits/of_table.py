@@ -26,7 +26,7 @@ from .misfit import AMBIENT, Fit, Sample
 AT_REST = 0.03
 """Share of the range of pressures above the lowest within which a robot is at rest."""
 LEAST_MOTION = 0.005
-"""Robot lengths (sd) that the rod moves along an axis whose unit is read off: of one that it does not, none is right."""
+"""Robot lengths (sd) that readings must move along an axis, in the unit that is read off: of one that rests, none is right."""
 PLAINEST = 0.02
 """Share of the likeness that an axis of a frame counts where it stays as it is: who bends little does not show them all."""
 
@@ -56,7 +56,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         for about_rest in (True, False):
             yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
-    moves, *able = (np.nanstd(v.tip[0], axis=0) for v in (sample.described, sample.rods(sample.described), rods))
+    seen = (v.tip[0][np.isfinite(v.tip[0]).all(axis=1)] for v in (sample.described, sample.rods(sample.described), rods))
+    moves, *able = (tip.std(axis=0) if len(tip) else np.zeros(3) for tip in seen)  # no rod may stand
     for axis, (unit, wrong) in product(range(3), permutations(METRES, 2)):
         name, factor = "xyz"[axis] if table.mapped is None else table.mapped.frame[axis][-1], METRES[unit] / METRES[wrong]
         if any(max(by[axis] / 2, LEAST_MOTION * robot.length) < factor * moves[axis] < 2 * by[axis] for by in able):

@@ -341,8 +341,7 @@ class Problem:
         share = np.array([p.law_error[e] for e in p.ids])
         white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
         # Any rotation of the effects' contributions has the same joint errors.
-        each = map(self.form_error_of, self.noise.colour(leading(white)).T)
-        return leading(np.hstack([np.zeros((len(white), 0)), *each]))
+        return leading(np.hstack([np.zeros((len(white), 0)), *map(self.form_error_of, self.noise.colour(leading(white)).T)]))
 
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
         """Contribution of an effect to the values (n,): `predicted` at parameters (k,) less the prediction without it; NaN where
