@@ -51,10 +51,6 @@ class Scales:
             "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity, "s": self.time, "1/s": 1 / self.time,
         }.get(unit, 1.0)  # fmt: skip
 
-    def times_standard(self, unit: str) -> float:
-        """This scale over the standard one."""
-        return self.of(unit) / STANDARD.of(unit)
-
 
 STANDARD = Scales(0.4, 507147.0 * math.pi / 4 * (0.05**4 - 0.029**4), 250e3)
 """A cast body of 40 cm and 10 cm across."""
