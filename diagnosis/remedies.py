@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
 from recordings.trials import AXES, Mapped, Table, pressure_columns
@@ -29,7 +30,7 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     """Say what makes the tips those along the base's axes, which are the rows of `axes` (3, 3) in the table."""
     if mapped is None:
         return f"let columns x, y, z hold what is now {', '.join(named(axes))}"
-    present = np.array([AXES[name] for name in mapped.frame])
+    present = base_axes(mapped).as_matrix().round()
     found, ways = axes @ present, []
     if np.linalg.det(axes) < 0:  # which no frame can be
         mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}
@@ -40,6 +41,24 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
         pairs = (f"{quote}{axis}{quote}: {quote}{name}{quote}" for axis, name in zip("xyz", named(found), strict=True))
         ways.append(_write("frame", "{" + ", ".join(pairs) + "}", mapped))
     return ", and ".join(ways)
+
+
+def base_axes(mapped: Mapped | None) -> Rotation:
+    """The turn from the axes of the file to the base's."""
+    return Rotation.from_matrix([AXES[name] for name in (mapped or Mapped()).frame])
+
+
+def quaternion(q: Array) -> str:
+    """w, x, y, z to three digits."""
+    return ", ".join(f"{x + 0.0:.3g}" for x in q.round(6))
+
+
+def of_mount(turn: Array, mapped: Mapped | None) -> str:
+    """Say what turns each attitude from the right by a quaternion along the base's axes."""
+    if mapped is None:
+        return f"multiply each quaternion from the right by ({quaternion(turn)})"
+    place = "lab.case" if mapped.call else "map.yaml"
+    return f"write `mount: [{quaternion(turn)}]` under orientation in {place} (times, from its right, where it has a mount)"
 
 
 def of_origin(mapped: Mapped | None) -> str:

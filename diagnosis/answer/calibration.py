@@ -74,7 +74,8 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
     infos = possible(forward, robot)
     names = [i.name for i in infos]
-    observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
+    observed = forward.observe(table)
+    tolerances = [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts and i.name != MODULUS]  # it is alike itself
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
     for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:

@@ -147,7 +147,8 @@ def changed_by(d: Diagnosis) -> str:
         return ""
     if d.simulator is not None:
         return f"{d.simulator.name} acts as with {d.calibration.stiffness:.2f} times the {d.words.pressure}"
-    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in d.calibration.alike[:1])])
+    alike = [a for a in d.calibration.alike if not a.parameter.startswith("body_modulus")][:1]  # as stiff a body
+    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in alike)])
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:

@@ -266,20 +266,22 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
-    remedy, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
+    remedy, way = max(_attitudes(sample.table.mapped), key=lambda each: round(agrees(each[1]), 3))
     says = stating("attitudes_elsewhere", "the tip's orientation", remedy=remedy)
     yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=way(v.orientation)))
 
 
-def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
+    base = remedies.base_axes(mapped)
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     none = np.array([1.0, 0.0, 0.0, 0.0])
-    for turn in Rotation.create_group("O").as_quat(canonical=True, scalar_first=True).round(6):
-        by, back = (f"({', '.join(f'{x + 0.0:.3g}' for x in q)})" for q in (turn, turn * CONJUGATE))
+    for of_base in Rotation.create_group("O"):
+        turn, of_file = (q.as_quat(canonical=True, scalar_first=True) for q in (of_base, base.inv() * of_base * base))
+        by, back = (f"({remedies.quaternion(q)})" for q in (of_file, of_file * CONJUGATE))
         yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
-        yield f"multiply each quaternion from the right by {by}", partial(_framed, none, turn)
+        yield remedies.of_mount(turn, mapped), partial(_framed, none, turn)
         both = f"multiply each quaternion from the left by {by} and from the right by {back}"
         yield both, partial(_framed, turn, turn * CONJUGATE)
 

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ..arrays import Array, Ints
+from ..judgement import UNCONVERGED
 from .jacobian import Jacobian
 from .linear import Linear, SizePrior
 from .problem import FormError, Problem, derivatives
@@ -130,14 +131,14 @@ class _Descent:
         self._problem = problem
 
     def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
-        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or promises too little."""
+        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) and promises little, or too little."""
         local = self.begin(start)
         if rounds:
             self._forward = self._forward.near(local.theta)
         level = 0  # index among the dampings
         for _ in range(rounds):
             away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
-            if away.max(initial=0.0) < tolerance:
+            if away.max(initial=0.0) < tolerance and self.promise(local) < UNCONVERGED:
                 break
             step = self.step_down(local, level)
             if step is None:
@@ -151,9 +152,11 @@ class _Descent:
             if decrease < max(LEAST_GAIN, self._least):
                 break
             level = max(level - 2, 0)
-        # what the linear problem still promises
-        promise = max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
-        return Fit(local.theta, local.predicted, local.slope, local.cost, promise)
+        return Fit(local.theta, local.predicted, local.slope, local.cost, self.promise(local))
+
+    def promise(self, local: _Local) -> float:
+        """By how much the linear problem would still lower the cost."""
+        return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
     def cost(self, theta: Array, predicted: Array) -> float:
         """Of parameters (k,) and what they predict (n,); infinite where a state has no equilibrium."""

@@ -300,14 +300,19 @@ class Search:
 
     def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
         """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts, from `more`
-        (k,) parameters, and from its sizes on either side of zero."""
-        begun, starts = self._none[False], [*more]
+        (k,) parameters, and from its sizes on either side of zero. Where a discrepancy takes up what a hypothesis misses, it is
+        searched without one too, also from where the robot was calibrated without one: the evidence decides."""
+        none = begun = self._none[False]
+        starts = [*more]
         if named:
-            (here,) = self.around(begun.fit, [named], False)
-            starts += self._starts.either_side(named, begun.fit)
+            (here,) = self.around(none.fit, [named], False)
+            starts += self._starts.either_side(named, none.fit)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        points: list[Array | Fit] = [begun.fit, *starts]
-        fits = [self.fit(named, False, begun.grid_point.size, point, LAST_ROUNDS) for point in points]
+        size = begun.grid_point.size
+        points: list[tuple[float, Array | Fit]] = [(size, point) for point in (begun.fit, *starts)]
+        if size:
+            points += [(0.0, begun.fit), (0.0, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta)]
+        fits = [self.fit(named, False, at, point, LAST_ROUNDS) for at, point in points]
         return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:

@@ -309,7 +309,8 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
         f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
-        f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
+        f"(from row to row the median change is {jump:.3g} Pa, and they reach {np.nanmax(q.table.pressures):.3g} Pa, read as "
+        f"{q.unit or 'Pa'}): check their unit, and states.plateaus"
     )
 
 

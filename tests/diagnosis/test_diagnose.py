@@ -21,6 +21,7 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import prepare, table_columns
+from diagnosis.judgement import LEAST_BITS
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Uncertainty
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
@@ -54,7 +55,7 @@ def test_the_json_holds_the_contract_and_reads_back(catalogue: Catalogue) -> Non
     assert {"effects", "probability", "log_evidence", "heldout_rmse_mm", "parameters", "limited"} == set(ranked)
     assert all(set(v) == {"value", "sd", "unit", "determined", "bound"} for v in ranked["parameters"].values())
     assert {"how", "before_mm", "after_mm", "floor_mm", "share_closed", "ci95", "by_spine_length"} == set(d["shrink"])
-    assert all({"do", "separates", "expected_bits", "cost_min"} <= set(p) for p in d["next_experiment"])
+    assert all({"do", "separates", "cost_min"} <= set(p) and p["expected_bits"] >= LEAST_BITS for p in d["next_experiment"])
     assert sum(r["probability"] for r in d["attribute"]["ranking"]) <= 1 + 1e-9
     again = Diagnosis.from_json(text)
     assert again.to_json() == text and again.budget == answer(catalogue).budget

@@ -328,7 +328,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), turn=TILT)), ("tilted by", "20 deg about y")),
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
-    "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
+    "one column in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1 must be 6", "unit")),
     "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("positions must be 0.01 times as large", "cm")),
