@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from model.robot import Robot
 from recordings.trials import AXES, Mapped, Table, pressure_columns
@@ -30,7 +29,7 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     """Say what makes the tips those along the base's axes, which are the rows of `axes` (3, 3) in the table."""
     if mapped is None:
         return f"let columns x, y, z hold what is now {', '.join(named(axes))}"
-    present = base_axes(mapped).as_matrix().round()
+    present = np.array([AXES[name] for name in mapped.frame])
     found, ways = axes @ present, []
     if np.linalg.det(axes) < 0:  # which no frame can be
         mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}
@@ -41,11 +40,6 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
         pairs = (f"{quote}{axis}{quote}: {quote}{name}{quote}" for axis, name in zip("xyz", named(found), strict=True))
         ways.append(_write("frame", "{" + ", ".join(pairs) + "}", mapped))
     return ", and ".join(ways)
-
-
-def base_axes(mapped: Mapped | None) -> Rotation:
-    """The turn from the axes of the file to the base's."""
-    return Rotation.from_matrix([AXES[name] for name in (mapped or Mapped()).frame])
 
 
 def quaternion(q: Array) -> str:

@@ -20,6 +20,7 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply
 from model.section import body_mass
+from recordings.trials import AXES as FILE_AXES
 from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
@@ -273,7 +274,7 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
-    base = remedies.base_axes(mapped)
+    base = Rotation.from_matrix([FILE_AXES[name] for name in (mapped or Mapped()).frame])
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     none = np.array([1.0, 0.0, 0.0, 0.0])
@@ -282,8 +283,8 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
         by, back = (f"({remedies.quaternion(q)})" for q in (of_file, of_file * CONJUGATE))
         yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
         yield remedies.of_mount(turn, mapped), partial(_framed, none, turn)
-        both = f"multiply each quaternion from the left by {by} and from the right by {back}"
-        yield both, partial(_framed, turn, turn * CONJUGATE)
+        yield (f"multiply each quaternion from the left by {by} and from the right by {back}",
+               partial(_framed, turn, turn * CONJUGATE))  # fmt: skip
 
 
 def _framed(left: Array, right: Array, orientation: Array) -> Array:

@@ -227,24 +227,26 @@ ASKEW = Rotation.from_euler("zy", (90, -90), degrees=True)
 
 
 @pytest.mark.parametrize(
-    ("change", "remedy"),
+    ("change", "remedy", "mapped"),
     [
-        (lambda turn: UP * turn, "from the left by (0.707, -0.707, 0, 0)"),
-        (lambda turn: turn * ASKEW, "from the right by"),
-        (lambda turn: UP * turn * UP.inv(), "and from the right by (0.707, 0.707, 0, 0)"),
-        (lambda turn: turn.inv(), "change the sign of qx, qy and qz"),
+        (lambda turn: UP * turn, "from the left by (0.707, -0.707, 0, 0)", None),
+        (lambda turn: UP * turn, "from the left by (0.707, 0, -0.707, 0)", Mapped(("y", "z", "x"))),
+        (lambda turn: turn * ASKEW, "from the right by (0.5, 0.5, 0.5, -0.5)", None),
+        (lambda turn: turn * ASKEW, "`mount: [0.5, 0.5, 0.5, -0.5]` under orientation in map.yaml", Mapped(("y", "z", "x"))),
+        (lambda turn: UP * turn * UP.inv(), "and from the right by (0.707, 0.707, 0, 0)", None),
+        (lambda turn: turn.inv(), "change the sign of qx, qy and qz", None),
     ],
-    ids=["world", "body", "frame", "inverse"],
+    ids=["world", "world mapped", "body", "body mapped", "frame", "inverse"],
 )
 def test_attitudes_in_another_frame_than_the_tips_are_refused_with_the_turn_that_is_missing(
-    change: Callable[[Rotation], Rotation], remedy: str
+    change: Callable[[Rotation], Rotation], remedy: str, mapped: Mapped | None
 ) -> None:
     rows = []
     for chambers in (BENDING, (3, 4, 5), (6, 7, 8)):
         for r in sweep(chambers=chambers, spines=(0.0,)):
             shown = change(Rotation.from_quat(r.orientation, scalar_first=True))
             rows.append(replace(r, orientation=tuple(shown.as_quat(scalar_first=True).tolist())))
-    (text,) = reading(ROBOT, rows).refused
+    (text,) = read(ROBOT, replace(Table.of(rows), mapped=mapped)).refused
     assert "are in another frame or order than its positions" in text and remedy in text, text
 
 

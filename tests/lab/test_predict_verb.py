@@ -59,12 +59,16 @@ def test_a_robot_and_robots_drawn_from_its_posterior_are_written(robot: Path) ->
     assert len(set(values)) == 5 and np.abs(values - angle.value).max() < 4 * angle.sd
 
 
-def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, cli: Cli) -> None:
+def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     fitted = cli("fit", case, "--with", EFFECT, "--json").json
     assert fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
     assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
     done = cli("fit", case, "--robot", robot, "--json")
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
+    plain = cli("fit", case, "--out", tmp_path / "exact").flat
+    missed = 1e3 * cli("compare", case, "--robot", tmp_path / "exact/robot.yaml", "--json").json["rmse"]
+    calibrated, said = (float(re.findall(f"misses the tip by {words}([\\d.]+) mm", plain)[0]) for words in ("", "up to "))
+    assert calibrated < missed < said and "writes. Without --with, robot.yaml takes the set-up as exact" in plain
 
 
 def test_effects_that_are_named_one_by_one_are_all_fitted(case: Path, cli: Cli) -> None:
