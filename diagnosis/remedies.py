@@ -42,17 +42,12 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     return ", and ".join(ways)
 
 
-def quaternion(q: Array) -> str:
-    """w, x, y, z to three digits."""
-    return ", ".join(f"{x + 0.0:.3g}" for x in q.round(6))
-
-
-def of_mount(turn: Array, mapped: Mapped | None) -> str:
-    """Say what turns each attitude from the right by a quaternion along the base's axes."""
+def of_mount(turn: str, mapped: Mapped | None) -> str:
+    """Say what turns each attitude from the right by a quaternion w, x, y, z along the base's axes."""
     if mapped is None:
-        return f"multiply each quaternion from the right by ({quaternion(turn)})"
-    place = "lab.case" if mapped.call else "map.yaml"
-    return f"write `mount: [{quaternion(turn)}]` under orientation in {place} (times, from its right, where it has a mount)"
+        return f"multiply each quaternion from the right by ({turn})"
+    where = f"under orientation in {'lab.case' if mapped.call else 'map.yaml'}"
+    return f"write `mount: [{turn}]` {where} (times, from its right, where it has a mount)"
 
 
 def of_origin(mapped: Mapped | None) -> str:

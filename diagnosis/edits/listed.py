@@ -52,6 +52,8 @@ FRAMES = [
     np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
 ]
 """Each way in which axes of a file can be those of the base."""
+NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.25
+"""Identity; share of the disagreement with the rods below which any turn of a tracked body stands in place of a quarter's."""
 MIRROR = ("mirror", 6e-4)
 """Kind and prior of a frame of the other hand: cameras have none, only columns that were swapped or changed in sign."""
 
@@ -268,6 +270,12 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
     remedy, way = max(_attitudes(sample.table.mapped), key=lambda each: round(agrees(each[1]), 3))
+    known = np.isfinite(measured * predicted).all(axis=-1)
+    read, stands = (Rotation.from_quat(q[known], scalar_first=True) for q in (measured, predicted))
+    mount = (read.inv() * stands).mean().as_quat(canonical=True, scalar_first=True)
+    askew, off = partial(_framed, NO_TURN, mount), 1 - agrees(way)
+    if off > 1 - np.cos(np.radians(judgement.EDIT_LEAST_TILT)) and 1 - agrees(askew) < ASKEW * off:
+        remedy, way = remedies.of_mount(_listed(mount), sample.table.mapped), askew
     says = stating("attitudes_elsewhere", "the tip's orientation", remedy=remedy)
     yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=way(v.orientation)))
 
@@ -277,14 +285,18 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
     base = Rotation.from_matrix([FILE_AXES[name] for name in (mapped or Mapped()).frame])
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
-    none = np.array([1.0, 0.0, 0.0, 0.0])
     for of_base in Rotation.create_group("O"):
         turn, of_file = (q.as_quat(canonical=True, scalar_first=True) for q in (of_base, base.inv() * of_base * base))
-        by, back = (f"({remedies.quaternion(q)})" for q in (of_file, of_file * CONJUGATE))
-        yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
-        yield remedies.of_mount(turn, mapped), partial(_framed, none, turn)
-        yield (f"multiply each quaternion from the left by {by} and from the right by {back}",
-               partial(_framed, turn, turn * CONJUGATE))  # fmt: skip
+        of_each = (of_file, of_file * CONJUGATE, turn)
+        left, right, mount = map(_listed, of_each)
+        yield f"multiply each quaternion from the left by ({left})", partial(_framed, turn, NO_TURN)
+        yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)
+        both = f"multiply each quaternion from the left by ({left}) and from the right by ({right})"
+        yield both, partial(_framed, turn, turn * CONJUGATE)
+
+
+def _listed(quaternion: Array) -> str:
+    return ", ".join(f"{x + 0.0:.3g}" for x in quaternion.round(3))
 
 
 def _framed(left: Array, right: Array, orientation: Array) -> Array:

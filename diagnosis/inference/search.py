@@ -299,17 +299,15 @@ class Search:
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
     def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
-        """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts, from `more`
-        (k,) parameters, and from its sizes on either side of zero. Where a discrepancy takes up what a hypothesis misses, it is
-        searched without one too, also from where the robot was calibrated without one: the evidence decides."""
+        """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts and from `more`
+        (k,) parameters. Where a discrepancy takes up what a hypothesis misses, it is searched without one too, also from where
+        the robot was calibrated without one: the evidence decides."""
         none = begun = self._none[False]
-        starts = [*more]
         if named:
             (here,) = self.around(none.fit, [named], False)
-            starts += self._starts.either_side(named, none.fit)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
         size = begun.grid_point.size
-        points: list[tuple[float, Array | Fit]] = [(size, point) for point in (begun.fit, *starts)]
+        points: list[tuple[float, Array | Fit]] = [(size, point) for point in (begun.fit, *more)]
         if size:
             points += [(0.0, begun.fit), (0.0, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta)]
         fits = [self.fit(named, False, at, point, LAST_ROUNDS) for at, point in points]

@@ -37,13 +37,6 @@ class Starts:
         points[:, columns] = values
         return [*points]
 
-    def either_side(self, named: Hypothesis, none: Fit) -> list[Array]:
-        """Parameters (k,) with the sizes of what is named at their scale, above zero and below, calibrated anew."""
-        p = self._problem.parameters
-        own = np.array([e in named and i.role == "size" for e, i in zip(p.effects, p.infos, strict=True)])
-        points = [np.where(own, np.clip(side * p.sd, p.lower, p.upper), none.theta) for side in (1.0, -1.0)]
-        return [self.recalibrated(point) for point in points if (point != none.theta).any()]
-
     def recalibrated(self, start: Array) -> Array:
         """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
         p = self._problem.parameters

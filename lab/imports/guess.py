@@ -47,8 +47,6 @@ USUAL_PRESSURES = {"Pa": (4e3, 2e6), "kPa": (4.0, 600.0), "bar": (0.02, 4.0), "m
 """Highest pressures of soft robots by unit, in the order in which they are considered."""
 STEADY = 0.02
 """Band of a plateau, as a share of the highest pressure."""
-VENTED = 0.005
-"""Of the atmosphere: readings within it above the lowest are of the same state, which a gauge's noise spreads."""
 MOTION_CAPTURE = ("Motive", "C3D")
 FRAME_WORDS = frozenset(["frame", "frames", "sample", "samples", "index", "idx", "bild"])
 """Words of a heading for a count of rows."""
@@ -169,8 +167,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         entry: dict[str, Any] = {"column": name, "unit": unit.name}
         if unit.absolute:
             values = series.numbers[name]
-            lowest = values[values < np.nanmin(values) + VENTED * AMBIENT / KINDS["Pa"][unit.name]]
-            entry["zero"] = float(f"{np.median(lowest):.5g}")
+            rests = values <= np.nanmin(values) + STEADY * (np.nanmax(values) - np.nanmin(values))
+            entry["zero"] = float(f"{np.median(values[rests]):.5g}")
         g.say(f"columns.p{k}", entry, f"{unit.why}{'; its lowest readings are taken as vented' if unit.absolute else ''}")
     if electric:
         g.doubts.append(

@@ -308,9 +308,8 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
         return f"all {words.pressures} lie within {apart:.3g} Pa, read as {q.unit}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
-        f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
-        f"(from row to row the median change is {jump:.3g} Pa, and they reach {np.nanmax(q.table.pressures):.3g} Pa, read as "
-        f"{q.unit or 'Pa'}): check their unit, and states.plateaus"
+        f"no pressure, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady:g} Pa for "
+        f"{wanted.states.plateaus.shortest:g} s (from row to row the median change is {jump:.3g} Pa): check unit and states.plateaus"
     )
 
 

@@ -145,16 +145,12 @@ def residual_lines(f: Fitted) -> list[str]:
     """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
     lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
+    larger = f.effects and round(f.left_mm, 2) > round(f.calibrated_mm, 2)
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
         f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects"
+        + f", which is larger: {' and '.join(f.effects)} does not explain these data" * bool(larger)
     )
-    if f.effects and (more := f"{f.left_mm:.2f}") != (less := f"{f.calibrated_mm:.2f}") and f.left_mm > f.calibrated_mm:
-        named = " and ".join(f.effects)
-        lines.append(
-            f"with {named} the error on these states is larger ({more} mm) than without ({less} mm): {named} does not explain "
-            "these data"
-        )
     if posterior is not None:
         lines.append(
             f"noise floor {1e3 * posterior.noise.floor:.2f} mm, model-form error {100 * posterior.law_error:.1f} % of what an "

@@ -86,7 +86,7 @@ def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_larger_error
     absent = fit_effects(campaign, ["spine_slip"])
     assert absent.left_mm <= 1.001 * absent.calibrated_mm
     worse = " ".join(residual_lines(replace(absent, left_mm=2.21, calibrated_mm=1.79)))
-    assert "with spine_slip the error on these states is larger (2.21 mm) than without (1.79 mm): spine_slip does" in worse
+    assert "1.79 mm rms with area factor and set-up fitted, 2.21 mm with the effects, which is larger: spine_slip does" in worse
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
