@@ -23,6 +23,7 @@ from model.effects import CATALOGUE
 from model.stated import Stated
 from recordings.table_file import write_csv
 from recordings.trials import AXES
+from tests.diagnosis.small_campaigns import RIVALS
 
 COLUMNS = dict(zip(("t", "p1", "p2", "p3", "x", "y", "z"), HEADINGS, strict=True))
 
@@ -239,7 +240,8 @@ def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predic
     tips = lab.predict(true, pressure).tip + 1e-4 * np.random.default_rng(1).normal(size=(len(pressure), 3))
     frame = pd.DataFrame(np.hstack([pressure, tips]), columns=["p1", "p2", "x", "y", "z"])
     found = lab.case(frame, tmp_path / "given.yaml", trials={"begin": "rest"})
-    answer = diagnose(found, Options(experiments=False))
+    weighed = (*RIVALS, "self_weight", "body_modulus", "tether_load")
+    answer = diagnose(found, Options(quantify=False, experiments=False, catalogue={e: CATALOGUE[e] for e in weighed}))
     assert answer.attribute.effects == ("base_tilt",) and answer.locate.gap_rmse_mm < 1, answer.headline
     assert answer.calibration is not None and answer.calibration.determined and not answer.calibration.origins
     fitted = lab.fit(found, effects=("base_tilt",))
