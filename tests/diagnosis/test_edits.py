@@ -177,7 +177,7 @@ def test_a_modulus_of_another_unit_is_found_even_where_no_rod_stands(case: Measu
     assert first.after < 0.35 * first.before and "youngs_modulus" in first.concerns[0].text
 
 
-def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
+def test_the_cause_is_found_and_fitted_around_the_calibrated_robot(case: Measured) -> None:
     options = Options(experiments=False, catalogue=ONE)
     there = replace(case, robot=softer(ROBOT, 2.4))
     found = diagnose(there, options)
@@ -189,10 +189,7 @@ def test_the_cause_is_found_around_the_calibrated_robot(case: Measured) -> None:
     assert "determine only the ratio" in found.statement
     gap = found.waterfall
     assert gap is not None and gap.given_mm > 4 * gap.steps[0].left_mm  # as robot.yaml stands, not as it was calibrated
-
-
-def test_what_is_fitted_is_the_calibrated_robot(case: Measured) -> None:
-    fitted = fit_effects(replace(case, robot=softer(ROBOT, 2.4)), ("chamber_azimuth",))
+    fitted = fit_effects(there, ("chamber_azimuth",))
     assert fitted.robot.youngs_modulus == pytest.approx(ROBOT.youngs_modulus, rel=0.15)
     assert fitted.findings[0].code == "refitted_first"
 
