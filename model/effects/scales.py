@@ -37,6 +37,8 @@ class Scales:
     """m/s^2."""
     time: float = 16.0
     """s, the pace of the campaign (`States.pace`) to the nearest decade; what is much faster or slower is not seen in it."""
+    tip_mass: float = 0.0
+    """kg, stated at the tip: another mass may be wrong, or forgotten, by as much."""
 
     def of(self, unit: str) -> float:
         """The scale of quantities with this unit; 1 for pure numbers and angles.
@@ -80,4 +82,4 @@ def scales(robot: Robot, pressure: Array | None = None, pace: float | None = Non
     gravity = float(np.linalg.norm(robot.gravity)) or STANDARD.gravity
     measured_pace = STANDARD.time if pace is None or MEMORY in robot.effects else pace
     decades = round(math.log10(measured_pace / STANDARD.time))
-    return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades)
+    return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades, robot.tip_mass)

@@ -91,6 +91,8 @@ class Parameter:
         factor = scales.of(unit) / STANDARD.of(unit)
         starts = tuple(factor * start for start in self.starts)
         scaled = {name: factor * getattr(self, name) for name in ("scale", "low", "high", "least")}
+        if unit == "kg":
+            scaled["scale"] = max(scaled["scale"], scales.tip_mass)
         return replace(self, **scaled, starts=starts)
 
 
