@@ -196,10 +196,7 @@ def fit_described(
     `noise_components`: of these states, where they are known."""
     considered = {*named, *stated_effects(robot, catalogue), ALWAYS_CONSIDERED}
     some = {id: spec for id, spec in catalogue.items() if id in considered}
-    # a wide tolerance of the modulus would take a part of the same change
-    usual = robot.uncertainty.model_copy(update={"youngs_modulus": None})
-    prepared = robot.model_copy(update={"uncertainty": usual}) if "body_modulus" in named else robot
-    p = prepare(prepared, campaign, catalogue=some, noise_components=noise_components)
+    p = prepare(robot, campaign, catalogue=some, noise_components=noise_components)
     progress("step 1 of 4: starting points", 0.0)
     search = Search(p.problem)
     progress("step 2 of 4: calibration", 0.0)

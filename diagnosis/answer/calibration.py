@@ -59,7 +59,8 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     # stiffness trials measure the modulus, which is then no origin
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
-    return replace(result, origins=() if determined else possible_origins, alike=alike(f, robot, states))
+    unclear = determined or f.decision.verdict == "unknown"  # no number of robot.yaml, or what is unknown may be behind it
+    return replace(result, origins=() if unclear else possible_origins, alike=alike(f, robot, states))
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:

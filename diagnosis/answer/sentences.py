@@ -231,11 +231,12 @@ def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
 
 def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
     """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
-    by_stiffness = robot.bending_stiffness is not None
+    overridden = {"youngs_modulus": "bending_stiffness", "density": "mass_per_length"}
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
-        name = "bending_stiffness" if p.infos[i].source == "youngs_modulus" and by_stiffness else p.infos[i].source
+        own = overridden.get(p.infos[i].source, "")
+        name = own if getattr(robot, own, None) is not None else p.infos[i].source
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)

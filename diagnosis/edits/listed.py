@@ -52,8 +52,8 @@ FRAMES = [
     np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
 ]
 """Each way in which axes of a file can be those of the base."""
-NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.25
-"""Identity; share of the disagreement with the rods below which any turn of a tracked body stands in place of a quarter's."""
+NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.004
+"""Identity; agreement (cosine of half an angle) that a tracked body turned by any angle must gain on turns by quarters."""
 MIRROR = ("mirror", 6e-4)
 """Kind and prior of a frame of the other hand: cameras have none, only columns that were swapped or changed in sign."""
 
@@ -69,7 +69,15 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
-    yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
+    yield Edit(
+        "order",
+        0.03,
+        _counted,
+        lambda v, _: replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth),
+        EIGHTHS,
+        (),
+        {AZIMUTH: np.pi},
+    )
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(_gravity, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
@@ -89,16 +97,12 @@ def _refitted(name: str, given: float, found: float, unit: str, limit: bool = Fa
     return [mistake("refitted_to_limit" if limit else "refitted", short or name, name=name, given=given, found=found, unit=unit)]
 
 
-def _at_bound(value: float, bound: float) -> bool:
-    return abs(value) > judgement.EDIT_AT_BOUND * bound
-
-
 def _beyond(theta: Array, number: int) -> bool:
     return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
 
 
 def _modulus(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    kilo, limit = robot.youngs_modulus / 1e3, _at_bound(theta[MODULUS], WIDEST)
+    kilo, limit = robot.youngs_modulus / 1e3, bool(abs(theta[MODULUS]) > judgement.EDIT_AT_BOUND * WIDEST)
     found = kilo * float(np.exp(theta[MODULUS]))
     return _refitted("youngs_modulus", kilo, found, "kPa", limit) if _beyond(theta, MODULUS) else []
 
@@ -107,11 +111,6 @@ def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
     found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
     return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
-
-
-def _mirrored(v: Variants, own: Array) -> Variants:
-    """Chambers counted the other way round, from the first one."""
-    return replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth)
 
 
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -132,14 +131,14 @@ def gravity_says(robot: Robot, down: Array) -> Says:
     return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
 
 
-def listed(vector: Any) -> str:
-    """Three numbers as robot.yaml has them."""
-    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, 2))}]"
+def listed(vector: Any, decimals: int = 2) -> str:
+    """Numbers as robot.yaml has them."""
+    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, decimals))}]"
 
 
 def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
-    limit = _at_bound(float(np.abs(theta[GRAVITY]).max()), np.radians(25))
+    limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
     if not (_beyond(theta, 3) or _beyond(theta, 4)):
         return []
     return _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
@@ -269,15 +268,15 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
-    remedy, way = max(_attitudes(sample.table.mapped), key=lambda each: round(agrees(each[1]), 3))
-    known = np.isfinite(measured * predicted).all(axis=-1)
+    known, mapped = np.isfinite(measured * predicted).all(axis=-1), sample.table.mapped
     read, stands = (Rotation.from_quat(q[known], scalar_first=True) for q in (measured, predicted))
     mount = (read.inv() * stands).mean().as_quat(canonical=True, scalar_first=True)
-    askew, off = partial(_framed, NO_TURN, mount), 1 - agrees(way)
-    if off > 1 - np.cos(np.radians(judgement.EDIT_LEAST_TILT)) and 1 - agrees(askew) < ASKEW * off:
-        remedy, way = remedies.of_mount(_listed(mount), sample.table.mapped), askew
-    says = stating("attitudes_elsewhere", "the tip's orientation", remedy=remedy)
-    yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=way(v.orientation)))
+    ways = dict(_attitudes(mapped))
+    best, askew = max(ways, key=lambda remedy: round(agrees(ways[remedy]), 3)), partial(_framed, NO_TURN, mount)
+    if agrees(askew) > agrees(ways[best]) + ASKEW:
+        ways[best := remedies.of_mount(listed(mount, 3), mapped)] = askew
+    says = stating("attitudes_elsewhere", "the tip's orientation", remedy=best)
+    yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=ways[best](v.orientation)))
 
 
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
@@ -288,15 +287,11 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
     for of_base in Rotation.create_group("O"):
         turn, of_file = (q.as_quat(canonical=True, scalar_first=True) for q in (of_base, base.inv() * of_base * base))
         of_each = (of_file, of_file * CONJUGATE, turn)
-        left, right, mount = map(_listed, of_each)
-        yield f"multiply each quaternion from the left by ({left})", partial(_framed, turn, NO_TURN)
+        left, right, mount = (listed(q, 3) for q in of_each)
+        yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)
         yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)
-        both = f"multiply each quaternion from the left by ({left}) and from the right by ({right})"
+        both = f"multiply each quaternion from the left by {left} and from the right by {right}"
         yield both, partial(_framed, turn, turn * CONJUGATE)
-
-
-def _listed(quaternion: Array) -> str:
-    return ", ".join(f"{x + 0.0:.3g}" for x in quaternion.round(3))
 
 
 def _framed(left: Array, right: Array, orientation: Array) -> Array:

@@ -43,10 +43,8 @@ CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
 """Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps counts as unsolved."""
-FOLLOWED = 1e-3
-"""Least margin to buckling of a rod whose load was followed from a share at which it has the usual one."""
-LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Shares of all loads, from each to the next."""
+LOADS, FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 1e-3
+"""Shares of all loads, from each to the next; least margin to buckling of a rod that has the usual one at the first."""
 OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""

@@ -131,7 +131,7 @@ class _Descent:
         self._problem = problem
 
     def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
-        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) and promises little, or too little."""
+        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or it promises too little."""
         local = self.begin(start)
         if rounds:
             self._forward = self._forward.near(local.theta)

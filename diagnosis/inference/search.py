@@ -306,11 +306,8 @@ class Search:
         if named:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        size = begun.grid_point.size
-        points: list[tuple[float, Array | Fit]] = [(size, point) for point in (begun.fit, *more)]
-        if size:
-            points += [(0.0, begun.fit), (0.0, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta)]
-        fits = [self.fit(named, False, at, point, LAST_ROUNDS) for at, point in points]
+        points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
+        fits = [self.fit(named, False, size, at, LAST_ROUNDS) for size in {begun.grid_point.size, 0.0} for at in points]
         return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:

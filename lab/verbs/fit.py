@@ -149,7 +149,8 @@ def residual_lines(f: Fitted) -> list[str]:
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
         f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects"
-        + f", which is larger: {' and '.join(f.effects)} does not explain these data" * bool(larger)
+        + f", which is larger: {' and '.join(f.effects)} does not explain these data"
+        * bool(larger)
     )
     if posterior is not None:
         lines.append(

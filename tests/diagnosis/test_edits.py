@@ -332,7 +332,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "pressures in psi": (lambda r: (r, with_pressures(read(r), read(r).pressures / 6894.757)), ("6895 times as large", "psi")),
     "quaternions begin with x": (lambda r: (r, attitudes(read(r), lambda q: q[:, [1, 2, 3, 0]])), ("they hold x, y, z, w",)),
     "attitudes in another frame": (lambda r: (r, attitudes(read(r), lambda q: multiply(q, QUARTER))),
-                                   ("from the right by (0.707, ",)),
+                                   ("from the right by [0.707, ",)),
     "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
 }  # fmt: skip
 

@@ -229,12 +229,16 @@ ASKEW = Rotation.from_euler("zy", (90, -90), degrees=True)
 @pytest.mark.parametrize(
     ("change", "remedy", "mapped"),
     [
-        (lambda turn: UP * turn, "from the left by (0.707, -0.707, 0, 0)", None),
-        (lambda turn: UP * turn, "from the left by (0.707, 0, -0.707, 0)", Mapped(("y", "z", "x"))),
-        (lambda turn: turn * ASKEW, "from the right by (0.5, 0.5, 0.5, -0.5)", None),
+        (lambda turn: UP * turn, "from the left by [0.707, -0.707, 0, 0]", None),
+        (lambda turn: UP * turn, "from the left by [0.707, 0, -0.707, 0]", Mapped(("y", "z", "x"))),
+        (lambda turn: turn * ASKEW, "from the right by [0.5, 0.5, 0.5, -0.5]", None),
         (lambda turn: turn * ASKEW, "`mount: [0.5, 0.5, 0.5, -0.5]` under orientation in map.yaml", Mapped(("y", "z", "x"))),
-        (lambda turn: turn * Rotation.from_euler("z", 25, degrees=True), "`mount: [0.976, 0, 0, -0.216]`", Mapped(("y", "z", "x"))),
-        (lambda turn: UP * turn * UP.inv(), "and from the right by (0.707, 0.707, 0, 0)", None),
+        (
+            lambda turn: turn * Rotation.from_euler("z", 25, degrees=True),
+            "`mount: [0.976, 0, 0, -0.216]`",
+            Mapped(("y", "z", "x")),
+        ),
+        (lambda turn: UP * turn * UP.inv(), "and from the right by [0.707, 0.707, 0, 0]", None),
         (lambda turn: turn.inv(), "change the sign of qx, qy and qz", None),
     ],
     ids=["world", "world mapped", "body", "body mapped", "body askew", "frame", "inverse"],
