@@ -31,11 +31,9 @@ from .misfit import Fit, Sample
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
-PRESSURES, LENGTHS = ({round(1 / unit.per_si, 6): unit.name for unit in units} for units in (PRESSURE_UNITS, LENGTH_UNITS))
-LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items()}
-"""Factor by which positions are too small -> their unit."""
-PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
-"""The same of all columns of pressure."""
+PRESSURES, LENGTHS = ({round(1 / u.per_si, 6): u.name for u in units} | {u.per_si: f"{si} read as {u.name}" for u in units}
+                      for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
+"""Factor by which columns of pressure, and positions, are too small -> their unit."""
 NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
 TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
 PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
@@ -69,15 +67,7 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
-    yield Edit(
-        "order",
-        0.03,
-        _counted,
-        lambda v, _: replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth),
-        EIGHTHS,
-        (),
-        {AZIMUTH: np.pi},
-    )
+    yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(_gravity, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
@@ -111,6 +101,11 @@ def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
     found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
     return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
+
+
+def _mirrored(v: Variants, own: Array) -> Variants:
+    """Chambers counted the other way round, from the first one."""
+    return replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth)
 
 
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -286,8 +281,7 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     for of_base in Rotation.create_group("O"):
         turn, of_file = (q.as_quat(canonical=True, scalar_first=True) for q in (of_base, base.inv() * of_base * base))
-        of_each = (of_file, of_file * CONJUGATE, turn)
-        left, right, mount = (listed(q, 3) for q in of_each)
+        left, right, mount = (listed(q, 3) for q in (of_file, of_file * CONJUGATE, turn))
         yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)
         yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)
         both = f"multiply each quaternion from the left by {left} and from the right by {right}"

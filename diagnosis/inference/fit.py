@@ -138,7 +138,7 @@ class _Descent:
         level = 0  # index among the dampings
         for _ in range(rounds):
             away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
-            if away.max(initial=0.0) < tolerance and self.promise(local) < UNCONVERGED:
+            if away.max(initial=0.0) < tolerance and self._promise(local) < UNCONVERGED:
                 break
             step = self.step_down(local, level)
             if step is None:
@@ -152,10 +152,9 @@ class _Descent:
             if decrease < max(LEAST_GAIN, self._least):
                 break
             level = max(level - 2, 0)
-        return Fit(local.theta, local.predicted, local.slope, local.cost, self.promise(local))
+        return Fit(local.theta, local.predicted, local.slope, local.cost, self._promise(local))
 
-    def promise(self, local: _Local) -> float:
-        """By how much the linear problem would still lower the cost."""
+    def _promise(self, local: _Local) -> float:
         return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
     def cost(self, theta: Array, predicted: Array) -> float:

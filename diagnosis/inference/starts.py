@@ -59,15 +59,11 @@ class Starts:
         return theta
 
     def far(self, predicted: Array, none: Fit) -> bool:
-        """Whether a prediction (n,) is much further from the data than that of no effect."""
-        return self._misfit(predicted) > FAR_START * self._misfit(none.predicted)
-
-    def _misfit(self, predicted: Array) -> float:
-        """Squared whitened residual of a prediction (n,); infinite where a state has no equilibrium."""
+        """Whether a prediction (n,) is much further from the data than that of no effect, or has no equilibrium somewhere."""
         if not np.isfinite(predicted).all():
-            return np.inf
-        residual = self._problem.noise.whiten(self._problem.observed - predicted)
-        return float(residual @ residual)
+            return True
+        there, here = (self._problem.noise.whiten(self._problem.observed - y) for y in (predicted, none.predicted))
+        return float(there @ there) > FAR_START * float(here @ here)
 
     def _start_values(self, i: int) -> tuple[float, ...]:
         """Values of a named effect's parameter to begin at."""

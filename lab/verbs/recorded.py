@@ -269,19 +269,15 @@ def _show_runs(listed: Sequence[RecordedRun]) -> None:
 
 
 VERBS = (
-    Verb(
-        "info",
-        lambda a: info(a.files),
-        options=(*READS, FILES),
-        examples=("lab info runs/sweep.mcap", "lab info runs/*.mcap --json"),
-        page="docs/explanations/recordings.md",
-    ),
-    Verb(
-        "replay",
-        lambda a: replay(a.files),
-        options=(*READS, FILES),
-        examples=("lab replay runs/sweep.mcap", "lab replay runs/*.mcap --json"),
-        page="docs/explanations/recordings.md",
+    *(
+        Verb(
+            name,
+            partial(lambda of_files, a: of_files(a.files), of_files),
+            options=(*READS, FILES),
+            examples=(f"lab {name} runs/sweep.mcap", f"lab {name} runs/*.mcap --json"),
+            page="docs/explanations/recordings.md",
+        )
+        for name, of_files in (("info", info), ("replay", replay))
     ),
     Verb(
         "verify",

@@ -89,11 +89,9 @@ class Parameter:
         """The same with all numbers of a robot with these scales."""
         unit = self.proportional_to or self.unit
         factor = scales.of(unit) / STANDARD.of(unit)
-        starts = tuple(factor * start for start in self.starts)
         scaled = {name: factor * getattr(self, name) for name in ("scale", "low", "high", "least")}
-        if unit == "kg":
-            scaled["scale"] = max(scaled["scale"], scales.tip_mass)
-        return replace(self, **scaled, starts=starts)
+        scaled["scale"] = max(scaled["scale"], scales.tip_mass * (unit == "kg"))
+        return replace(self, **scaled, starts=tuple(factor * start for start in self.starts))
 
 
 @dataclass(frozen=True)

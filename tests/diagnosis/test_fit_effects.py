@@ -79,9 +79,7 @@ def test_fitting_again_begins_without_what_is_fitted(fitted: Fitted, campaign: M
     assert none.robot.effects == fitted.robot.effects and none.left_mm < 0.3 * fitted.calibrated_mm
 
 
-def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_larger_error_than_none(
-    fitted: Fitted, campaign: Measured
-) -> None:
+def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_more(fitted: Fitted, campaign: Measured) -> None:
     assert all(p.determined for p in fitted.parameters.values())
     found = fit_effects(campaign, ["chamber_azimuth", "viscoelastic"])
     assert not found.parameters["viscoelastic.spine"].determined and found.parameters["chamber_azimuth.angle"].determined

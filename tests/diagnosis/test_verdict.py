@@ -462,7 +462,7 @@ def test_no_more_is_said_of_several_causes_than_their_names() -> None:
 
 def test_actuators_are_named_by_number() -> None:
     robot = load(paper_robot(), Robot)
-    three = robot.with_azimuths((0, 120, 240))
+    three = robot.replace(chambers={**robot.model_dump()["chambers"], "azimuths_deg": (0, 120, 240)})
     weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.single": 1.5}
     sizes = {name: Value(value, 0.01, "1") for name, value in weak.items()}
     a = attribute("effect", "cause", sizes, "chamber_gain")
