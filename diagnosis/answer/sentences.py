@@ -231,13 +231,12 @@ def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
 
 def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
     """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
-    overridden = {"youngs_modulus": "bending_stiffness", "density": "mass_per_length"}
+    names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
-        own = overridden.get(p.infos[i].source, "")
-        name = own if getattr(robot, own, None) is not None else p.infos[i].source
-        each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
+        name, code = names.get(p.infos[i].source, p.infos[i].source), "number_above" if value > 0 else "number_below"
+        each.append(finding(code, name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)
 

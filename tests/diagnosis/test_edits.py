@@ -23,7 +23,6 @@ from model.effects.laws.actuation import orders
 from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
-from model.rotation import multiply
 from model.section import rods_of
 from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
@@ -308,9 +307,6 @@ def attitudes(table: Table, change: Any) -> Table:
     return table.replaced(columns(ORIENTATION, change(table.orientation)))
 
 
-QUARTER = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])
-
-
 def longer(robot: Robot) -> Robot:
     return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
 
@@ -329,10 +325,6 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4", "mm at trial 8")),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("positions must be 0.01 times as large", "cm")),
-    "pressures in psi": (lambda r: (r, with_pressures(read(r), read(r).pressures / 6894.757)), ("6895 times as large", "psi")),
-    "quaternions begin with x": (lambda r: (r, attitudes(read(r), lambda q: q[:, [1, 2, 3, 0]])), ("they hold x, y, z, w",)),
-    "attitudes in another frame": (lambda r: (r, attitudes(read(r), lambda q: multiply(q, QUARTER))),
-                                   ("from the right by [0.707, ",)),
     "dead and another length": (lambda r: (longer(r), read(r, acted({1: 0.0}))), (" 2 gets no ", "length ")),
 }  # fmt: skip
 
