@@ -91,7 +91,7 @@ class Orientation(FileTable):
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
     mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
-    """Of a body that is fixed turned, w, x, y, z: the inverse of its reading on the straight robot, along the base's axes."""
+    """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
