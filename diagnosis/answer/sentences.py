@@ -235,8 +235,8 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
-        name, code = names.get(p.infos[i].source, p.infos[i].source), "number_above" if value > 0 else "number_below"
-        each.append(finding(code, name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
+        name = names.get(p.infos[i].source, p.infos[i].source)
+        each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)
 

@@ -166,9 +166,8 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         unit = units[name]
         entry: dict[str, Any] = {"column": name, "unit": unit.name}
         if unit.absolute:
-            values = series.numbers[name]
-            rests = values <= np.nanmin(values) + STEADY * (np.nanmax(values) - np.nanmin(values))
-            entry["zero"] = float(f"{np.median(values[rests]):.5g}")
+            rests = (values := series.numbers[name])[values <= (1 - STEADY) * np.nanmin(values) + STEADY * np.nanmax(values)]
+            entry["zero"] = float(f"{np.median(rests):.5g}")
         g.say(f"columns.p{k}", entry, f"{unit.why}{'; its lowest readings are taken as vented' if unit.absolute else ''}")
     if electric:
         g.doubts.append(

@@ -145,12 +145,10 @@ def residual_lines(f: Fitted) -> list[str]:
     """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
     lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
-    larger = f.effects and round(f.left_mm, 2) > round(f.calibrated_mm, 2)
+    worse = f", which is larger: {' and '.join(f.effects)} does not explain these data" * (f.left_mm > f.calibrated_mm + 0.005)
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
-        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects"
-        + f", which is larger: {' and '.join(f.effects)} does not explain these data"
-        * bool(larger)
+        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects{worse}"
     )
     if posterior is not None:
         lines.append(
