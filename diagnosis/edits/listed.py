@@ -279,8 +279,8 @@ def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], A
     base = Rotation.from_matrix([FILE_AXES[name] for name in (mapped or Mapped()).frame])
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
-    for of_base in Rotation.create_group("O"):
-        turn, of_file = (q.as_quat(canonical=True, scalar_first=True) for q in (of_base, base.inv() * of_base * base))
+    of_axes = (turns := Rotation.create_group("O")), base.inv() * turns * base
+    for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
         left, right, mount = (listed(q, 3) for q in (of_file, of_file * CONJUGATE, turn))
         yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)
         yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)

@@ -127,6 +127,19 @@ def test_a_step_that_turns_out_to_have_no_equilibrium_is_taken_back() -> None:
     assert fitted.theta[IDS.index("bent")] <= 0.5
 
 
+def test_a_step_that_no_trial_finds_is_given_up_at_the_first_state_without_equilibrium() -> None:
+    asked = set()
+
+    class Lost(ToyForward):
+        def predict(self, theta: np.ndarray, trial: bool = False, whole: bool = False) -> np.ndarray:
+            asked.add((trial, whole))
+            return np.full_like(self.base, np.nan)
+
+    problem = replace(toy_problem(4, {"bent": 1.0}), forward=Lost(Grid()))
+    fit(problem, problem.parameters.prior(problem.parameters.mask(("bent",)), 0.0), 0.0, np.zeros_like(problem.parameters.sd), 6)
+    assert asked == {(True, False), (False, True)}
+
+
 @pytest.mark.parametrize("halvings", [6, 1])
 def test_a_start_without_equilibrium_is_left_for_one_nearer_to_the_baseline_or_for_that(
     halvings: int, monkeypatch: pytest.MonkeyPatch
@@ -145,9 +158,12 @@ def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: 
     search = Search(problem)
     (around,) = search.around(search._none[False].fit, [effect], False)
     (start,) = search._at_starts(around)
+    anew, recalibrated = list[np.ndarray](), search._starts.recalibrated
+    monkeypatch.setattr(search._starts, "recalibrated", lambda theta: (anew.append(theta), recalibrated(theta))[1])
     for far in (False, True):
         monkeypatch.setattr(search._starts, "far", lambda predicted, none, far=far: far)
         assert search._searched_on(start)[0].fit.theta[IDS.index("play")] == pytest.approx(0.8, abs=0.25)
+        assert bool(anew) == far
 
 
 N = 60

@@ -257,8 +257,6 @@ def test_places_that_are_no_points_along_the_body_are_asked_about(
 
 
 def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Trunk) -> None:
-    head, rows = trunk.read()
-    trunk.write(head, rows[:2])
     places = {a: {"column": c, "zero": z} for a, c, z in zip("xyz", TIP, (700.0, 0.0, 40.0), strict=True)}
     trunk.mapped(COLUMNS | places, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
     trunk.imported()
