@@ -331,7 +331,7 @@ def _with_areas(sample: Sample, area: float) -> Sample:
     axes = np.eye(len(CALIBRATION))
     starts = [((softer,), x) for x in (*(axes[AREA] * a for a in AREAS), *(axes[MODULUS] * a for a in AREAS[1:]))]
     for some in (starts[:1], starts):
-        left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3, alone=True)) for s in (sample, other))
+        left, of_one = (min(s.rms(f.missed) for f in s.fitted(some, 3)) for s in (sample, other))
         if min(left, of_one) < judgement.EDIT_LOSS_SCALE * robot.length:
             return other if of_one < ONE_AREA * left else sample
     return sample if left < ONE_AREA * of_one else other

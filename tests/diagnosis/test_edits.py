@@ -420,3 +420,8 @@ def test_a_right_description_and_small_errors_that_effects_can_be_stay(robot: Ro
     heavier = robot.model_copy(update={"tip_mass": robot.tip_mass + 0.04})
     for table in (read(robot), read(heavier), read(robot, lambda p: p / 1.1), read(robot, acted({0: 0.85}))):
         assert not edit_first(robot, campaign(table)).changes
+
+
+def test_one_area_factor_for_all_lengths_is_weighed_with_chambers_turned_before_a_softer_body() -> None:
+    told = ROBOT.replace(area_factor={0.0: 1.5, 0.2: 2.2})
+    assert edit_first(told, campaign(read(turned(PAPER, 11)))).robot is told
