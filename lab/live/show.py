@@ -331,7 +331,7 @@ class Show:
         try:
             self._tell(picture.model_says("starting"))
             intervals = await model.start()
-            why = "" if intervals else "no interval, because robot.yaml states no uncertainty"
+            why = "" if intervals else "no interval, because robot.yaml is not fitted"
             self._tell(picture.model_says("ready", why))
             asked_rows, last, due = 0, None, 0.0
             last_round = False

@@ -405,18 +405,17 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
         s.text(nothing_next(d))
         return
     shown = d.next_experiment[:FIRST]
-    separating = any(p.separates for p in shown)
-    if not separating:
-        s.text(f"{_rivals(d)} Each experiment tests the answer in new states: choose the quickest that you can do.")
+    if not any(p.separates for p in shown):
+        s.text(f"{_rivals(d)} Each experiment tests the answer in new states.")
     by_rig = d.words.by_rig
     if protocols is None:
         s.text(f"With the option --protocols next, lab diagnose writes these {'protocols' if by_rig else 'states'} to files.")
     rows = [
-        [p.do, f"{p.cost_min:.0f}", *(["; ".join(_pair(x, d) for x in p.separates[:3])] if separating else []),
-         CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
+        [p.do, "; ".join([f"{p.expected_bits:.2f}", *(f"separates {_pair(x, d)}" for x in p.separates[:3])]),
+         f"{p.cost_min:.0f}", CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
-    s.table(("experiment", "minutes", *(("separates",) if separating else ()), "command" if by_rig else "states to apply"), rows)
+    s.table(("experiment", "bits", "minutes", "command" if by_rig else "states to apply"), rows)
 
 
 def _pair(pair: Sequence[str], d: Diagnosis) -> str:
@@ -425,10 +424,10 @@ def _pair(pair: Sequence[str], d: Diagnosis) -> str:
 
 
 def _rivals(d: Diagnosis) -> str:
-    """Which hypotheses remain that no experiment separates."""
+    """Which hypotheses remain that no experiment separates by itself."""
     named = ("unknown",) if d.attribute.verdict == "unknown" else d.attribute.effects
     others = [r for r in d.attribute.ranking if r.effects != named and r.probability > RIVAL_WORTH_SEPARATING]
     if not others:
         return "No other hypothesis is probable."
     rivals = ", ".join(f"{hypothesis(r.effects, d)} (p = {r.probability:.2f})" for r in others[:3])
-    return f"Also possible: {rivals}. None of these experiments is expected to separate them."
+    return f"Also possible: {rivals}. None of these experiments is expected to decide between them by itself."

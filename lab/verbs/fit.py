@@ -236,7 +236,7 @@ def drawn(robot: Robot, catalogue: Mapping[str, EffectSpec], n: int, seed: int) 
     """Names (k), values (n, k) and robots (n) of the posterior, cut at bounds. Raises ConfigError where nothing is uncertain."""
     names, covariance = robot.joint_uncertainty()
     if not names:
-        raise ConfigError(f"robot {robot.name!r} states no uncertainty, so no robots can be drawn; see `lab fit --with`")
+        raise ConfigError(f"robot {robot.name!r} is not fitted, so no robots can be drawn; see `lab fit --with`")
     stated, own = robot.stated, scales(robot)
     effects = tolerances(robot) | {id: spec.of(own) for id, spec in stated_effects(robot, catalogue).items()}
     bounds = {f"{id}.{p.name}": (p.low, p.high) for id, spec in effects.items() for p in spec.parameters}

@@ -47,7 +47,7 @@ INTERVAL = (
     "of a reading also its noise"
 )
 NO_INTERVAL = (
-    "no interval: robot.yaml states no uncertainty; `lab fit CASE --with EFFECT --out FOLDER` writes a robot.yaml that does"
+    "no interval: robot.yaml is not fitted (`uncertainty` only limits a fit); `lab fit CASE --with EFFECT --out FOLDER` fits it"
 )
 PICTURES = (".svg", ".png", ".pdf")
 
@@ -204,7 +204,7 @@ def _columns_in_si(path: Path, pattern: str, needed: str, words: Words) -> tuple
 
 
 def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:
-    """The same without an interval where robot.yaml states no uncertainty."""
+    """The same without an interval where robot.yaml is not fitted."""
     if states_uncertainty(robot):
         return prediction
     sd: dict[str, Any] = {n: getattr(prediction, n) for n in ("model_sd", "sd", "orientation_sd", "shape_sd")}

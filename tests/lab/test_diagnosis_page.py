@@ -138,7 +138,8 @@ def test_only_probable_hypotheses_are_said_to_be_separated(answered: Answered) -
     assert f"<b>Next:</b> {first.do} ({first.cost_min:.0f} min)." in page
     assert f"lab run {answered.protocols}/{first.id}.yaml --rig RIG.yaml" in page
     separating = any(p.separates for p in found.next_experiment[:6])
-    assert ("<th>separates</th>" in page) == separating and ("None of these experiments" in page) != separating
+    assert ("; separates " in page) == separating and ("None of these experiments" in page) != separating
+    assert all(f">{p.expected_bits:.2f}" in page for p in found.next_experiment[:6])
 
 
 def test_the_first_use_of_a_term_in_a_section_is_linked_to_its_meaning(tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_a_robot_without_uncertainty_gets_no_interval(tmp_path: Path, cli: Cli) 
     said = cli("predict", "--robot", THREE, "--table", table)
     rows = [[cell.strip() for cell in line.split("│")[1:4]] for line in said.out.splitlines() if line.startswith("│")]
     assert "p3" in said.out and rows == [["30.0", "0.0", "0.0"], ["90.0", "0.0", "0.0"]]
-    assert "±" not in said.out and "no interval: robot.yaml states no uncertainty" in " ".join(said.out.split())
+    assert "±" not in said.out and "no interval: robot.yaml is not fitted" in " ".join(said.out.split())
     assert "outside 0 to 80 kPa, the limits of three-chamber robot: 90 kPa of chamber 1 in row 2" in said.flat_err
     assert "Warning" not in said.err
     found = cli("predict", "--robot", THREE, "--table", table, "--json").json

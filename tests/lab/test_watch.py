@@ -267,7 +267,7 @@ def test_a_browser_shows_a_run_as_it_goes_and_what_it_shows_is_in_the_recording(
     page.until("live.compared === live.of && document.querySelector('#rows tr').lastChild.textContent !== '–'")
     page.until("!document.getElementById('key-model').hidden && document.getElementById('key-interval').hidden")
     shown, rows = page.text(), Recording.open(file).trials
-    assert "95 %" not in shown and "robot.yaml states no uncertainty" in shown
+    assert "95 %" not in shown and "robot.yaml is not fitted" in shown
     x, y, z = (f"{1e3 * v:.2f}".replace("-0.00", "0.00") for v in rows[-1].row.tip or ())
     assert f"{x}\t{y}\t{z}" in shown and f"{len(rows)} states read" in shown
     assert page.said == []
