@@ -43,8 +43,9 @@ TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
-    pressures_used = s.highest[s.highest > s.pressure_gap]
     chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
+    rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
+    pressures_used = s.highest[s.highest > rest + s.pressure_gap]
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), robot.max_pressure or np.inf)).tolist()
     mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
@@ -52,7 +53,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     base: dict[str, Any] = {
         "protocol": "bending", "spine_lengths": _three(s.spine_length, 0.005), "pressures": pressures, "chambers": chambers,
         "unload": False, "repeats": 2, "rate": 25e3, "tip_mass": mass, "vacuums": [round(vacuum, -3)],
-    }  # fmt: skip
+    } | ({"rest": rest} if rest else {})  # fmt: skip
     offered: list[Proposal] = []
     more = rounded(MASS * scales(robot).of("kg"), 1)
 
@@ -144,12 +145,13 @@ def _sweeps(p: Mapping[str, Any]) -> Iterator[tuple[int, float, float]]:
 
 def _states(p: Mapping[str, Any]) -> Iterator[_PlannedState]:
     """The states in the order in which the protocol visits them."""
-    up = [(x, "load") for x in [0.0, *p["pressures"]]]
-    down = [(x, "unload") for x in [*p["pressures"][-2::-1], 0.0]] if p["unload"] else []
+    rest = p.get("rest", 0.0)
+    up = [(x, "load") for x in [rest, *p["pressures"]]]
+    down = [(x, "unload") for x in [*p["pressures"][-2::-1], rest]] if p["unload"] else []
     # s from the ramp's end to the middle of a settled reading
     holds = {"settled": [3.0], "sweep": [0.0], "hold": p.get("hold_times", [])}[p.get("reading", "settled")]
     for sweep in _sweeps(p):
-        last_pressure = 0.0
+        last_pressure = rest
         for pressure, branch in up + down:
             ramp_time, last_pressure, waited = abs(pressure - last_pressure) / p["rate"], pressure, 0.0
             for hold in holds:
@@ -165,18 +167,14 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
     out: Columns = {
         "trial": np.array([trial[s[:3]] for s in states]),
-        "repeat": by_field["repeat"],
         "protocol": np.array([p["protocol"]] * n),
-        "branch": by_field["branch"],
-        "t": np.cumsum(by_field["seconds"]),
+        "t": np.cumsum(by_field.pop("seconds")),
         "rate": np.full(n, p["rate"]),
-        "hold": by_field["hold"],
-        "spine_length": by_field["spine_length"],
-        "vacuum": by_field["vacuum"],
         "tip_mass": np.full(n, p["tip_mass"]),
         "roll_deg": np.full(n, p.get("roll_deg", 0.0)),
     }
-    out |= {f"p{c}": np.where(c in p["chambers"], by_field["pressure"], 0.0) for c in range(1, chambers + 1)}
+    pressure, rest = by_field.pop("pressure"), p.get("rest", 0.0)
+    out |= by_field | {f"p{c}": np.where(c in p["chambers"], pressure, rest) for c in range(1, chambers + 1)}
     return out | {name: np.full(n, 1.0 if name == "qw" else 0.0) for name in channels}
 
 
@@ -188,7 +186,7 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
     >>> to_apply(sweep, Tendons.words)
     'tendon 2: 0, 2, 4.5 N and back, 2 times, at 2.5 N/s'
     """
-    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (0.0, *p["pressures"]))
+    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (p.get("rest", 0.0), *p["pressures"]))
     parts = [f"{words.group(p['chambers'])}: {levels} {words.unit}{' and back' if p['unload'] else ''}"]
     parts += [f"{p['repeats']} times", f"at {p['rate'] / words.pascal:.3g} {words.unit}/s"]
     if p.get("hold_times"):

@@ -4,6 +4,7 @@ import itertools
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from commands import Cli, Done
 from foreign import plain
 
 import lab
+from diagnosis.answer.experiments import candidate_experiments, columns
+from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
@@ -299,6 +302,9 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     assert "lowest tension" in told and "2.0 N" in told and not OF_CHAMBERS.search(told)
     reached = case.robot.replace(max_tension=5.0).inverse([[0.03, 0.0, float("nan")]])
     assert all(1 < f.to_frame()[["p1 [N]", "p2 [N]", "p3 [N]"]].max().max() < 5 for f in (lab.compare(case), reached))
+    taut = case.table.replaced({p: case.table[p] + 1.5e3 for p in ("p1", "p2", "p3")})
+    menu = candidate_experiments(case.robot, states(replace(case, table=taut))[0])
+    assert all(columns(e.protocol, 3, ())["p1"].min() == 1.5e3 for e in menu)
 
 
 NEWTONS = "p1 (mN),p2,p3[N],spine_length [mm]\n2500,0,0,0\n"
