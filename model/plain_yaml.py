@@ -86,7 +86,7 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         why = getattr(error, "problem", None) or str(error).partition("\n")[0]
-        raise BadYaml(f"is not valid YAML: {why}", mark.line + 1 if mark else None) from error
+        raise BadYaml(f"is not valid YAML: {why}; quote text with [ ] {{ }} , : or #", mark and mark.line + 1) from error
     finally:
         if loader is not None:
             loader.dispose()  # type: ignore[no-untyped-call]

@@ -270,7 +270,8 @@ def _place(file: File, name: str, points: Points) -> Array:
 
 def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> Array:
     if name in wanted.points:
-        place = _place(file, name, wanted.points[name])
+        signs = [np.sign(wanted.columns[a].scale) if a in wanted.columns else 1.0 for a in "xyz"]  # of the tip's axes
+        place = _place(file, name, wanted.points[name]) * signs
         return place if wanted.points[name].against else place - _base(file, wanted)
     missing = [f"{name}{a}" for a in "xyz" if f"{name}{a}" not in values]
     if missing:

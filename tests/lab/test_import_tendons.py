@@ -266,6 +266,9 @@ def test_a_base_that_the_map_places_is_subtracted_from_tip_and_markers(trunk: Tr
     (first, *_), rest = trunk.case().rows, Predictor(lab.load_robot(trunk.robot))(np.zeros(3))
     assert first.tip == pytest.approx(rest.tip[0], abs=1e-6)
     assert first.markers[0] == pytest.approx(rest.shape[0, 0] + [0.014, 0.0, 0.0], abs=1e-6)
+    trunk.mapped(COLUMNS | {a: places[a] | {"scale": -1} for a in places}, points={"m1": {"of": [list(MIDDLE)], "unit": "mm"}})
+    trunk.imported()
+    assert [trunk.case().rows[0].tip, *trunk.case().rows[0].markers] == pytest.approx(-np.array([first.tip, *first.markers]))
 
 
 OF_CHAMBERS = re.compile(
