@@ -161,8 +161,9 @@ def headline(
         place = f"; it may be in the {error.stage} and {d.words.fill(error.varies)}" if error else ""
         return f"No known cause fits {p}{place}.".replace("_", " ")
     if by_calibration is not None:
-        other = "is needed" if a.probability >= CAUSE_PROBABILITY else "stands out"
-        return _short_enough(f"{calibration_closes}; no other cause {other} {p}.", f"{calibration_closes} {p}.", short)
+        other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
+        other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
+        return _short_enough(f"{calibration_closes}; {other}.", f"{calibration_closes} {p}.", short)
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."
     return f"No cause: no known effect explains enough of the gap {p}."

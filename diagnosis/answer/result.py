@@ -215,6 +215,11 @@ class Attribute(Decision):
     missing: tuple[str, ...] = ()
     """What the table lacks to name a cause."""
 
+    @property
+    def p_too_small(self) -> str:
+        """Probability of `too_small` in brackets; empty where it is not ranked."""
+        return next((f" (p = {r.probability:.2f})" for r in self.ranking if r.effects == self.too_small), "")
+
 
 @dataclass(frozen=True)
 class Carries:

@@ -57,15 +57,14 @@ def _verdict(d: Diagnosis) -> str:
         experiment = next((f" To tell them apart: {x.do}." for x in d.next_experiment if x.separates), "")
         text = f"The most probable cause is {named} ({sure}); the data cannot rule out {_others(d)}."
         return f"{text}{experiment}{second}{_relatives(d)}"
-    if a.conclusion == "none" and a.too_small:
-        return (
-            f"{_by_calibration(d, 'No cause stands out', 'no cause stands out')}: probably no effect moves the tip by "
-            f"{judgement.OUTSTANDING_FLOORS:.0f} noise floors ({sure}). The most probable one is {_named(a.too_small, d)}."
-        )
-    if a.conclusion == "none":
-        return f"{_by_calibration(d, 'No cause:')} no effect explains enough of the gap above the noise floor ({sure})."
-    if a.conclusion == "noise":
-        return f"{_by_calibration(d, 'No gap:')} nothing is above the noise floor ({sure})."
+    if a.conclusion in ("none", "noise"):
+        what, why = {
+            "none": ("No cause", "no effect explains enough of the gap above the noise floor"),
+            "noise": ("No gap", "nothing is above the noise floor"),
+        }[a.conclusion]
+        likely = f" The most probable one is {_named(a.too_small, d)}{a.p_too_small}." if a.too_small else ""
+        why = f"probably no effect moves the tip by {judgement.OUTSTANDING_FLOORS:.0f} noise floors" if likely else why
+        return f"{_by_calibration(d, f'{what}:')} {why} ({sure}).{likely}"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
     stage_clause, leading_error = "", stage(a.stage_errors)
@@ -221,12 +220,10 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
-    """The share of the gap that calibration closes, then the `rest`, if that share is most of it; else `otherwise`."""
+def _by_calibration(d: Diagnosis, otherwise: str) -> str:
+    """The share of the gap that calibration closes, if that is most of it; else `otherwise`."""
     closed = closed_by_calibration(d)
-    return (
-        otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it, {rest}".strip()
-    )
+    return otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
 def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:

@@ -259,9 +259,13 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
     assert small.probability == pytest.approx(0.96 * 0.7)
     assert large.verdict == "effect" and large.effects == ("base_tilt",)
     assert decide(weighed(base_tilt=0.76, none=0.2, unknown=0.04), True, 0.9).verdict == "effect"
-    told = statement(replace(answer(Attribute(**vars(small), conclusion="none")), budget=()))
-    assert told.startswith("No cause stands out: probably no effect moves the tip by 2 noise floors (p = 0.67")
-    assert "The most probable one is tilt of the base [base_tilt]." in told
+    ranked = tuple(Ranked(h, p, 0.0, None, {}) for h, p in leading.ranking)
+    for conclusion, first in (("none", "No cause:"), ("noise", "No gap:")):
+        found = replace(answer(Attribute(**vars(small), conclusion=conclusion, ranking=ranked)), budget=())
+        assert statement(found).startswith(f"{first} probably no effect moves the tip by 2 noise floors (p = 0.67")
+        assert "The most probable one is tilt of the base [base_tilt] (p = 0.45)." in statement(found)
+    told = headline(found, {}, by_calibration=1.0)
+    assert told == "Calibration closes 100 % of the gap; perhaps tilt of the base (p = 0.45)."
 
 
 def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_is_certain() -> None:
