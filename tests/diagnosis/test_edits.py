@@ -273,10 +273,6 @@ def campaign(table: Table) -> Campaign:
     return campaign_of(table, np.arange(len(table)), np.arange(0))
 
 
-def with_gravity(robot: Robot, turn: Rotation) -> Robot:
-    return robot.model_copy(update={"gravity": tuple(turn.apply(robot.gravity).tolist())})
-
-
 def acted(factors: dict[int, float], order: tuple[int, ...] = ()) -> Any:
     """Pressures of some chambers times a factor, and two exchanged."""
 
@@ -322,7 +318,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "frame turned": (lambda r: (r, read(r, turn=Rotation.from_euler("x", 90, degrees=True))), ("turned by 90 deg about",)),
     "frame turned about the axis": (lambda r: (r, read(r, turn=Rotation.from_euler("z", 90, degrees=True))),
                                     ("frame is turned by 90 deg about [0, 0, 1]",)),
-    "base tilted": (lambda r: (r, read(with_gravity(r, TILT.inv()), turn=TILT)), ("tilted by", "20 deg about y")),
+    "base tilted": (lambda r: (r, read(r.replace(gravity=TILT.inv().apply(r.gravity)), turn=TILT)), ("tilted by", "20 deg about y")),
     "two exchanged": (lambda r: (r, read(r, acted({}, (0, len(r.actuators.azimuths_deg) // 3)))), ("1 and ", "are swapped")),
     "one dead": (lambda r: (r, read(r, acted({1: 0.0}))), (" 2 gets no ",)),
     "one column of pressures in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),

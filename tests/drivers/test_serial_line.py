@@ -219,18 +219,14 @@ class Timers:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(line_quality, "TTYS", folder)
-        self.folder, self._flags, self._ioctl = folder, 0, fcntl.ioctl
+        self.folder, self.flags, self._ioctl = folder, 0, fcntl.ioctl
         monkeypatch.setattr(fcntl, "ioctl", self._served)
-
-    @property
-    def low_latency(self) -> bool:
-        return bool(self._flags & 0x2000)
 
     def _served(self, number: int, request: int, *arguments: Any) -> Any:
         if request == termios.TIOCGSERIAL:
-            arguments[0][4] = self._flags
+            arguments[0][4] = self.flags
         elif request == termios.TIOCSSERIAL:
-            self._flags = arguments[0][4]
+            self.flags = arguments[0][4]
         else:
             return self._ioctl(number, request, *arguments)
         return 0
@@ -256,7 +252,7 @@ def test_each_serial_port_is_opened_at_low_latency_where_its_driver_has_that(end
     }
     opened = ports[kind]()
     opened.open()
-    assert timers.low_latency
+    assert timers.flags & 0x2000
     opened.close()
 
 

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from synthetic_run import Run, recorded
 
@@ -27,21 +28,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return Recording.open(recorded(tmp_path_factory.mktemp("export") / "run.mcap", Run(duration=2.0)))
 
 
-def of_csv(file: Path) -> dict[str, np.ndarray]:
-    with file.open(newline="") as text:
-        head, *rows = csv.reader(text)
-    return dict(zip(head, np.array(rows, float).T, strict=True))
-
-
 def test_every_number_of_every_stream_is_there_to_the_last_bit(recording: Recording, tmp_path: Path) -> None:
     files = {f.stem: f for f in export_streams(recording, tmp_path / "new")}
     assert files.pop("columns").suffix == ".csv" and {f.suffix for f in files.values()} == {".csv"}
     assert set(files) == {"pressure", "tip", "spine", "vacuum", "force", "arm"}  # the valve sent nothing
     for name, columns in COLUMNS.items():
-        found, samples = of_csv(files[name]), recording.stream(f"/{name}")
+        found, samples = pd.read_csv(files[name], float_precision="round_trip"), recording.stream(f"/{name}")
         assert list(found) == columns
         expected = np.column_stack([samples[n].reshape(len(samples), -1) for n in samples.dtype.names or ()])
-        assert np.array_equal(np.column_stack(list(found.values())), expected)
+        assert np.array_equal(found.to_numpy(), expected)
 
 
 def test_a_recording_without_a_concluded_state_makes_no_case_folder(recording: Recording, tmp_path: Path) -> None:
