@@ -51,6 +51,13 @@ def to_base(q: Array, vector: Array) -> Array:
     return vector + w * t + cross(r, t)
 
 
+def turn_onto(seen: Array, places: Array) -> Array:
+    """(.., 3, 3) the rotation that brings `places` (.., n, 3) nearest to `seen`; of points on a line, one of those that do."""
+    u, _, v = np.linalg.svd(np.swapaxes(seen, -1, -2) @ places)
+    u[..., 2] *= np.linalg.det(u @ v)[..., None]  # no mirror
+    return np.asarray(u @ v)
+
+
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 """q * CONJUGATE is the opposite rotation."""
 

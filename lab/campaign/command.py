@@ -338,8 +338,8 @@ def _checked(path: Path, rig_path: Path, prepared: bool = False) -> CampaignDesi
         c = campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
     if prepared and c.hands > 1 and c.runs[0].job.rig.operator == "console":
         raise ConfigError(
-            f"--yes: {path} needs hands {c.hands} times (--plan lists them), but only its first set-up can be prepared now; leave "
-            "out --yes, or have a program answer (operator: unix:/PATH in rig.yaml)"
+            f"--yes: {path} needs hands {c.hands} times (--plan lists them), but only its first set-up can be prepared now; "
+            "leave out --yes, or have a program answer (operator: unix:/PATH in rig.yaml)"
         )
     return c
 

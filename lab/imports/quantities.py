@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
+from model.rotation import turn_onto
 from recordings.ambient import AMBIENT
 from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns
@@ -33,6 +34,8 @@ TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
 FURTHER = re.compile("sensor_|sd_|tip_moment_")
 """Begin of the columns of sensors of the lab's own, of standard deviations and of moments."""
+ON_LINE = 0.02
+"""Share of the markers' extent along their line that they reach across it, below which they show no turn about it."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 
@@ -352,13 +355,18 @@ def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.
 
 
 def _fitted(file: File, points: Points) -> tuple[scipy.spatial.transform.Rotation, Mask]:
-    """From the first row with all markers to each other one."""
+    """From the first row with all markers to each other one; none of rows in which they lie on one line."""
     every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
-    there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
-    if len(points.of) < 3 or not there.any():
+    seen = np.asarray(np.isfinite(every).all(axis=(1, 2)))
+    if len(points.of) < 3 or not seen.any():
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")
-    first = every[np.argmax(there)] - every[np.argmax(there)].mean(axis=0)
-    matrix = np.tile(np.eye(3), (len(every), 1, 1))
-    for i in np.flatnonzero(there):
-        matrix[i] = scipy.spatial.transform.Rotation.align_vectors(every[i] - every[i].mean(axis=0), first)[0].as_matrix()
-    return scipy.spatial.transform.Rotation.from_matrix(matrix), there
+    about = np.where(seen[:, None, None], every - every.mean(axis=1, keepdims=True), 0.0)
+    extent = np.linalg.svd(about, compute_uv=False)
+    there = extent[:, 1] > ON_LINE * extent[:, 0]
+    if (flat := seen & ~there).any():
+        where = f"{int(flat.sum())} of {int(seen.sum())} rows (first: {file.series.place(int(np.argmax(flat)))})"
+        lost = f"points.tip.turn: the markers lie on one line in {where}, so that the turn about it is not determined"
+        if not there.any():
+            raise ConfigError(f"{file.series.path}: {lost}; add a marker beside the line, or leave out `turn`")
+        file.notes.append(f"{lost}: no orientation is taken from them")
+    return scipy.spatial.transform.Rotation.from_matrix(turn_onto(about, about[np.argmax(there)])), there

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
 
 import lab
+from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
@@ -417,6 +418,26 @@ def test_the_frame_is_guessed_by_how_the_tip_moves_wherever_the_origin_is_and_it
 def test_a_frame_that_little_movement_does_not_show_is_unconfirmed(tmp_path: Path, cli: Cli) -> None:
     file = seen(tmp_path / "table.csv", (3, -1, 2), (0, 5, 10, 5, 0), chambers=1)
     assert "frame.z: neither the resting tip nor its movement" in guessed(cli, file).read_text()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("across", [0.0, 0.9, 30.0])
+def test_a_turn_that_nothing_recorded_shows_is_named_with_what_to_measure(across: float, tmp_path: Path, cli: Cli) -> None:
+    """`across`: mm by which the tip leaves a line, along which it is mirrored, and a tenth of that of a marker off theirs."""
+    lines = ["p1 [kPa],p2 [kPa],p3 [kPa]," + ",".join(f"{m}_{axis} [mm]" for m in "abc" for axis in "xyz")]
+    for p in [0, 20, 40, 60, 40, 20] * 3:
+        x, z = -across * p / 60, -(150 + 0.1 * p)
+        lines.append(f"{p},0,0,{x},0,{z},{x + 10},{across / 10},{z},{x + 20},0,{z}")
+    (file := tmp_path / "line.csv").write_text("\n".join(lines))
+    columns = {name: f"{name} [kPa]" for name in ("p1", "p2", "p3")}
+    made = by_map(file, columns=columns | {axis: f"a_{axis} [mm]" for axis in "xyz"})
+    assert judged(lab.load_robot(ROBOT), made.table).asked  # as a mirror image, for which it is turned
+    said = "do not determine the frame's turn about this line; add some in which one chamber is inflated"
+    assert any(said in question for question in made.questions) == (across == 0)
+    turning = write_map(tmp_path / "map.yaml", columns=columns, points={"tip": {"of": ["a", "b", "c"], "turn": True}})
+    told = cli("import", file, "--map", turning, "--robot", ROBOT, "--out", tmp_path / "case", code=0 if across > 1 else 2).flat
+    said = "markers lie on one line in 18 of 18 rows (first: line 2), so that the turn about it is not determined; add a marker"
+    assert (said in told) == (across < 1)
 
 
 def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -> None:
