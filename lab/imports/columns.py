@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +70,8 @@ class Judged:
     strange: Strange | None = None
     note: str = ""
     """Assumptions that were made."""
+    absent: tuple[int, int, str] | None = None
+    """Of cells whose words say that nothing was measured: their number, the first one's row from 0, and its word."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
@@ -104,6 +106,18 @@ def looks_like_value(word: str) -> bool:
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
           parsed: pd.Series[float] | None = None, comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
+    """Read a column as `_judged` does, and name the words that it takes for missing values, but for NaN."""
+    found = _judged(cells, missing, decimal, parsed, comma_splits, commas)
+    if found.values.dtype.kind != "f" or found.strange or not (unread := np.isnan(found.values)).any() or unread.all():
+        return found
+    words = cells.str.strip()
+    gone = unread & np.array((words != "") & ~words.str.contains("nan", case=False), bool)
+    first = int(np.argmax(gone))
+    return replace(found, absent=(int(gone.sum()), first, str(words.iloc[first]))) if gone.any() else found
+
+
+def _judged(cells: pd.Series[str], missing: Sequence[str | float], decimal: str | None, parsed: pd.Series[float] | None,
+            comma_splits: bool, commas: bool) -> Judged:  # fmt: skip
     """Read a column: as numbers where most cells that hold something are numbers, else as times (s), else as words.
 
     `missing`: further words for a missing value; `parsed`: what `pandas.to_numeric` makes of the cells, where that is known.

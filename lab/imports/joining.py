@@ -135,7 +135,7 @@ def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, M
 def joined(lead: Stream, others: Sequence[Stream]) -> Series:
     """The rows of `lead` with the columns of `others` at its times; raises ConfigError where they have no time in common."""
     columns, units, notes = dict(lead.series.columns), dict(lead.series.units), list(lead.series.notes)
-    common = dict(lead.series.common_units)
+    common, absent = dict(lead.series.common_units), dict(lead.series.absent)
     added: set[str] = set()
     for other in others:
         if lead.absolute != other.absolute or _overlap(lead, other) <= 0:
@@ -158,12 +158,14 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
             added.add(heading_here)
             if unit := other.series.units.get(name):
                 units[heading_here] = unit
+            if said := other.series.absent.get(name):
+                absent[heading_here] = f"{other.label}: {said}"
             if strange := other.series.strange.get(name):
                 words = ", ".join(repr(w[:40]) for w in strange.words)
                 notes.append(f"{other.label}: {strange.cells} cells of {name!r} are not numbers ({words}): taken as missing")
         notes += [n for n in other.series.notes if n not in notes]
         common = {**other.series.common_units, **common}
-    return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
+    return replace(lead.series, columns=columns, units=units, common_units=common, absent=absent, notes=tuple(notes))
 
 
 def _overlap(a: Stream, b: Stream) -> float:

@@ -100,12 +100,18 @@ class File:
     def numbers(self, column: Column, name: str, place: str) -> tuple[Array, str]:
         """The numbers of a column as the file has them, and their unit."""
         values, own = numbers(self.series, column.column, place), name_of(self.series, column.column, place)
+        self.note_absent(own, place)
         unit = column.unit or unit_in(self.series, own, units_for(name, self.drive), place)
         self.factors[place] = factor(unit, name, self.drive, f"{place}.unit")
         if re.fullmatch(r"p\d+", name):
             self.unit = unit if self.unit != "" else ""
         _contradict(self, own, name, unit, place, column.scale)
         return values, unit
+
+    def note_absent(self, own: str, place: str) -> None:
+        """Note words in a column of numbers that were taken for missing values."""
+        if said := self.series.absent.get(own):
+            self.notes.append(f"column {own!r} ({place}): {said}")
 
     def places(self, xyz: Array, name: str) -> Array:
         """(n, 3) without rows in which nothing was seen."""
@@ -285,6 +291,8 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
 def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
     """Columns of orientations in the robot's axes."""
     if wanted.orientation is not None:
+        for name in wanted.orientation.columns:
+            file.note_absent(name_of(file.series, name, "orientation.columns"), "orientation.columns")
         made, there = stated(file.series, wanted.orientation)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
         made, there = _fitted(file, points)

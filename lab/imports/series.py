@@ -51,6 +51,8 @@ class Series:
     """SI unit -> the unit in which the file says that all such columns are."""
     strange: Mapping[str, Strange] = field(default_factory=dict)
     """By column of numbers, cells that are none."""
+    absent: Mapping[str, str] = field(default_factory=dict)
+    """By column of numbers, what to say of words that were taken for missing values."""
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
     notes: tuple[str, ...] = ()
@@ -87,13 +89,17 @@ class Series:
         return next((unit for unit in stated if unit in units), "")
 
 
-def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:
-    """Columns that were judged one by one."""
-    return Series(
+def of_judged(path: Path, judged: Mapping[str, Judged], form: str, lines: NDArray[Any] | None = None) -> Series:
+    """Columns that were judged one by one; `lines` as in `Series`."""
+    series = Series(
         path, {n: j.values for n, j in judged.items()}, form, {n: j.unit for n, j in judged.items() if j.unit}, {},
         {n: j.strange for n, j in judged.items() if j.strange},
-        notes=tuple(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note),
+        lines=lines, notes=tuple(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note),
     )  # fmt: skip
+    absent = {n: j.absent for n, j in judged.items() if j.absent}
+    said = {n: f"{count} cells are not numbers (first: {series.place(row)}, {word[:40]!r}); read as missing"
+            for n, (count, row, word) in absent.items()}  # fmt: skip
+    return replace(series, absent=said)
 
 
 def cleaned(series: Series, missing: Sequence[str | float]) -> Series:

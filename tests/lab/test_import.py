@@ -90,6 +90,22 @@ def test_a_spreadsheet_of_states_needs_nothing_but_its_headings(tmp_path: Path, 
     cli("compare", tmp_path / "case")
 
 
+def test_words_for_a_missing_value_are_counted_and_named_by_column_with_the_first_row(tmp_path: Path, cli: Cli) -> None:
+    rows = pandas.DataFrame([(*(p / 1e3 for p in pressure), *(1e3 * tip)) for _, _, pressure, tip, _ in sweep()], dtype=object)
+    rows.columns = [*(f"p{k} [kPa]" for k in (1, 2, 3)), *(f"{axis} [mm]" for axis in "xyz")]
+    rows.iloc[[4, 7, 9], 3], rows.iloc[2, 4] = ["lost", "occluded", "n/a"], np.nan
+    rows.assign(other=rows["x [mm]"]).to_csv(tmp_path / "a.csv", index=False, na_rep="NaN")
+    wanted = {name.split()[0]: name for name in rows}
+    said = "column 'x [mm]' (columns.x): 3 cells are not numbers (first: {}, 'lost'); read as missing"
+    notes = by_map(tmp_path / "a.csv", columns=wanted).notes
+    assert [n for n in notes if "are not numbers" in n] == [f"a.csv: {said.format('line 6')}"]
+    with pytest.warns(UserWarning, match="are not numbers"):
+        told = lab.case(rows, ROBOT, columns=wanted).table.warnings
+    assert [n for n in told if "are not numbers" in n] == [f"DataFrame: {said.format('index 4')}"]
+    told = cli("import", tmp_path / "a.csv", "--guess", "--map", "my.yaml", "--robot", ROBOT, "--out", tmp_path, code=2).flat
+    assert "--map my.yaml: --guess proposes a map of its own and does not read this one; leave out one" in told
+
+
 def test_one_camera_states_its_plane_and_the_size_of_its_pixels(tmp_path: Path, cli: Cli) -> None:
     rows = [(t, *(p / 1e3 for p in pressure), *(1e3 * tip[[2, 0]])) for _, t, pressure, tip, _ in sweep()]
     table = pandas.DataFrame(rows, columns=["t", "p1 [kPa]", "p2 [kPa]", "p3 [kPa]", "tip z [mm]", "tip x [mm]"])
