@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-DIGITS = 7
+DIGITS = 7  # significant digits of numbers that are written
 
 
 def rows_by(number: Ints) -> list[Ints]:
@@ -25,5 +25,5 @@ def rms(values: Array) -> float:
 
 
 def rounded(value: float, digits: int = DIGITS) -> float:
-    """A number to so many significant digits, by default those of what is written."""
+    """Round a number to this many significant digits."""
     return float(f"{value:.{digits}g}")

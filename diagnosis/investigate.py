@@ -154,9 +154,7 @@ def investigate(
             reason = "settled" if settled(examined.diagnosis) else f"{len(ids_done)} experiments were done"
             return Investigation((*rounds, this_round), reason)
         refused: dict[str, str] = {}
-        for proposal in examined.diagnosis.next_experiment:
-            if proposal.id in ids_done or not proposal.worth_doing:
-                continue
+        for proposal in (p for p in examined.diagnosis.next_experiment if p.id not in ids_done):
             try:
                 predicted, extended = _performed(examined.rivals, proposal, laboratory, minutes - spent)
             except NotDone as e:

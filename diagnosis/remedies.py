@@ -42,6 +42,14 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
     return ", and ".join(ways)
 
 
+def of_mount(turn: str, mapped: Mapped | None) -> str:
+    """Say what turns each attitude from the right by a quaternion [w, x, y, z] along the base's axes."""
+    if mapped is None:
+        return f"multiply each quaternion from the right by {turn}"
+    where = f"under orientation in {'lab.case' if mapped.call else 'map.yaml'}"
+    return f"write `mount: {turn}` {where} (times, from its right, where it has a mount)"
+
+
 def of_origin(mapped: Mapped | None) -> str:
     """Say what brings the origin of the positions to the base."""
     if mapped is None:

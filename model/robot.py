@@ -305,11 +305,6 @@ class Robot(Shown, BaseModel):
         """(actuators,) x + iy of unit length: where each bends the tip, away from a chamber, towards a tendon."""
         return -np.sign(self.actuators.area) * np.exp(1j * np.radians(self.actuators.azimuths_deg))
 
-    def with_azimuths(self, azimuths_deg: tuple[float, ...]) -> Robot:
-        """The same robot with its actuators elsewhere about the axis, unchecked."""
-        name = "chambers" if self.chambers is not None else "tendons"
-        return self.model_copy(update={name: self.actuators.model_copy(update={"azimuths_deg": azimuths_deg})})
-
     def with_modulus(self, factor: float) -> Robot:
         """The same robot this many times as stiff, whether by its material or as given, unchecked."""
         names = ("youngs_modulus", "shear_modulus", "bending_stiffness", "axial_stiffness", "torsional_stiffness")

@@ -59,7 +59,8 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     # stiffness trials measure the modulus, which is then no origin
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
-    return replace(result, origins=() if determined else possible_origins, alike=alike(f, robot, states))
+    unclear = determined or f.decision.verdict == "unknown"  # no number of robot.yaml, or what is unknown may be behind it
+    return replace(result, origins=() if unclear else possible_origins, alike=alike(f, robot, states))
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
@@ -74,7 +75,8 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
     infos = possible(forward, robot)
     names = [i.name for i in infos]
-    observed, tolerances = forward.observe(table), [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts]
+    observed = forward.observe(table)
+    tolerances = [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts and i.name != MODULUS]  # it is alike itself
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
     for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:

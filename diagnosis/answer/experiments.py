@@ -27,7 +27,7 @@ from ..data.campaign import Campaign, tip_masses
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import EffectPosterior
 from ..inference.prepare import Prepared
-from ..judgement import OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
+from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
 from .rivals import RivalForecast, Rivals
 
@@ -200,7 +200,7 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
 
 # ------------------------------------------------------------------ which of them
 def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Executor = SINGLE_THREAD) -> tuple[Proposal, ...]:
-    """Experiments that are not in the campaign; none after stiffness trials alone.
+    """Experiments that are not in the campaign and are expected to tell `LEAST_BITS`; none after stiffness trials alone.
 
     Those that separate candidates with a probability above `RIVAL_WORTH_SEPARATING` come first, then those with most bits for
     their time; where a person sets each state, which takes a time unknown, those with most bits.
@@ -215,7 +215,8 @@ def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Exe
     def worth(x: Proposal) -> float:
         return x.expected_bits / (x.cost_min + OVERHEAD_MIN) if by_rig else x.expected_bits
 
-    return tuple(sorted(filter(None, proposals), key=lambda x: (not x.separates, -worth(x))))
+    worth_doing = (x for x in proposals if x is not None and x.expected_bits >= LEAST_BITS)
+    return tuple(sorted(worth_doing, key=lambda x: (not x.separates, -worth(x))))
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:

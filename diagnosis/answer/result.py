@@ -18,7 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
-from ..judgement import LEAST_BITS, SIZE_CERTAIN_SD
+from ..judgement import SIZE_CERTAIN_SD
 from .decision import Decision
 
 SCHEMA = "diagnosis/1"
@@ -315,11 +315,6 @@ class Proposal:
     channels: tuple[str, ...] = ()
     """Channels that are measured in addition to those of the campaign."""
 
-    @property
-    def worth_doing(self) -> bool:
-        """Whether it is expected to tell enough."""
-        return self.expected_bits >= LEAST_BITS
-
 
 @dataclass(frozen=True)
 class Change:
@@ -389,7 +384,7 @@ class Diagnosis(Shown):
 
     def __str__(self) -> str:
         first, against = ([f"- {text}" for text in self.texts(severity)] for severity in ("critical", "warning"))
-        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment if x.worth_doing][:1]
+        following = [f"Next: {x.do} ({x.cost_min:.0f} min)." for x in self.next_experiment[:1]]
         return "\n".join([*[self.headline] * bool(self.headline), *first, self.statement, *against, *following])
 
     def _columns(self) -> dict[str, Any]:

@@ -147,7 +147,8 @@ def changed_by(d: Diagnosis) -> str:
         return ""
     if d.simulator is not None:
         return f"{d.simulator.name} acts as with {d.calibration.stiffness:.2f} times the {d.words.pressure}"
-    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in d.calibration.alike[:1])])
+    alike = [a for a in d.calibration.alike if not a.parameter.startswith("body_modulus")][:1]  # as stiff a body
+    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in alike)])
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
@@ -230,11 +231,11 @@ def _by_calibration(d: Diagnosis, otherwise: str, rest: str = "") -> str:
 
 def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
     """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
-    by_stiffness = robot.bending_stiffness is not None
+    names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
-        name = "bending_stiffness" if p.infos[i].source == "youngs_modulus" and by_stiffness else p.infos[i].source
+        name = names.get(p.infos[i].source, p.infos[i].source)
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)

@@ -122,7 +122,8 @@ class Variants:
         changed = {name: values[0] for name, values in self.arrays(ROD + SEEN).items()
                    if not np.array_equal(values[0], getattr(given, name)[0], equal_nan=True)}  # fmt: skip
         if "azimuth" in changed:
-            robot = robot.with_azimuths(tuple(self.azimuth[0, 0].tolist()))
+            placed = robot.actuators.model_copy(update={"azimuths_deg": tuple(self.azimuth[0, 0].tolist())})
+            robot = robot.model_copy(update={robot.actuators.words.kind: placed})
         if "modulus" in changed:
             robot = robot.with_modulus(float(self.modulus[0, 0]))
         if "area" in changed:
@@ -202,7 +203,6 @@ class Edit:
 def with_length(robot: Robot, length: float) -> Robot:
     """The robot with everything along its axis stretched to another length (m), unchecked."""
     ratio, drive = length / robot.length, robot.actuators
-    name = "chambers" if robot.chambers is not None else "tendons"
-    ends: dict[str, Any] = {name: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
+    ends: dict[str, Any] = {drive.words.kind: drive.model_copy(update={"ends": tuple(ratio * s for s in drive.ends)})}
     sections = tuple(part.model_copy(update={"length": ratio * part.length}) for part in robot.sections)
     return robot.model_copy(update={"length": length, "sections": sections, **ends})

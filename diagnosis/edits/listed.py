@@ -20,6 +20,7 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
 from model.section import body_mass
+from recordings.trials import AXES as FILE_AXES
 from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
@@ -30,11 +31,9 @@ from .misfit import Fit, Sample
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
-PRESSURES, LENGTHS = ({round(1 / unit.per_si, 6): unit.name for unit in units} for units in (PRESSURE_UNITS, LENGTH_UNITS))
-LENGTHS |= {1 / factor: f"m taken for {unit}" for factor, unit in LENGTHS.items()}
-"""Factor by which positions are too small -> their unit."""
-PRESSURES |= {1 / factor: f"Pa read as {unit}" for factor, unit in PRESSURES.items()}
-"""The same of all columns of pressure."""
+PRESSURES, LENGTHS = ({round(1 / u.per_si, 6): u.name for u in units} | {u.per_si: f"{si} read as {u.name}" for u in units}
+                      for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
+"""Factor by which columns of pressure, and positions, are too small -> their unit."""
 NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
 TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
 PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
@@ -51,6 +50,8 @@ FRAMES = [
     np.array(signs)[:, None] * AXES[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
 ]
 """Each way in which axes of a file can be those of the base."""
+NO_TURN, ASKEW = np.array([1.0, 0.0, 0.0, 0.0]), 0.004
+"""Identity; agreement (cosine of half an angle) that a tracked body turned by any angle must gain on turns by quarters."""
 MIRROR = ("mirror", 6e-4)
 """Kind and prior of a frame of the other hand: cameras have none, only columns that were swapped or changed in sign."""
 
@@ -86,16 +87,12 @@ def _refitted(name: str, given: float, found: float, unit: str, limit: bool = Fa
     return [mistake("refitted_to_limit" if limit else "refitted", short or name, name=name, given=given, found=found, unit=unit)]
 
 
-def _at_bound(value: float, bound: float) -> bool:
-    return abs(value) > judgement.EDIT_AT_BOUND * bound
-
-
 def _beyond(theta: Array, number: int) -> bool:
     return bool(abs(theta[number]) > judgement.EDIT_USUAL[number])
 
 
 def _modulus(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    kilo, limit = robot.youngs_modulus / 1e3, _at_bound(theta[MODULUS], WIDEST)
+    kilo, limit = robot.youngs_modulus / 1e3, bool(abs(theta[MODULUS]) > judgement.EDIT_AT_BOUND * WIDEST)
     found = kilo * float(np.exp(theta[MODULUS]))
     return _refitted("youngs_modulus", kilo, found, "kPa", limit) if _beyond(theta, MODULUS) else []
 
@@ -129,14 +126,14 @@ def gravity_says(robot: Robot, down: Array) -> Says:
     return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
 
 
-def listed(vector: Any) -> str:
-    """Three numbers as robot.yaml has them."""
-    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, 2))}]"
+def listed(vector: Any, decimals: int = 2) -> str:
+    """Numbers as robot.yaml has them."""
+    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, decimals))}]"
 
 
 def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     tilt = float(np.degrees(np.linalg.norm(theta[GRAVITY])))
-    limit = _at_bound(float(np.abs(theta[GRAVITY]).max()), np.radians(25))
+    limit = bool(np.abs(theta[GRAVITY]).max() > judgement.EDIT_AT_BOUND * np.radians(25))
     if not (_beyond(theta, 3) or _beyond(theta, 4)):
         return []
     return _refitted("gravity, turned from the one stated by", 0.0, tilt, "deg", limit, "gravity")
@@ -266,21 +263,28 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
     def agrees(way: Callable[[Array], Array]) -> float:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
-    remedy, way = max(_attitudes(), key=lambda each: round(agrees(each[1]), 3))
-    says = stating("attitudes_elsewhere", "the tip's orientation", remedy=remedy)
-    yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=way(v.orientation)))
+    known, mapped = np.isfinite(measured * predicted).all(axis=-1), sample.table.mapped
+    read, stands = (Rotation.from_quat(q[known], scalar_first=True) for q in (measured, predicted))
+    mount = (read.inv() * stands).mean().as_quat(canonical=True, scalar_first=True)
+    ways = dict(_attitudes(mapped))
+    best, askew = max(ways, key=lambda remedy: round(agrees(ways[remedy]), 3)), partial(_framed, NO_TURN, mount)
+    if agrees(askew) > agrees(ways[best]) + ASKEW:
+        ways[best := remedies.of_mount(listed(mount, 3), mapped)] = askew
+    says = stating("attitudes_elsewhere", "the tip's orientation", remedy=best)
+    yield Edit("attitude", 0.03, says, lambda v, _: replace(v, orientation=ways[best](v.orientation)))
 
 
-def _attitudes() -> Iterator[tuple[str, Callable[[Array], Array]]]:
+def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
+    base = Rotation.from_matrix([FILE_AXES[name] for name in (mapped or Mapped()).frame])
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
-    none = np.array([1.0, 0.0, 0.0, 0.0])
-    for turn in Rotation.create_group("O").as_quat(canonical=True, scalar_first=True).round(6):
-        by, back = (f"({', '.join(f'{x + 0.0:.3g}' for x in q)})" for q in (turn, turn * CONJUGATE))
-        yield f"multiply each quaternion from the left by {by}", partial(_framed, turn, none)
-        yield f"multiply each quaternion from the right by {by}", partial(_framed, none, turn)
-        both = f"multiply each quaternion from the left by {by} and from the right by {back}"
+    of_axes = (turns := Rotation.create_group("O")), base.inv() * turns * base
+    for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
+        left, right, mount = (listed(q, 3) for q in (of_file, of_file * CONJUGATE, turn))
+        yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)
+        yield remedies.of_mount(mount, mapped), partial(_framed, NO_TURN, turn)
+        both = f"multiply each quaternion from the left by {left} and from the right by {right}"
         yield both, partial(_framed, turn, turn * CONJUGATE)
 
 

@@ -42,10 +42,9 @@ SHARES = 3.0 ** -np.arange(3)
 CONVERGED = 1e-3
 """Relative decrease of the cost at which a fit has converged."""
 DIRECT = Fast(close=1e-9, follow=False)
-"""Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps, or is close to buckling, counts
-as unsolved."""
-LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Shares of all loads, from each to the next."""
+"""Rods that it does not solve are loaded in `LOADS`, all at once; a rod that needs finer steps counts as unsolved."""
+LOADS, FOLLOWED = (0.2, 0.4, 0.6, 0.8, 1.0), 1e-3
+"""Shares of all loads, from each to the next; least margin to buckling of a rod that has the usual one at the first."""
 OF_LOAD = ("tip_force", "tip_moment", "dead_force", "dead_moment", "load")
 DIVISIONS = 6
 """Integration steps of a rod: the same everywhere, so that tips are smooth in all parameters."""
@@ -309,6 +308,7 @@ def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
     for share in LOADS if left.size else ():
         carried = {name: share * rods.field(name)[left] for name in OF_LOAD}
         method, along = replace(DIRECT, steps=2 * steps[left], remember=True), None if arcs is None else arcs[left]
+        method = method if here is None else replace(method, least_margin=FOLLOWED)
         here = solve(rods[left].changed(**carried), method, arc_lengths=along, start=here)
         left, here = left[here.converged], here.take(here.converged)
     if here is not None:

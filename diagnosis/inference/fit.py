@@ -26,9 +26,9 @@ DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e7)
 FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
 never taken anew: where those do not lead down, others do."""
-LEAST_GAIN, HALVINGS = 0.02, 6
-"""A step that lowers the cost by less is the last; how often a start without equilibrium is moved half way to the baseline
-before it is moved there."""
+LEAST_GAIN, PROMISING, HALVINGS = 0.02, 1.0, 6
+"""A step that lowers the cost by less is the last; a promise from which even a search near its minimum goes on; how often a start
+without equilibrium is moved half way to the baseline before it is moved there."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
@@ -130,14 +130,14 @@ class _Descent:
         self._problem = problem
 
     def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
-        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or promises too little."""
+        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or it promises too little."""
         local = self.begin(start)
         if rounds:
             self._forward = self._forward.near(local.theta)
         level = 0  # index among the dampings
         for _ in range(rounds):
             away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
-            if away.max(initial=0.0) < tolerance:
+            if away.max(initial=0.0) < tolerance and self._promise(local) < PROMISING:
                 break
             step = self.step_down(local, level)
             if step is None:
@@ -151,9 +151,10 @@ class _Descent:
             if decrease < max(LEAST_GAIN, self._least):
                 break
             level = max(level - 2, 0)
-        # what the linear problem still promises
-        promise = max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
-        return Fit(local.theta, local.predicted, local.slope, local.cost, promise)
+        return Fit(local.theta, local.predicted, local.slope, local.cost, self._promise(local))
+
+    def _promise(self, local: _Local) -> float:
+        return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
 
     def cost(self, theta: Array, predicted: Array) -> float:
         """Of parameters (k,) and what they predict (n,); infinite where a state has no equilibrium."""

@@ -299,15 +299,15 @@ class Search:
         return [tuple(sorted((*named, e), key=ids.index)) for e in ids if e not in named]
 
     def fitted(self, named: Hypothesis, more: Sequence[Array] = ()) -> Candidate:
-        """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts, from `more`
-        (k,) parameters, and from its sizes on either side of zero."""
-        begun, starts = self._none[False], [*more]
+        """One hypothesis by itself, all other effects absent, searched to convergence from each of its starts and from `more`
+        (k,) parameters. Where a discrepancy takes up what a hypothesis misses, it is searched without one too, also from where
+        the robot was calibrated without one: the evidence decides."""
+        none = begun = self._none[False]
         if named:
-            (here,) = self.around(begun.fit, [named], False)
-            starts += self._starts.either_side(named, begun.fit)
+            (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
-        points: list[Array | Fit] = [begun.fit, *starts]
-        fits = [self.fit(named, False, begun.grid_point.size, point, LAST_ROUNDS) for point in points]
+        points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
+        fits = [self.fit(named, False, size, at, LAST_ROUNDS) for size in {begun.grid_point.size, 0.0} for at in points]
         return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:

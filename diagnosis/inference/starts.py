@@ -37,13 +37,6 @@ class Starts:
         points[:, columns] = values
         return [*points]
 
-    def either_side(self, named: Hypothesis, none: Fit) -> list[Array]:
-        """Parameters (k,) with the sizes of what is named at their scale, above zero and below, calibrated anew."""
-        p = self._problem.parameters
-        own = np.array([e in named and i.role == "size" for e, i in zip(p.effects, p.infos, strict=True)])
-        points = [np.where(own, np.clip(side * p.sd, p.lower, p.upper), none.theta) for side in (1.0, -1.0)]
-        return [self.recalibrated(point) for point in points if (point != none.theta).any()]
-
     def recalibrated(self, start: Array) -> Array:
         """Parameters (k,) with those that are fitted in every model fitted to the data anew, all others as they are."""
         p = self._problem.parameters
@@ -66,15 +59,11 @@ class Starts:
         return theta
 
     def far(self, predicted: Array, none: Fit) -> bool:
-        """Whether a prediction (n,) is much further from the data than that of no effect."""
-        return self._misfit(predicted) > FAR_START * self._misfit(none.predicted)
-
-    def _misfit(self, predicted: Array) -> float:
-        """Squared whitened residual of a prediction (n,); infinite where a state has no equilibrium."""
+        """Whether a prediction (n,) is much further from the data than that of no effect, or has no equilibrium somewhere."""
         if not np.isfinite(predicted).all():
-            return np.inf
-        residual = self._problem.noise.whiten(self._problem.observed - predicted)
-        return float(residual @ residual)
+            return True
+        there, here = (self._problem.noise.whiten(self._problem.observed - y) for y in (predicted, none.predicted))
+        return float(there @ there) > FAR_START * float(here @ here)
 
     def _start_values(self, i: int) -> tuple[float, ...]:
         """Values of a named effect's parameter to begin at."""

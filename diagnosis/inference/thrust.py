@@ -15,6 +15,7 @@ from model.effects.catalogue import CATALOGUE
 from model.robot import THRUST, Robot
 from model.stated import Stated
 
+from ..arrays import rms
 from ..data.campaign import Campaign, spread_over
 from ..edits.search import Edited, edit_first
 from ..errors import BadCase
@@ -61,8 +62,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
         """rms (m) of the tip with these effects free, and the parameters fitted."""
         best = fit(p.problem, parameters.prior_of(named), FIT_DISCREPANCY_SIZE, start, ROUNDS)
-        missed = p.gap(p.problem.observed - best.predicted)
-        return float(np.sqrt(np.nanmean((missed**2).sum(axis=1)))), best.theta
+        return rms(p.gap(p.problem.observed - best.predicted)), best.theta
 
     cap, _ = fitted(other_effects, np.zeros_like(parameters.sd))
     names = {name: i for i, name in enumerate(parameters.names)}

@@ -136,7 +136,7 @@ def without_torn(paths: Sequence[Path]) -> list[Path]:
     """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
 
     The recording is left out with a note. One that is whole counts, and its recovered file is left out instead."""
-    pairs = ((path, path.with_name(f"{path.stem}-recovered.mcap")) for path in paths)
+    pairs = ((path, path.with_name(f"{path.stem}-recovered.mcap")) for path in paths if not path.is_dir())
     left_out = dict((saved, path) if verify(path).ok else (path, saved) for path, saved in pairs if saved in paths)
     note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]

@@ -166,8 +166,9 @@ def _pressures(g: Guess, series: Series, headings: Sequence[Heading], robot: Rob
         unit = units[name]
         entry: dict[str, Any] = {"column": name, "unit": unit.name}
         if unit.absolute:
-            entry["zero"] = "absolute"
-        g.say(f"columns.p{k}", entry, f"{unit.why}{'; starts at the atmosphere' if unit.absolute else ''}")
+            rests = (values := series.numbers[name])[values <= (1 - STEADY) * np.nanmin(values) + STEADY * np.nanmax(values)]
+            entry["zero"] = float(f"{np.median(rests):.5g}")
+        g.say(f"columns.p{k}", entry, f"{unit.why}{'; its lowest readings are taken as vented' if unit.absolute else ''}")
     if electric:
         g.doubts.append(
             f"columns.p1 .. are read in {electric[0]}: write the sensor's scale (kPa per {electric[0]}), columns.p1.scale"

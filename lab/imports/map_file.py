@@ -90,12 +90,16 @@ class Orientation(FileTable):
     """Of angles, as in SciPy: small letters about fixed axes (extrinsic), capitals about turning axes (intrinsic)."""
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
+    mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
+    """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
         needed = 4 if self.order in ("wxyz", "xyzw") else 3
         if len(self.columns) != needed:
             raise ValueError(f"order {self.order!r} has {needed} columns, {len(self.columns)} are given")
+        if not any(self.mount):
+            raise ValueError("mount: (0, 0, 0, 0) is no turn")
         return self
 
 

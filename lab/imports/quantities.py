@@ -294,12 +294,13 @@ def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
         for name in wanted.orientation.columns:
             file.note_absent(name_of(file.series, name, "orientation.columns"), "orientation.columns")
         made, there = stated(file.series, wanted.orientation)
+        mount = scipy.spatial.transform.Rotation.from_quat(wanted.orientation.mount, scalar_first=True)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
-        made, there = _fitted(file, points)
+        (made, there), mount = _fitted(file, points), scipy.spatial.transform.Rotation.identity()
     else:
         return {}
     onto = scipy.spatial.transform.Rotation.from_matrix(frame)
-    return orientation_columns(onto * made * onto.inv(), there)
+    return orientation_columns(onto * made * onto.inv() * mount, there)
 
 
 def orientation_columns(turn: scipy.spatial.transform.Rotation, there: Mask) -> dict[str, Array]:

@@ -155,8 +155,8 @@ def _read(
         if late is not None:
             when = f"{abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change"
             questions.append(
-                f"the tip moves {when}: do the clocks of these files differ? If so, write source: {{offset: {late:.3g}}} for the "
-                "file of the pressures, under files"
+                f"the tip moves {when}: do the clocks of these files differ? If so, add {late:.3g} to the file of the pressures' "
+                "offset: files: {FILE: {source: {offset: ..}}}"
             )
         made.append((series, replace(q, questions=tuple(questions)), own_map))
     files_of_note: dict[str, list[str]] = {}
@@ -321,8 +321,8 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
         return f"all {words.pressures} lie within {apart:.3g} Pa, read as {q.unit}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
-        f"no pressure stands within {wanted.states.plateaus.steady:g} Pa for {wanted.states.plateaus.shortest:g} s "
-        f"(from row to row the median change is {jump:.3g} Pa): change states.plateaus"
+        f"no pressure, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady:g} Pa for "
+        f"{wanted.states.plateaus.shortest:g} s (from row to row the median change is {jump:.3g} Pa): check unit, states.plateaus"
     )
 
 

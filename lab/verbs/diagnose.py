@@ -39,7 +39,7 @@ from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
-from ..next_step import FIRST, command, nothing_next, worth_doing
+from ..next_step import FIRST, command, nothing_next
 from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result, Verb, option
 from ..processes import cluster, for_case
 
@@ -82,7 +82,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         note((*case.table.warnings, *marked_notes(case.table)))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
-        answer = worth_doing(_answer(case, robot, wanted, executor))
+        answer = _answer(case, robot, wanted, executor)
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if wanted.json is not None:
         wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")

@@ -145,9 +145,10 @@ def residual_lines(f: Fitted) -> list[str]:
     """The tip error before and after the fit, and the terms of a prediction's interval."""
     posterior = f.robot.posterior
     lines = [f"{each.says(f.robot.actuators.words)} [{each.effect}]".capitalize() for each in f.by_actuator]
+    worse = f", which is larger: {' and '.join(f.effects)} does not explain these data" * (f.left_mm > f.calibrated_mm + 0.005)
     lines.append(
         f"tip error on the {f.states} states of {f.trials} trials that were fitted (in-sample): "
-        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects"
+        f"{f.calibrated_mm:.2f} mm rms with area factor and set-up fitted, {f.left_mm:.2f} mm with the effects{worse}"
     )
     if posterior is not None:
         lines.append(
@@ -188,12 +189,12 @@ def baseline_line(c: Fitted) -> str:
     """State the baseline of a diagnosis; "" where no area was fitted."""
     if (area := c.area_factor) is None:
         return ""
-    spine = c.robot.spine is not None
+    each, exact = " for all lengths" if c.robot.spine else "", max(a.rmse for a in c.area_factor_by_length.values())
     return (
-        f"calibrated with one {c.robot.actuators.words.area_factor}{' for all lengths' if spine else ''} and the tolerances of "
-        f"the set-up, the model misses the tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the "
-        "calibrated model of lab diagnose"
-        + (". The factors per length assume an exact set-up, so they may differ from this one" if spine else "")
+        f"calibrated with one {c.robot.actuators.words.area_factor}{each} and the tolerances of the set-up, the model misses the "
+        f"tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab diagnose, "
+        f"which --with '' --out FOLDER writes. Without --with, robot.yaml takes the set-up as exact and misses the tip by "
+        f"{'up to ' * (len(c.area_factor_by_length) > 1)}{exact * 1e3:.2f} mm"
     )
 
 

@@ -85,9 +85,6 @@ def _show(file: Path, s: Info) -> None:
     ended = (s.outcome or "finished; its outcome was not recorded") if s.finished else torn
     out.print(f"{ended}{f': {s.detail}' if s.detail else ''}; {s.start}, {s.duration:.1f} s; {_states(s)} states read")
     out.print(f"attached: {', '.join(s.attachments) or 'nothing'}")
-    for topic, stream in s.streams.items():
-        if stream.channels > 1:
-            out.print(f"{topic}: {stream.channels} channels carry this topic, counted together")
     for text in s.damage[:SHOWN]:
         out.print(f"damaged: {text}")
     if s.damage:
@@ -101,6 +98,8 @@ def _show(file: Path, s: Info) -> None:
         for name, q in quantities.items():
             out.print(f"{topic} {name}: {q.least:.6g} .. {q.greatest:.6g}, mean {q.mean:.6g}{unit_text(q.unit)}")
     for topic, stream in s.streams.items():
+        if stream.channels > 1:
+            out.print(f"{topic}: {stream.channels} channels carry this topic, counted together")
         if stream.restarts:
             times = "once" if stream.restarts == 1 else f"{stream.restarts} times"
             out.print(f"{topic} restarted {times}: its sample numbers jumped back, so losses at that moment are unknown")

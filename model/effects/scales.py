@@ -37,6 +37,8 @@ class Scales:
     """m/s^2."""
     time: float = 16.0
     """s, the pace of the campaign (`States.pace`) to the nearest decade; what is much faster or slower is not seen in it."""
+    tip_mass: float = 0.0
+    """kg, stated at the tip: another mass may be wrong, or forgotten, by as much."""
 
     def of(self, unit: str) -> float:
         """The scale of quantities with this unit; 1 for pure numbers and angles.
@@ -50,10 +52,6 @@ class Scales:
             "N m": force * self.length, "N/m": force / self.length, "m/N": self.length / force,
             "rad/(N m)": 1 / (force * self.length), "kg": force / self.gravity, "s": self.time, "1/s": 1 / self.time,
         }.get(unit, 1.0)  # fmt: skip
-
-    def times_standard(self, unit: str) -> float:
-        """This scale over the standard one."""
-        return self.of(unit) / STANDARD.of(unit)
 
 
 STANDARD = Scales(0.4, 507147.0 * math.pi / 4 * (0.05**4 - 0.029**4), 250e3)
@@ -84,4 +82,4 @@ def scales(robot: Robot, pressure: Array | None = None, pace: float | None = Non
     gravity = float(np.linalg.norm(robot.gravity)) or STANDARD.gravity
     measured_pace = STANDARD.time if pace is None or MEMORY in robot.effects else pace
     decades = round(math.log10(measured_pace / STANDARD.time))
-    return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades)
+    return Scales(robot.length, stiffness, quoted, gravity, robot.quoted_time or STANDARD.time * 10.0**decades, robot.tip_mass)

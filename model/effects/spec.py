@@ -18,6 +18,7 @@ import numpy as np
 
 from model.actuators import Chambers, Words
 from model.arrays import Array
+from model.effects.scales import STANDARD, Scales
 from model.errors import BadEffect
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from model.effects.history import History
     from model.effects.quantities import Quantities
     from model.effects.readings import Readings
-    from model.effects.scales import Scales
     from model.robot import Robot
 
 Values = Mapping[str, Array]
@@ -75,6 +75,8 @@ class Parameter:
     """Where a fit begins; several where the misfit has several valleys."""
     least: float = -np.inf
     """Smallest size, in `unit`, that the law is meant for; one below it is named with a doubt, as another law acts like that."""
+    proportional_to: str = ""
+    """Unit whose scale its sizes are in proportion to; empty: its own unit."""
 
     def __post_init__(self) -> None:
         if not (self.scale > 0 and self.low <= 0 <= self.high and self.low < self.high):
@@ -83,11 +85,13 @@ class Parameter:
                 f"the bounds {self.low:g}..{self.high:g} must include zero, where the effect is absent"
             )
 
-    def times(self, factor: float) -> Parameter:
-        """The same with all numbers times a factor."""
-        starts = tuple(factor * start for start in self.starts)
+    def of(self, scales: Scales) -> Parameter:
+        """The same with all numbers of a robot with these scales."""
+        unit = self.proportional_to or self.unit
+        factor = scales.of(unit) / STANDARD.of(unit)
         scaled = {name: factor * getattr(self, name) for name in ("scale", "low", "high", "least")}
-        return replace(self, **scaled, starts=starts)
+        scaled["scale"] = max(scaled["scale"], scales.tip_mass * (unit == "kg"))
+        return replace(self, **scaled, starts=tuple(factor * start for start in self.starts))
 
 
 @dataclass(frozen=True)
@@ -163,7 +167,7 @@ class EffectSpec:
         """The effect with sizes, bounds and starts of a robot with these scales."""
         if not self.standard:
             return self
-        return replace(self, standard=False, parameters=tuple(p.times(scales.times_standard(p.unit)) for p in self.parameters))
+        return replace(self, standard=False, parameters=tuple(p.of(scales) for p in self.parameters))
 
     def name(self, words: Words = Chambers.words) -> str:
         """The effect's plain name, in the words for the robot's actuators."""

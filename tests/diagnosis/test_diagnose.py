@@ -21,6 +21,7 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.errors import BadCase
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.prepare import prepare, table_columns
+from diagnosis.judgement import LEAST_BITS
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Uncertainty
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
@@ -100,7 +101,7 @@ def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_w
     one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
     limit = 0.998 * float(case.table.pressures.max())
     found = diagnose(replace(case, robot=case.robot.replace(max_pressure=limit)), Options(quantify=False, catalogue=one))
-    assert found.attribute.effects == ("chamber_azimuth",)
+    assert found.attribute.effects == ("chamber_azimuth",) and min(x.expected_bits for x in found.next_experiment) >= LEAST_BITS
     every = [x for e in found.next_experiment for x in e.protocol["pressures"]]
     assert max(every) == limit and all(x in (limit, float(f"{x:.3g}")) for x in every)
 

@@ -158,14 +158,8 @@ def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: 
     search = Search(problem)
     (around,) = search.around(search._none[False].fit, [effect], False)
     (start,) = search._at_starts(around)
-    anew: list[np.ndarray] = []
-    recalibrated = search._starts.recalibrated
-
-    def counted(theta: np.ndarray) -> np.ndarray:
-        anew.append(theta)
-        return recalibrated(theta)
-
-    monkeypatch.setattr(search._starts, "recalibrated", counted)
+    anew, recalibrated = list[np.ndarray](), search._starts.recalibrated
+    monkeypatch.setattr(search._starts, "recalibrated", lambda theta: (anew.append(theta), recalibrated(theta))[1])
     for far in (False, True):
         monkeypatch.setattr(search._starts, "far", lambda predicted, none, far=far: far)
         assert search._searched_on(start)[0].fit.theta[IDS.index("play")] == pytest.approx(0.8, abs=0.25)

@@ -358,6 +358,7 @@ def test_what_else_would_do_what_an_area_factor_does_stands_beside_it_with_the_e
     assert "weigh what the tip carries, hang a known mass on it without pressure, check the pressures with a gauge" in told
     changed = changed_by(replace(NOTHING, calibration=found))
     assert changed == "a body 25 % stiffer or tip payload +117 g"
+    assert changed_by(replace(NOTHING, calibration=replace(found, alike=found.alike[1:]))) == "a body 25 % stiffer"
     for which in (attribute("none", "noise"), attribute("effect", "one of several", {}, "base_tilt")):
         said = line(which, by_calibration=1.0, calibrated=changed, alone=True)
         assert f"({changed})" in said and len(said.split()) <= MOST_WORDS
@@ -460,7 +461,7 @@ def test_no_more_is_said_of_several_causes_than_their_names() -> None:
 
 def test_actuators_are_named_by_number() -> None:
     robot = load(paper_robot(), Robot)
-    three = robot.with_azimuths((0, 120, 240))
+    three = robot.replace(chambers={**robot.model_dump()["chambers"], "azimuths_deg": (0, 120, 240)})
     weak = {"chamber_gain.x": -0.05, "chamber_gain.y": 0.0866, "chamber_gain.single": 1.5}
     sizes = {name: Value(value, 0.01, "1") for name, value in weak.items()}
     a = attribute("effect", "cause", sizes, "chamber_gain")

@@ -18,7 +18,6 @@ from diagnosis.diagnose import Options, diagnose
 from lab.files.inputs import Case
 from lab.files.own_effects import effects_from_file
 from lab.files.robot_file import paper_robot
-from lab.next_step import worth_doing
 from lab.verbs.diagnose import show
 from model.effects import CATALOGUE, with_effects
 from recordings.trials import Table, TrialRow
@@ -126,13 +125,9 @@ def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
     assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig RIG.yaml" in capsys.readouterr().out
 
 
-def test_nothing_is_proposed_that_tells_nothing(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_answer_without_proposals_says_why(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
     found = Diagnosis.from_json(answered.json.read_text())
-    useless = tuple(replace(p, expected_bits=0.0) for p in found.next_experiment)
-    useful = replace(useless[0], expected_bits=0.4)
-    assert worth_doing(replace(found, next_experiment=(*useless, useful))).next_experiment == (useful,)
-    none = replace(found, attribute=replace(found.attribute, verdict="none"))
-    show(worth_doing(replace(none, next_experiment=useless)), None)
+    show(replace(found, next_experiment=(), attribute=replace(found.attribute, verdict="none")), None)
     assert "What to do next: Nothing: robot and model agree" in capsys.readouterr().out
 
 

@@ -139,7 +139,7 @@ def test_a_recording_over_time_is_cut_and_turned(tmp_path: Path, cli: Cli) -> No
         for _ in range(50):
             x, y, z = tip + rng.normal(0, 5e-5, 3)
             seen = (np.array([y, -z, -x]) + [0.3, 1.2, -0.4]) * 1e3
-            held = [(p + 101_325 + rng.normal(0, 50)) / 100 for p in pressure]
+            held = [(p + 99_870 + rng.normal(0, 50)) / 100 for p in pressure]
             lines.append("\t".join(f"{v:.3f}" for v in (20.0 * (len(lines) - 1), *held, *seen, 300.0, 1200.0, -400.0)))
     (tmp_path / "run.tsv").write_text("\n".join(lines))
     map_file = guessed(cli, tmp_path / "run.tsv")
@@ -172,7 +172,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "constants": {"tip_mass": "3 kPa"}}, "tip_mass: '3 kPa' has the unit 'kPa'"),
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
-        ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "no pressure stands within 1 Pa for 0.5 s"),
+        ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "pressure, read as Pa, stands within 1 Pa for 0.5 s"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:
@@ -184,8 +184,9 @@ def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_p
     assert not (tmp_path / "case" / "trials.csv").exists()
 
 
-def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(tmp_path: Path, cli: Cli) -> None:
-    lines, ends = ["p1,x,y,z,qw,qx,qy,qz"], []
+@pytest.mark.parametrize("mounted", [False, True])
+def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(mounted: bool, tmp_path: Path, cli: Cli) -> None:
+    lines, ends, mount = ["p1,x,y,z,qw,qx,qy,qz"], [], Rotation.from_rotvec([0.3, 1.2, -0.8] if mounted else [0.0, 0.0, 0.0])
     for i, towards in enumerate(np.radians([0, 0, 90, 180, 270, 45, 200, 310])):
         theta, stretched = (0.0, LENGTH) if i == 0 else (0.2 + 0.12 * i, LENGTH * (1 + 0.01 * i))
         turn = Rotation.from_rotvec([-theta * np.sin(towards), theta * np.cos(towards), 0.0])
@@ -193,11 +194,12 @@ def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(tmp_path: Path,
         end = np.array([across * np.cos(towards), across * np.sin(towards), stretched * np.sinc(theta / np.pi)])
         ends.append(1e3 * end)
         tip = end + turn.apply([0.0, 0.0, 0.015]) + [0.02, 0.0, 0.3]
-        lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *turn.as_quat(scalar_first=True))))
+        lines.append(",".join(f"{v:.9g}" for v in (1e4 * i, *tip, *(turn * mount.inv()).as_quat(scalar_first=True))))
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    given: dict[str, Any] = {"columns": plain(p1="p1", x="x", y="y", z="z"), "constants": {"p2": 0, "p3": 0}}
-    given |= {"orientation": {"columns": ["qw", "qx", "qy", "qz"], "order": "wxyz"}, "sensor": [0.0, 0.0, 0.015]}
-    map_file = write_map(tmp_path / "map.yaml", straight="first state", **given)
+    given: dict[str, Any] = {"columns": plain(p1="p1", y="y"), "constants": {"p2": 0, "p3": 0}, "sensor": [0.0, 0.0, 0.015]}
+    given["columns"] |= {"x": {"column": "x", "zero": 0.02}, "z": {"column": "z", "zero": 0.3}}
+    given["orientation"] = {"columns": ["qw", "qx", "qy", "qz"], "mount": mount.as_quat(scalar_first=True).tolist()}
+    map_file = write_map(tmp_path / "map.yaml", straight="as recorded" if mounted else "first state", **given)
     assert tips(case(cli, tmp_path / "a.csv", map_file)) == pytest.approx(np.array(ends), abs=1e-6)
 
 

@@ -83,7 +83,7 @@ def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli
 def test_clocks_that_differ_are_seen_in_the_data_and_an_offset_puts_them_right(late: float, tmp_path: Path) -> None:
     files = two(tmp_path, moved(ROWS, -late))
     (question,) = [q for q in by_map(files, **MAP).questions if "the tip moves" in q]
-    assert f"the tip moves 2.4 s {'after' if late > 0 else 'before'} the pressures" in question and f"offset: {late}" in question
+    assert f"the tip moves 2.4 s {'after' if late > 0 else 'before'} the pressures" in question and f"add {late} to" in question
     made = by_map(files, **MAP, files={"logger.csv": {"source": {"offset": f"{late} s"}}, "*": {}})
     same(made)
     assert not any("the tip moves" in q for q in made.questions)

@@ -59,12 +59,16 @@ def test_a_robot_and_robots_drawn_from_its_posterior_are_written(robot: Path) ->
     assert len(set(values)) == 5 and np.abs(values - angle.value).max() < 4 * angle.sd
 
 
-def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, cli: Cli) -> None:
+def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     fitted = cli("fit", case, "--with", EFFECT, "--json").json
     assert fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
     assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
     done = cli("fit", case, "--robot", robot, "--json")
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
+    plain = cli("fit", case, "--out", tmp_path / "exact").flat
+    missed = 1e3 * cli("compare", case, "--robot", tmp_path / "exact/robot.yaml", "--json").json["rmse"]
+    calibrated, said = (float(plain.partition(f"misses the tip by {words}")[2].split()[0]) for words in ("", "up to "))
+    assert calibrated < missed < said and "writes. Without --with, robot.yaml takes the set-up as exact" in plain
 
 
 def test_effects_that_are_named_one_by_one_are_all_fitted(case: Path, cli: Cli) -> None:
@@ -217,19 +221,19 @@ def test_a_fit_states_what_each_actuator_does_and_which_parameter_is_at_its_boun
     assert found["by_actuator"][0]["factor"][1] == pytest.approx(weak["value"], rel=1e-3)
 
 
-def test_compare_tabulates_a_recorded_elongation(tmp_path: Path, cli: Cli) -> None:
+def test_compare_tabulates_a_recorded_elongation(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     robot = lab.load_robot(paper_robot())
     pressures, spine = np.tile(np.repeat([[0.0], [60e3]], 9, axis=1), (2, 1)), np.repeat([0.0, 0.1], 2)
     z = robot.predict(pressures, spine).tip[:, 2] + [0, 1e-3, 0, 2e-3]
     frame = pandas.DataFrame(pressures, columns=[f"p{c}" for c in range(1, 10)])
-    seen = {"protocol": "elongation", "t": 60.0 * np.arange(4), "spine_length": spine, "x": 0.0, "y": 0.0, "z": z}
-    case = lab.case(frame.assign(**seen), robot)
+    case = lab.case(frame.assign(protocol="elongation", t=60.0 * np.arange(4), spine_length=spine, x=0.0, y=0.0, z=z), robot)
     found = lab.compare(case).elongation
     assert [(length, p) for length, p, *_ in found] == [(0.0, 60e3), (0.1, 60e3)]
     assert [1e3 * (measured - model) for *_, measured, model in found] == pytest.approx([1, 2])
     write_csv(case.table, tmp_path / "trials.csv")
     shutil.copy(paper_robot(), tmp_path / "robot.yaml")
-    told = cli("compare", tmp_path).out
+    monkeypatch.chdir(tmp_path)
+    told = cli("compare", ".").out
     assert "Elongation from the lowest pressure" in told and re.search(r"states\W+x\W+y\W+z\W+rms", told)
     assert re.search(r"in x, .* in y, .* in z", " ".join(told.split()))
 

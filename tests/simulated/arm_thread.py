@@ -7,7 +7,7 @@ interfaces are played here: they read and write the controller's registers as th
 import asyncio
 import math
 import selectors
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rtde_control
@@ -134,6 +134,10 @@ class _Link:
         """See Connection."""
 
 
+def _register(name: str, kind: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda self: kind(self._value(name))
+
+
 class Receive:
     """Plays RTDEReceiveInterface."""
 
@@ -161,35 +165,16 @@ class Receive:
     def disconnect(self) -> None:
         self._link.abort()
 
-    def getTimestamp(self) -> float:  # noqa: N802
-        return float(self._value("timestamp"))
-
-    def getActualQ(self) -> list[float]:  # noqa: N802
-        return list(self._value("actual_q"))
-
-    def getActualTCPPose(self) -> list[float]:  # noqa: N802
-        return list(self._value("actual_TCP_pose"))
-
-    def getActualTCPSpeed(self) -> list[float]:  # noqa: N802
-        return list(self._value("actual_TCP_speed"))
-
-    def getSafetyStatusBits(self) -> int:  # noqa: N802
-        return int(self._value("safety_status_bits"))
-
-    def getRobotStatus(self) -> int:  # noqa: N802
-        return int(self._value("robot_status_bits"))
-
-    def getSafetyMode(self) -> int:  # noqa: N802
-        return int(self._value("safety_mode"))
-
-    def getRuntimeState(self) -> int:  # noqa: N802
-        return int(self._value("runtime_state"))
-
-    def getSpeedScaling(self) -> float:  # noqa: N802
-        return float(self._value("speed_scaling"))
-
-    def getTargetSpeedFraction(self) -> float:  # noqa: N802
-        return float(self._value("target_speed_fraction"))
+    getTimestamp = _register("timestamp", float)
+    getActualQ = _register("actual_q", list)
+    getActualTCPPose = _register("actual_TCP_pose", list)
+    getActualTCPSpeed = _register("actual_TCP_speed", list)
+    getSafetyStatusBits = _register("safety_status_bits", int)
+    getRobotStatus = _register("robot_status_bits", int)
+    getSafetyMode = _register("safety_mode", int)
+    getRuntimeState = _register("runtime_state", int)
+    getSpeedScaling = _register("speed_scaling", float)
+    getTargetSpeedFraction = _register("target_speed_fraction", float)
 
 
 class _Progress:

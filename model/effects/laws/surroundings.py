@@ -113,6 +113,7 @@ SPECS = (
             Parameter("z", "m", 0.03, -0.1, 0.3, role="shape"),
         ),
         law=Law(before=_tip_payload),
+        exact=True,
         citation="statics; a gripper, camera or fitting that robot.yaml's tip_mass leaves out",
         seen_best_in="horizontal robot, another tip mass; its lever turns with the tip",
     ),

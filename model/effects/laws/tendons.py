@@ -94,7 +94,7 @@ SPECS = (
         says="the tendons are slack up to {}",
         stage="actuation",
         equation="T_eff = f(T - T0) - f(-T0), f(x) = (x + sqrt(x^2 + (0.2 T0)^2)) / 2",
-        parameters=(Parameter("tension", "N", 1.0, 0.0, 10.0, sign="positive"),),
+        parameters=(Parameter("tension", "N", 1.0, 0.0, 10.0, sign="positive", proportional_to="Pa"),),
         law=Law(before=_tendon_slack),
         citation="slack of the cable before it pulls",
         shown=by_tendons,

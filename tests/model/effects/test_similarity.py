@@ -110,10 +110,10 @@ def test_similar_robots_with_tendons_do_too(reference_robot: Robot, length: floa
 
 def test_a_robot_that_is_none_of_the_standard_has_its_own_sizes(paper_robot: Robot) -> None:
     own = scales(paper_robot, np.array([[0.0, 250e3]]))
-    assert [own.times_standard(u) for u in ("Pa", "m", "N m", "kg", "rad")] == pytest.approx([1.0] * 5, rel=1e-9)
+    assert [own.of(u) / STANDARD.of(u) for u in ("Pa", "m", "N m", "kg", "rad")] == pytest.approx([1.0] * 5, rel=1e-9)
     low = scales(paper_robot, np.array([[0.0, 80.3e3]]))
     assert (low.pressure, STANDARD.pressure) == (80e3, 250e3)
-    assert CATALOGUE["pressure_deadband"].of(low).parameters[0].scale == pytest.approx(10e3 * 80 / 250)
+    assert [CATALOGUE[id].of(low).parameters[0].scale for id in ("pressure_deadband", "tendon_slack")] == [3200.0, 0.32]
 
 
 def test_a_size_that_is_quoted_at_a_pressure_needs_it(paper_robot: Robot) -> None:
