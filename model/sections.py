@@ -76,9 +76,8 @@ def _crossing(place: str, radii: Mapping[str, Array], spine: float | None, alone
         return
     # A chamber may touch the wall's surfaces (rounded drawings do), not cross them; where there is no bore, two chambers would
     # overlap at the axis, but one alone may reach over it.
-    low, high = path - chamber, path + chamber
-    bored = (inner > 0) | (not alone)
-    crosses = (chamber > 0) & ((bored & (low < inner * (1 - 1e-9))) | (high > outer * (1 + 1e-9)))
+    low, high, over_axis = path - chamber, path + chamber, alone & (inner == 0)
+    crosses = (chamber > 0) & ((~over_axis & (low < inner * (1 - 1e-9))) | (high > outer * (1 + 1e-9)))
     if crosses.any():
         k = int(np.argmax(crosses))
         yield (
