@@ -6,7 +6,7 @@ They enter the forward model like effects, but are no causes to be named.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -125,7 +125,9 @@ BY_TRIAL = (
     ),
 )
 BY_PUSH = (
-    _tolerance("touch", "measurement", Law(before=adding(contact_offset="late")), *_each("m", 0.3e-3, "late"), scope="push"),
+    _tolerance(
+        "touch", "measurement", Law(before=adding(contact_offset="late")), Parameter("late", "m", 0.3e-3, -3e-3, 3e-3), scope="push"
+    ),
     _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
