@@ -52,8 +52,7 @@ class Section(BaseModel):
 def section_problems(
     sections: Sequence[Section], length: float, radii: Mapping[str, float], spine: float | None, alone: bool
 ) -> Iterator[str]:
-    """One line for each misfit of sections, length (m), `radii` (m, the robot's by fields of `Section`) and spine radius (m);
-    `alone`: there is one chamber."""
+    """One line for each misfit of sections, length, `radii` (by field of `Section`) and spine radius, m; `alone`: one chamber."""
     uniform = list(_crossing("", {name: np.array([value]) for name, value in radii.items()}, spine, alone))
     yield from uniform
     if uniform or not sections:

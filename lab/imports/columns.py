@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +71,7 @@ class Judged:
     note: str = ""
     """Assumptions that were made."""
     absent: tuple[int, int, str] | None = None
-    """Of cells whose words say that nothing was measured: their number, the first one's row from 0, and its word."""
+    """Of cells of a column of numbers that hold known words for a missing value: count, the first one's row from 0, its word."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
@@ -106,18 +106,6 @@ def looks_like_value(word: str) -> bool:
 
 def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: str | None = None, *,
           parsed: pd.Series[float] | None = None, comma_splits: bool = False, commas: bool = False) -> Judged:  # fmt: skip
-    """Read a column as `_judged` does, and name the words that it takes for missing values, but for NaN."""
-    found = _judged(cells, missing, decimal, parsed, comma_splits, commas)
-    if found.values.dtype.kind != "f" or found.strange or not (unread := np.isnan(found.values)).any() or unread.all():
-        return found
-    words = cells.str.strip()
-    gone = unread & np.array((words != "") & ~words.str.contains("nan", case=False), bool)
-    first = int(np.argmax(gone))
-    return replace(found, absent=(int(gone.sum()), first, str(words.iloc[first]))) if gone.any() else found
-
-
-def _judged(cells: pd.Series[str], missing: Sequence[str | float], decimal: str | None, parsed: pd.Series[float] | None,
-            comma_splits: bool, commas: bool) -> Judged:  # fmt: skip
     """Read a column: as numbers where most cells that hold something are numbers, else as times (s), else as words.
 
     `missing`: further words for a missing value; `parsed`: what `pandas.to_numeric` makes of the cells, where that is known.
@@ -131,14 +119,16 @@ def _judged(cells: pd.Series[str], missing: Sequence[str | float], decimal: str 
     filled, values = np.array(cells != "", bool), np.array(parsed, np.float64)
     values[~np.isfinite(values)] = np.nan
     unread_cells = np.isnan(values) & filled
-    words = [w for w in map(str, pd.unique(cells[unread_cells])) if not is_missing(w, missing)]
+    known = {w: is_missing(w, missing) for w in map(str, pd.unique(cells[unread_cells]))}
+    words, gone = [w for w in known if not known[w]], [w for w in known if known[w] and "nan" not in w.casefold()]
+    absent = (int(cells.isin(gone).sum()), cells.tolist().index(gone[0]), gone[0]) if gone else None
     plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])] if words or decimal == "," or commas else []
     if not words:
         dotted = [w for w in plain_numbers if "." in w]
         if decimal != "." and _in_thousands(dotted, plain_numbers):
             values = np.array(cells.map({w: number(w, ",", True) for w in plain_numbers}), np.float64)
-            return Judged(values, note=_of_thousands(dotted[0], ","))
-        return Judged(values)
+            return Judged(values, note=_of_thousands(dotted[0], ","), absent=absent)
+        return Judged(values, absent=absent)
     points = any("." in w for w in plain_numbers)
     with_commas = [w for w in words if "," in w]
     thousands = decimal is None and not points and _in_thousands(with_commas, plain_numbers)
@@ -158,7 +148,7 @@ def _judged(cells: pd.Series[str], missing: Sequence[str | float], decimal: str 
     if doubtful and with_commas and all(map(_is_grouped, with_commas)):
         note = _of_thousands(with_commas[0], mark)
     if not unread_cells.any():
-        return Judged(values, unit, note=note)
+        return Judged(values, unit, note=note, absent=absent)
     if unread_cells.sum() >= np.isfinite(values).sum():
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from recordings.bounded import read_bounded
 
@@ -113,19 +112,14 @@ def of_data_frame(frame: pd.DataFrame, missing: Sequence[str | float] = ()) -> S
     columns = [(name, str(kind), partial(frame.iloc.__getitem__, (slice(None), k)))
                for k, (name, kind) in enumerate(zip(names, frame.dtypes, strict=True))]  # fmt: skip
     stated_units = {str(name): str(unit) for name, unit in dict(frame.attrs.get("units", {})).items()}
-    series = _of_columns(Path(FRAME), FRAME, columns, missing, index.to_numpy())
-    return replace(series, units={**stated_units, **series.units})
+    series = _of_columns(Path(FRAME), FRAME, columns, missing)
+    return replace(series, units={**stated_units, **series.units}, lines=index.to_numpy())
 
 
 def _of_columns(
-    path: Path,
-    form: str,
-    columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]],
-    missing: Sequence[str | float],
-    lines: NDArray[Any] | None = None,
+    path: Path, form: str, columns: Sequence[tuple[str, str, Callable[[], pd.Series[Any]]]], missing: Sequence[str | float]
 ) -> Series:
-    """Judge columns (name, type, function that returns the cells) one by one; `lines` as in `Series`. Raises ConfigError where
-    none can be read."""
+    """Judge columns (name, type, function that returns the cells) one by one. Raises ConfigError where none can be read."""
     judged: dict[str, Judged] = {}
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):
@@ -138,7 +132,7 @@ def _of_columns(
             notes.append(f"column {name!r} ({columns[k][1]}) is left out: {_reason(e)}")
     if not judged:
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
-    series = of_judged(path, judged, form, lines)
+    series = of_judged(path, judged, form)
     return replace(series, notes=(*notes, *series.notes))
 
 

@@ -135,7 +135,7 @@ def _around(at: Array, times: Array, oldest: float) -> tuple[Ints, Ints, Ints, M
 def joined(lead: Stream, others: Sequence[Stream]) -> Series:
     """The rows of `lead` with the columns of `others` at its times; raises ConfigError where they have no time in common."""
     columns, units, notes = dict(lead.series.columns), dict(lead.series.units), list(lead.series.notes)
-    common, absent = dict(lead.series.common_units), dict(lead.series.absent)
+    common = dict(lead.series.common_units)
     added: set[str] = set()
     for other in others:
         if lead.absolute != other.absolute or _overlap(lead, other) <= 0:
@@ -158,14 +158,14 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
             added.add(heading_here)
             if unit := other.series.units.get(name):
                 units[heading_here] = unit
-            if said := other.series.absent.get(name):
-                absent[heading_here] = f"{other.label}: {said}"
             if strange := other.series.strange.get(name):
                 words = ", ".join(repr(w[:40]) for w in strange.words)
                 notes.append(f"{other.label}: {strange.cells} cells of {name!r} are not numbers ({words}): taken as missing")
+            elif said := other.series.read_as_missing(name):
+                notes.append(f"{other.label}: column {name!r}: {said}")
         notes += [n for n in other.series.notes if n not in notes]
         common = {**other.series.common_units, **common}
-    return replace(lead.series, columns=columns, units=units, common_units=common, absent=absent, notes=tuple(notes))
+    return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
 
 
 def _overlap(a: Stream, b: Stream) -> float:
@@ -299,7 +299,8 @@ def of_rows_in_turn(series: Series) -> Series:
         f"{len(streams)} groups of columns have values in separate rows ({'; '.join(s.label for s in streams)}): joined in "
         f"{'time' if times else 'the order of rows'} to the {len(table)} rows of {streams[lead].label}"
     )
-    return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *series.notes))
+    said = (f"column {n!r}: {text}" for n in series.absent if (text := series.read_as_missing(n)))
+    return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *said, *series.notes))
 
 
 def _by_name(series: Series) -> Series:
@@ -327,7 +328,7 @@ def _part(series: Series, rows: Ints, names: Sequence[str]) -> Series:
         if n in names
     }
     lines = None if series.lines is None else series.lines[rows]
-    return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, notes=())
+    return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, absent={}, notes=())
 
 
 def _in_turn(series: Series) -> Iterator[tuple[Ints, list[str]]]:

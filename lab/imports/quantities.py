@@ -110,7 +110,7 @@ class File:
 
     def note_absent(self, own: str, place: str) -> None:
         """Note words in a column of numbers that were taken for missing values."""
-        if said := self.series.absent.get(own):
+        if said := self.series.read_as_missing(own):
             self.notes.append(f"column {own!r} ({place}): {said}")
 
     def places(self, xyz: Array, name: str) -> Array:

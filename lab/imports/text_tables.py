@@ -99,9 +99,9 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
-    series = of_judged(path, columns, form, lines)
+    series = of_judged(path, columns, form)
     units = {**head.units, **series.units}
-    return replace(series, units=units, common_units=head.common_units, notes=(*notes, *series.notes))
+    return replace(series, units=units, common_units=head.common_units, lines=lines, notes=(*notes, *series.notes))
 
 
 # ------------------------------------------------------------------ tables below each other
