@@ -386,7 +386,7 @@ def run(
     place.mkdir(parents=True, exist_ok=True)
     with CampaignJournal.begin(place, c.file.campaign, c.digest, labels) as journal:
         fill(place, c)
-        return _session(c, Session(c, place, journal, watched, prepared))
+        return _session(Session(c, place, journal, watched, prepared))
 
 
 def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False, prepared: bool = False) -> Result:
@@ -396,7 +396,7 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
         c = _checked(folder / FILE, rig_path, prepared)
         demand_same(folder, c, journal.done.design)
         journal.done.labels |= labels
-        return _session(c, Session(c, folder, journal, watched, prepared))
+        return _session(Session(c, folder, journal, watched, prepared))
 
 
 def resume_command(folder: Path, rig_path: Path) -> str:
@@ -404,9 +404,9 @@ def resume_command(folder: Path, rig_path: Path) -> str:
     return typed("lab", "campaign", "--resume", folder, "--rig", rig_path)
 
 
-def _session(c: CampaignDesign, session: Session) -> Result:
+def _session(session: Session) -> Result:
     """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
-    folder, done = session.folder, session.journal.done
+    c, folder, done = session.campaign, session.folder, session.journal.done
     try:
         ended = session.go()
     except Exception:
