@@ -4,12 +4,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
-import pytest
-
 from lab.files.config import ConfigError
+from tests.simulated.bench import raises
 
+refused = partial(raises, ConfigError)
 SOUND = (0, 3)
 """Exit codes of a command that did what was asked; 3 where it has something to say of it."""
 COMMANDS = """
@@ -27,12 +28,6 @@ for words in commands:
     done.append((code, out.getvalue(), err.getvalue()))
 json.dump(done, sys.__stdout__)
 """
-
-
-def refused(says: str, call: Callable[..., object], *given: Any, **named: Any) -> None:
-    """The call raises a ConfigError that says this (a regular expression)."""
-    with pytest.raises(ConfigError, match=says):
-        call(*given, **named)
 
 
 class Done(NamedTuple):
