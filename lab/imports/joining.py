@@ -230,7 +230,11 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
     lacked_keys = [_lacking(series, own_map) for series, own_map in read]
     if len(read) < 2 or not all(lacked_keys) or frozenset.intersection(*lacked_keys):
-        return list(read)  # some file is whole, or a key is in none of them
+        named = []  # some file is whole, or a key is in none of them
+        for (series, own_map), keys in zip(read, lacked_keys, strict=True):
+            lost = f"this file lacks the columns for {', '.join(sorted(keys))}: if another file holds them, give it too"
+            named.append((replace(series, notes=(*series.notes, *[lost] * (len(keys) > 1))), own_map))
+        return named
     streams, maps, questions = [], {}, {}
     for series, own_map in read:
         stream, doubts = stream_of(series, series.path.name, own_map)

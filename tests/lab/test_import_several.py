@@ -125,7 +125,8 @@ def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
         "a.csv": WHOLE,
         "b 1.csv": text(FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])),
     }
-    refused(r"b 1.csv: columns.p2 = 'p2 \[kPa\]': no such column.* under files: .*'b 1.csv'", read_all, tmp_path, contents)
+    lost = r"b 1.csv: columns.p2 = 'p2 \[kPa\]': no such column.*lacks the columns for p2, x, y, z.* under files: .*'b 1.csv'"
+    refused(lost, read_all, tmp_path, contents)
     columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
     made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
     assert tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
