@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) in batches: just what the solvers need."""
+"""Rotations in batches, just what the solvers need: unit quaternions (w, x, y, z), and the turn between two sets of points."""
 
 from __future__ import annotations
 
