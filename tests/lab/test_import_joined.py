@@ -121,9 +121,9 @@ def test_files_without_a_time_in_common_are_refused_with_the_remedy(
 def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_pairs_are_refused(tmp_path: Path) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, TIP)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), ("Date", *PRESSURES[1:]), ROWS, day))
-    with pytest.raises(ConfigError, match="do not overlap in time") as refused:
+    with pytest.raises(ConfigError, match="do not overlap in time") as caught:
         by_map(files, **MAP)
-    offset = float(str(refused.value).partition("offset: ")[2].partition("}")[0])
+    offset = float(str(caught.value).partition("offset: ")[2].partition("}")[0])
     same(by_map(files, **MAP, files={"logger.csv": {"source": {"offset": offset}}, "*": {}}))
     files = two(tmp_path)
     files.append(table(tmp_path / "more.csv", (1, 2, 3), PRESSURES))
