@@ -155,6 +155,7 @@ READS, OF_CASE = (JSON, ANY_SIZE), (ANY_SIZE, INPUTS, ROBOT)
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
 SCHEDULER = option("--scheduler", help="use a Dask scheduler instead, tcp://host:port (extra `cluster`)")
 OWN_EFFECTS = option("--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)")
+YES = option("--yes", action="store_true", help="do not ask: all is prepared, and nobody is within reach")
 LABELS = (
     option("--operator", metavar="NAME", help="name of the operator; recorded, as are the next two"),
     option("--specimen", metavar="NAME", help="name of the mounted specimen"),

@@ -253,7 +253,7 @@ class Robot(Shown, BaseModel):
             "outer_radius": self.outer_radius, "inner_radius": self.inner_radius,
             "chamber_radius": actuators.radius, "path_radius": actuators.path_radius,
         }  # fmt: skip
-        problems = list(section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None))
+        problems = [*section_problems(self.sections, self.length, radii, self.spine.radius if self.spine else None, count == 1)]
         if self.tendons is not None and self.thrust is not None:
             problems.append("thrust: says nothing of a robot with tendons: leave it out")
         if self.tendons is None and self.max_tension is not None:

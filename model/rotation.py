@@ -1,4 +1,4 @@
-"""Unit quaternions (w, x, y, z) in batches: just what the solvers need."""
+"""Rotations in batches, just what the solvers need: unit quaternions (w, x, y, z), and the turn between two sets of points."""
 
 from __future__ import annotations
 
@@ -49,6 +49,13 @@ def to_base(q: Array, vector: Array) -> Array:
     w, r = q[..., :1], q[..., 1:]
     t = 2 * cross(r, vector)
     return vector + w * t + cross(r, t)
+
+
+def turn_onto(seen: Array, places: Array) -> Array:
+    """(.., 3, 3) the rotation that brings `places` (.., n, 3) nearest to `seen`; of points on a line, one of those that do."""
+    u, _, v = np.linalg.svd(np.swapaxes(seen, -1, -2) @ places)
+    u[..., 2] *= np.linalg.det(u @ v)[..., None]  # no mirror
+    return np.asarray(u @ v)
 
 
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.errors import ModelError
 from model.robot import Robot
-from model.rotation import CONJUGATE, from_vector, multiply
+from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
 from model.section import body_mass
 from recordings.trials import AXES as FILE_AXES
 from recordings.trials import TIP, Mapped, Table
@@ -178,7 +178,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     widest = dict.fromkeys(range(5, 8), max(0.3, 2 * float(np.abs(off).max())))
     yield Edit("origin", 0.03, partial(_origin, mapped), starts=(tuple(off.tolist()),), widens=widest)
     predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
-    turn = Rotation.align_vectors(predicted, seen)[0]
+    turn = Rotation.from_matrix(turn_onto(predicted, seen))
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):

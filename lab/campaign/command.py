@@ -31,7 +31,7 @@ from ..files.resume import Broken
 from ..files.units import shown
 from ..guard.messages import RigLanded
 from ..live.beside import Page, page_where
-from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
@@ -123,9 +123,11 @@ class Ended:
 class Session:
     """One process's share of a campaign."""
 
-    def __init__(self, campaign: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool = False) -> None:
+    def __init__(
+        self, campaign: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool = False, prepared: bool = False
+    ) -> None:
         self.campaign, self.folder, self.journal = campaign, folder, journal
-        self.watched = watched
+        self.watched, self.prepared = watched, prepared
         self._page: Page | None = None
         self.hands = RememberingOperator()
         self.stops = Stops(campaign.file.stop, campaign.chambers)
@@ -257,7 +259,7 @@ class Session:
             self._rig.actuators.pulse.mark()
             return self._rig
         self._close()
-        rig = Rig(job.rig)
+        rig = Rig(job.rig, prepared=self.prepared)
         self._rig = rig
         rig.operator = self.hands.over(rig.operator)
         connect(rig, needs)
@@ -329,10 +331,17 @@ def _margins(c: CampaignDesign) -> list[Margin]:
     return margins(whole, c.runs[0].job.rig, c.robot)
 
 
-def _checked(path: Path, rig_path: Path) -> CampaignDesign:
-    """The campaign of a file; where that gives no seed, one is drawn."""
+def _checked(path: Path, rig_path: Path, prepared: bool = False) -> CampaignDesign:
+    """The campaign of a file; where that gives no seed, one is drawn. Raises ConfigError also where all is said to be `prepared`
+    although a person has to change the set-up in between."""
     with Screen("checking all runs") as screen:
-        return campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
+        c = campaign_of(path, rig_path, secrets.randbelow(MOST_SEED), screen.progress)
+    if prepared and c.hands > 1 and c.runs[0].job.rig.operator == "console":
+        raise ConfigError(
+            f"--yes: {path} needs hands {c.hands} times (--plan lists them), but only its first set-up can be prepared now; "
+            "leave out --yes, or have a program answer (operator: unix:/PATH in rig.yaml)"
+        )
+    return c
 
 
 def plan_dict(c: CampaignDesign) -> dict[str, Any]:
@@ -368,24 +377,26 @@ def plan_dict(c: CampaignDesign) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run(path: Path, rig_path: Path, folder: Path | None, labels: Mapping[str, str], watched: bool = False) -> Result:
-    """Begin a campaign. `labels`: further ones. Raises ConfigError."""
-    c = _checked(path, rig_path)
+def run(
+    path: Path, rig_path: Path, folder: Path | None, labels: Mapping[str, str], watched: bool = False, prepared: bool = False
+) -> Result:
+    """Begin a campaign. `labels`: further ones; `prepared`: nobody is asked. Raises ConfigError."""
+    c = _checked(path, rig_path, prepared)
     place = folder or Path(c.file.campaign)
     place.mkdir(parents=True, exist_ok=True)
     with CampaignJournal.begin(place, c.file.campaign, c.digest, labels) as journal:
         fill(place, c)
-        return _session(c, place, journal, watched)
+        return _session(Session(c, place, journal, watched, prepared))
 
 
-def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False) -> Result:
+def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool = False, prepared: bool = False) -> Result:
     """Go on with the campaign of a folder, or of a file in it. Raises ConfigError, BadJournal."""
     folder = place if place.is_dir() else place.parent
     with CampaignJournal.reopen(folder) as journal:
-        c = _checked(folder / FILE, rig_path)
+        c = _checked(folder / FILE, rig_path, prepared)
         demand_same(folder, c, journal.done.design)
         journal.done.labels |= labels
-        return _session(c, folder, journal, watched)
+        return _session(Session(c, folder, journal, watched, prepared))
 
 
 def resume_command(folder: Path, rig_path: Path) -> str:
@@ -393,14 +404,14 @@ def resume_command(folder: Path, rig_path: Path) -> str:
     return typed("lab", "campaign", "--resume", folder, "--rig", rig_path)
 
 
-def _session(c: CampaignDesign, folder: Path, journal: CampaignJournal, watched: bool) -> Result:
+def _session(session: Session) -> Result:
     """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
+    c, folder, done = session.campaign, session.folder, session.journal.done
     try:
-        ended = Session(c, folder, journal, watched=watched).go()
+        ended = session.go()
     except Exception:
         out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)
         raise
-    done = journal.done
     again = None if ended.completed else resume_command(folder, c.rig_path)
     data = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
             "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
@@ -426,8 +437,8 @@ def _campaign(a: argparse.Namespace) -> Result:
     if a.resume is not None:
         if a.plan or a.out is not None:
             raise ConfigError("--resume goes on with the campaign as it is in its folder: do not give --plan or --out")
-        return resume(a.resume, a.rig, labels, a.watch)
-    return plan(a.file, a.rig) if a.plan else run(a.file, a.rig, a.out, labels, a.watch)
+        return resume(a.resume, a.rig, labels, a.watch, a.yes)
+    return plan(a.file, a.rig) if a.plan else run(a.file, a.rig, a.out, labels, a.watch, a.yes)
 
 
 VERBS = (
@@ -442,6 +453,7 @@ VERBS = (
             option("--out", type=Path, metavar="FOLDER", help="folder for all its recordings (default: the campaign's name)"),
             option("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder"),
             option("--watch", action="store_true", help="show run after run on a page in the browser"),
+            YES,
             *LABELS,
         ),
         examples=("lab campaign campaign.yaml --rig rig/rig.yaml --plan", "lab campaign --resume april --rig rig/rig.yaml"),

@@ -19,7 +19,6 @@ from model.plain_yaml import MOST_PROBLEMS
 from model.robot import Robot
 from protocols.bench import Setup
 from protocols.planned import cycles, planned_rows, setups
-from protocols.registry import Experiment
 
 from ..files.all_protocols import found_protocols, protocol_from_file
 from ..files.campaign_file import CampaignFile, CampaignProtocol, load_campaign
@@ -222,11 +221,13 @@ def _jobs(
         problems[str(e)] = f"{source.at((*place, 'protocol'))}: {e}"
         return
     name = part.protocol if file is None or experiment is None else experiment.name
+    fields = {} if experiment is None else experiment.parameters.model_fields
+    lists = {key for key, field in fields.items() if get_origin(field.annotation) is list}  # of which one value is a list of one
     for choice in itertools.product(*(range(len(values)) for values in part.conditions.values())):
         picked = dict(zip(part.conditions, choice, strict=True))
         values = {key: part.conditions[key][k] for key, k in picked.items()}
         condition = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
-        set_to = {key: _as_list(experiment, key, value) for key, value in values.items()}
+        set_to = {key: [value] if key in lists and not isinstance(value, list) else value for key, value in values.items()}
         lines = _lines(source, place, picked)
         run_source = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
         try:
@@ -235,12 +236,6 @@ def _jobs(
             where = "" if e.placed or not condition else f"{condition}: "
             for problem in e.problems:
                 problems.setdefault(problem, f"{where}{problem}")
-
-
-def _as_list(experiment: Experiment | None, key: str, value: Any) -> Any:
-    """One value of a parameter that is a list stands for a list of it alone."""
-    field = None if experiment is None else experiment.parameters.model_fields.get(key)
-    return [value] if field is not None and get_origin(field.annotation) is list and not isinstance(value, list) else value
 
 
 def _lines(source: Source, place: Loc, picked: Mapping[str, int]) -> dict[Loc, int]:

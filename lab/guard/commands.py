@@ -1,4 +1,4 @@
-"""Typed commands: the only form in which a call reaches an instrument in another process.
+"""Commands: the only form in which a call reaches an instrument in another process.
 
 A `Remote` represents the instrument in the calling process and turns each call into a command; `Command.perform` makes the call
 in the driver's process. So the program calls the guard, and the guard a driver that has a process of its own.
@@ -48,84 +48,32 @@ OPTIONAL: Mapping[Any, Callable[[], Any]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Command(Generic[R]):
-    """One call of one instrument, named as in rig.yaml."""
+    """One call of one instrument, named as in rig.yaml, by the method of its interface."""
 
     instrument: str
+    method: Callable[..., R]
+    values: tuple[Any, ...] = ()
+    """What the method takes."""
 
     def perform(self, driver: Any) -> R:
         """Make the call. Raises what the driver raises."""
-        raise NotImplementedError
-
-    def __str__(self) -> str:
-        return f"{self.instrument}.{type(self).__name__}"
-
-
-@dataclass(frozen=True)
-class Call(Command[R]):
-    """A call without values, by the method of the interface."""
-
-    method: Callable[[Any], R]
-
-    def perform(self, driver: Any) -> R:
         name = self.method.__name__
-        result: R = (getattr(driver, name, OPTIONAL[self.method]) if self.method in OPTIONAL else getattr(driver, name))()
+        method = getattr(driver, name, OPTIONAL[self.method]) if self.method in OPTIONAL else getattr(driver, name)
+        result: R = method(*self.values)
         return result
 
     def __str__(self) -> str:
         return f"{self.instrument}.{self.method.__name__}"
 
 
-@dataclass(frozen=True)
-class SetPressures(Command[tuple[float, ...]]):
-    """Set-points of all channels, Pa gauge; the result is what the regulators confirmed."""
-
-    pressures: tuple[float, ...]
-
-    def perform(self, driver: PressureRegulators) -> tuple[float, ...]:
-        return driver.set(self.pressures)
-
-
-@dataclass(frozen=True)
-class MoveSpine(Command[float]):
-    """A length of the spine (m) and a speed (m/s); the result is the clipped goal."""
-
-    length: float
-    speed: float
-
-    def perform(self, driver: LengthUnit) -> float:
-        return driver.move_to(self.length, self.speed)
-
-
-@dataclass(frozen=True)
-class SwitchValve(Command[bool]):
-    """Vacuum on or off; the result is the state read back."""
-
-    on: bool
-
-    def perform(self, driver: JammingValve) -> bool:
-        return driver.set(self.on)
-
-
-@dataclass(frozen=True)
-class MoveArm(Command[None]):
-    """A pose of the TCP (m, rotation vector rad, base frame), m/s and m/s^2."""
-
-    pose: tuple[float, ...]
-    speed: float
-    acceleration: float
-
-    def perform(self, driver: Arm) -> None:
-        driver.move_to(self.pose, self.speed, self.acceleration)
-
-
 def moves(command: Command[Any]) -> bool:
     """Whether it starts a motion that continues by itself."""
-    return isinstance(command, (MoveSpine, MoveArm)) or (isinstance(command, Call) and command.method is LengthUnit.home)
+    return command.method in (LengthUnit.home, LengthUnit.move_to, Arm.move_to)
 
 
 def energises(command: Command[Any]) -> bool:
     """Whether the rig leaves its safe state by it."""
-    return isinstance(command, (SetPressures, SwitchValve)) or moves(command)
+    return command.method in (PressureRegulators.set, JammingValve.set) or moves(command)
 
 
 class Line(Protocol):
@@ -139,7 +87,7 @@ def called(method: Callable[[Any], R]) -> Callable[[Any], R]:
     """A method of a `Remote` that makes this call there."""
 
     def call(remote: Remote) -> R:
-        return remote.line.ask(Call(remote.name, method))
+        return remote.line.ask(Command(remote.name, method))
 
     return call
 
@@ -160,7 +108,7 @@ class RemoteRegulators(Remote):
     """`PressureRegulators`."""
 
     def set(self, pressures: Sequence[float]) -> tuple[float, ...]:
-        return self.line.ask(SetPressures(self.name, tuple(map(float, pressures))))
+        return self.line.ask(Command(self.name, PressureRegulators.set, (tuple(map(float, pressures)),)))
 
     read, vent = called(PressureRegulators.read), called(PressureRegulators.vent)
 
@@ -169,7 +117,7 @@ class RemoteLengthUnit(Remote):
     """`LengthUnit`."""
 
     def move_to(self, length: float, speed: float) -> float:
-        return self.line.ask(MoveSpine(self.name, float(length), float(speed)))
+        return self.line.ask(Command(self.name, LengthUnit.move_to, (float(length), float(speed))))
 
     home, stop, read = called(LengthUnit.home), called(LengthUnit.stop), called(LengthUnit.read)
 
@@ -178,7 +126,7 @@ class RemoteValve(Remote):
     """`JammingValve`."""
 
     def set(self, on: bool) -> bool:
-        return self.line.ask(SwitchValve(self.name, bool(on)))
+        return self.line.ask(Command(self.name, JammingValve.set, (bool(on),)))
 
     read = called(JammingValve.read)
 
@@ -193,7 +141,7 @@ class RemoteArm(Remote):
     """`ArmDriver`."""
 
     def move_to(self, pose: Sequence[float], speed: float, acceleration: float) -> None:
-        self.line.ask(MoveArm(self.name, tuple(map(float, pose)), float(speed), float(acceleration)))
+        self.line.ask(Command(self.name, Arm.move_to, (tuple(map(float, pose)), float(speed), float(acceleration))))
 
     moving, stop = called(Arm.moving), called(Arm.stop)
     standing, glance = called(ArmDriver.standing), called(ArmDriver.glance)

@@ -22,7 +22,7 @@ from timing import RigClock
 
 from ..files.checked import Adapters
 from ..files.rig_file import RigFile
-from .commands import REMOTES, Call, Command, Order, SetPressures, energises
+from .commands import REMOTES, Command, Order, energises
 from .door import TAKE_WITHIN, Door
 from .hosted import under_guard
 from .instruments import ACTUATORS, POLLED, PollRate, of_driver, owned_names
@@ -152,7 +152,7 @@ class Guard:
         name = command.instrument
         if name not in self.own.drivers:
             raise ValueError(f"{command}: this rig has no such instrument")
-        method = command.method if isinstance(command, Call) else None
+        method = command.method
         if method is Instrument.open:
             self.adapters.check(name)  # here and not in `open`: a landing vents and stops every instrument present
             identity = self.open(name)
@@ -173,12 +173,13 @@ class Guard:
             self.own.busy.add(name)  # before permission is checked: a landing that begins now waits for it
             try:
                 self._energise()
-                if not isinstance(command, SetPressures):
+                if method is not PressureRegulators.set:
                     self.settings.confirm(name, trial=True)
                     return command.perform(self.own.drivers[name])
-                if any(p > 0 for p in command.pressures):
+                (pressures,) = command.values
+                if any(p > 0 for p in pressures):
                     self.settings.confirm(name, trial=True)
-                return self._set_pressure(command.pressures)
+                return self._set_pressure(pressures)
             except WrongDevice as e:
                 self.land(str(e), e)
                 raise

@@ -23,7 +23,7 @@ from timing import RigClock
 
 from ..files.rig_file import drivers
 from .child import Child, begin_child, end_child, how_it_ended, start_child
-from .commands import REMOTES, Call, Command, R, moves
+from .commands import REMOTES, Command, R, moves
 from .instruments import make
 
 PING, PING_PERIOD = "ping", 0.1
@@ -57,15 +57,14 @@ class Hosted:
 
     def ask(self, command: Command[R]) -> R:
         """Have the driver do it, with a time-out after which the host is killed."""
-        method = command.method if isinstance(command, Call) else None
-        if method is Instrument.open:
+        if command.method is Instrument.open:
             return self._open(command)
-        if method is ArmDriver.glance:
+        if command.method is ArmDriver.glance:
             return command.perform(self._outside)
-        if method is Instrument.close:
+        if command.method is Instrument.close:
             self._close()
             return None  # type: ignore[return-value]
-        return self._ask(command, STOP_WITHIN if method in (LengthUnit.stop, Arm.stop) else CALL_WITHIN)
+        return self._ask(command, STOP_WITHIN if command.method in (LengthUnit.stop, Arm.stop) else CALL_WITHIN)
 
     def _open(self, command: Command[R]) -> R:
         """Connect the driver in a new process, tried twice where it hangs or crashes, and return the instrument's identity."""
@@ -87,7 +86,7 @@ class Hosted:
     def _close(self) -> None:
         """Disconnect and end the process."""
         with contextlib.suppress(InstrumentError):
-            self._ask(Call(self.name, Instrument.close), CALL_WITHIN)
+            self._ask(Command(self.name, Instrument.close), CALL_WITHIN)
         self._connected = False
         self._end()
 

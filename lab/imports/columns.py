@@ -70,6 +70,8 @@ class Judged:
     strange: Strange | None = None
     note: str = ""
     """Assumptions that were made."""
+    absent: tuple[int, int, str] | None = None
+    """Of cells of a column of numbers that hold known words for a missing value: count, the first one's row from 0, its word."""
 
 
 def is_missing(word: str, more: Sequence[str | float] = ()) -> bool:
@@ -117,14 +119,16 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     filled, values = np.array(cells != "", bool), np.array(parsed, np.float64)
     values[~np.isfinite(values)] = np.nan
     unread_cells = np.isnan(values) & filled
-    words = [w for w in map(str, pd.unique(cells[unread_cells])) if not is_missing(w, missing)]
+    known = {w: is_missing(w, missing) for w in map(str, pd.unique(cells[unread_cells]))}
+    words, gone = [w for w in known if not known[w]], [w for w in known if known[w] and "nan" not in w.casefold()]
+    absent = (int(cells.isin(gone).sum()), cells.tolist().index(gone[0]), gone[0]) if gone else None
     plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])] if words or decimal == "," or commas else []
     if not words:
         dotted = [w for w in plain_numbers if "." in w]
         if decimal != "." and _in_thousands(dotted, plain_numbers):
             values = np.array(cells.map({w: number(w, ",", True) for w in plain_numbers}), np.float64)
-            return Judged(values, note=_of_thousands(dotted[0], ","))
-        return Judged(values)
+            return Judged(values, note=_of_thousands(dotted[0], ","), absent=absent)
+        return Judged(values, absent=absent)
     points = any("." in w for w in plain_numbers)
     with_commas = [w for w in words if "," in w]
     thousands = decimal is None and not points and _in_thousands(with_commas, plain_numbers)
@@ -144,7 +148,7 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     if doubtful and with_commas and all(map(_is_grouped, with_commas)):
         note = _of_thousands(with_commas[0], mark)
     if not unread_cells.any():
-        return Judged(values, unit, note=note)
+        return Judged(values, unit, note=note, absent=absent)
     if unread_cells.sum() >= np.isfinite(values).sum():
         times = _times(cells, words)
         return Judged(np.array(cells, dtype=np.str_)) if times is None else Judged(times, "s")

@@ -78,7 +78,7 @@ def _as_it_is(series: Series, columns: Mapping[str, Column], robot: Robot) -> Ta
     left_out_notes = [f"{len(left_out)} of {len(lacking)} rows are left out, first {place}: {why}" for place, why in left_out[:1]]
     headings = tuple((name, str(column.column)) for name, column in columns.items())
     mapped = Mapped(call=True, headings=headings, unit=file.unit)
-    return replace(table, warnings=(*left_out_notes, *table.warnings), mapped=mapped)
+    return replace(table, warnings=(*left_out_notes, *file.notes, *table.warnings), mapped=mapped)
 
 
 def _table(keys: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -161,6 +161,8 @@ def joined(lead: Stream, others: Sequence[Stream]) -> Series:
             if strange := other.series.strange.get(name):
                 words = ", ".join(repr(w[:40]) for w in strange.words)
                 notes.append(f"{other.label}: {strange.cells} cells of {name!r} are not numbers ({words}): taken as missing")
+            elif said := other.series.read_as_missing(name):
+                notes.append(f"{other.label}: column {name!r}: {said}")
         notes += [n for n in other.series.notes if n not in notes]
         common = {**other.series.common_units, **common}
     return replace(lead.series, columns=columns, units=units, common_units=common, notes=tuple(notes))
@@ -228,7 +230,11 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     """Files with their maps; where each lacks columns that another one holds, joined in time. Raises ConfigError."""
     lacked_keys = [_lacking(series, own_map) for series, own_map in read]
     if len(read) < 2 or not all(lacked_keys) or frozenset.intersection(*lacked_keys):
-        return list(read)  # some file is whole, or a key is in none of them
+        named = []  # some file is whole, or a key is in none of them
+        for (series, own_map), keys in zip(read, lacked_keys, strict=True):
+            lost = f"this file lacks the columns for {', '.join(sorted(keys))}: if another file holds them, give it too"
+            named.append((replace(series, notes=(*series.notes, *[lost] * (len(keys) > 1))), own_map))
+        return named
     streams, maps, questions = [], {}, {}
     for series, own_map in read:
         stream, doubts = stream_of(series, series.path.name, own_map)
@@ -297,7 +303,8 @@ def of_rows_in_turn(series: Series) -> Series:
         f"{len(streams)} groups of columns have values in separate rows ({'; '.join(s.label for s in streams)}): joined in "
         f"{'time' if times else 'the order of rows'} to the {len(table)} rows of {streams[lead].label}"
     )
-    return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *series.notes))
+    said = (f"column {n!r}: {text}" for n in series.absent if (text := series.read_as_missing(n)))
+    return replace(table, columns={n: table.columns[n] for n in series.names}, notes=(note, *said, *series.notes))
 
 
 def _by_name(series: Series) -> Series:
@@ -325,7 +332,7 @@ def _part(series: Series, rows: Ints, names: Sequence[str]) -> Series:
         if n in names
     }
     lines = None if series.lines is None else series.lines[rows]
-    return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, notes=())
+    return replace(series, columns={n: series.columns[n][rows] for n in names}, lines=lines, strange=strange, absent={}, notes=())
 
 
 def _in_turn(series: Series) -> Iterator[tuple[Ints, list[str]]]:

@@ -267,16 +267,10 @@ class Map(FileTable):
     @model_validator(mode="after")
     def _known(self) -> Map:
         """Check that columns and constants, of all files and of some, are those of trials.csv; raises ValueError."""
-        wrong = []
-        for place, names in (("columns", self.columns), ("constants", self.constants)):
-            wrong += [f"{place}.{n}: is no column of trials.csv" for n in names if column_order(n) is None]
+        stated: list[tuple[str, Iterable[str]]] = [("columns", self.columns), ("constants", self.constants)]
         for pattern, own in self.files.items():
-            stated = list(own.constants) + [f"columns.{n}" for n in own.columns]
-            wrong += [
-                f"files.{pattern}.{n}: is no column of trials.csv"
-                for n in stated
-                if column_order(n.removeprefix("columns.")) is None
-            ]
+            stated += [(f"files.{pattern}", own.constants), (f"files.{pattern}.columns", own.columns)]
+        wrong = [f"{place}.{n}: is no column of trials.csv" for place, names in stated for n in names if column_order(n) is None]
         if not any(own.columns or own.points or own.orientation for own in self.files.values()):
             wrong += self.wrong_places()  # else judged for each file, as several patterns may fit one
         if wrong:

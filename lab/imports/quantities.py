@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
+from model.rotation import turn_onto
 from recordings.ambient import AMBIENT
 from recordings.states.rules import BRANCHES
 from recordings.trials import HEAD, ORIENTATION, TAIL, TEXTS, TIP, Table, marker_columns
@@ -33,6 +34,8 @@ TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
 FURTHER = re.compile("sensor_|sd_|tip_moment_")
 """Begin of the columns of sensors of the lab's own, of standard deviations and of moments."""
+ON_LINE = 0.02
+"""Share of the markers' extent along their line that they reach across it, below which they show no turn about it."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
 
@@ -97,12 +100,18 @@ class File:
     def numbers(self, column: Column, name: str, place: str) -> tuple[Array, str]:
         """The numbers of a column as the file has them, and their unit."""
         values, own = numbers(self.series, column.column, place), name_of(self.series, column.column, place)
+        self.note_absent(own, place)
         unit = column.unit or unit_in(self.series, own, units_for(name, self.drive), place)
         self.factors[place] = factor(unit, name, self.drive, f"{place}.unit")
         if re.fullmatch(r"p\d+", name):
             self.unit = unit if self.unit != "" else ""
         _contradict(self, own, name, unit, place, column.scale)
         return values, unit
+
+    def note_absent(self, own: str, place: str) -> None:
+        """Note words in a column of numbers that were taken for missing values."""
+        if said := self.series.read_as_missing(own):
+            self.notes.append(f"column {own!r} ({place}): {said}")
 
     def places(self, xyz: Array, name: str) -> Array:
         """(n, 3) without rows in which nothing was seen."""
@@ -283,6 +292,8 @@ def _marker(file: File, wanted: Map, values: Mapping[str, Array], name: str) -> 
 def _turn(file: File, wanted: Map, frame: Array) -> dict[str, Array]:
     """Columns of orientations in the robot's axes."""
     if wanted.orientation is not None:
+        for name in wanted.orientation.columns:
+            file.note_absent(name_of(file.series, name, "orientation.columns"), "orientation.columns")
         made, there = stated(file.series, wanted.orientation)
         mount = scipy.spatial.transform.Rotation.from_quat(wanted.orientation.mount, scalar_first=True)
     elif (points := next((p for p in wanted.points.values() if p.turn), None)) is not None:
@@ -354,13 +365,18 @@ def stated(series: Series, given: Orientation) -> tuple[scipy.spatial.transform.
 
 
 def _fitted(file: File, points: Points) -> tuple[scipy.spatial.transform.Rotation, Mask]:
-    """From the first row with all markers to each other one."""
+    """From the first row with all markers to each other one; none of rows in which they lie on one line."""
     every = np.stack([_xyz(file, p, points.unit, "points.tip") for p in points.of], axis=1)
-    there = np.asarray(np.isfinite(every).all(axis=(1, 2)), bool)
-    if len(points.of) < 3 or not there.any():
+    seen = np.asarray(np.isfinite(every).all(axis=(1, 2)))
+    if len(points.of) < 3 or not seen.any():
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")
-    first = every[np.argmax(there)] - every[np.argmax(there)].mean(axis=0)
-    matrix = np.tile(np.eye(3), (len(every), 1, 1))
-    for i in np.flatnonzero(there):
-        matrix[i] = scipy.spatial.transform.Rotation.align_vectors(every[i] - every[i].mean(axis=0), first)[0].as_matrix()
-    return scipy.spatial.transform.Rotation.from_matrix(matrix), there
+    about = np.where(seen[:, None, None], every - every.mean(axis=1, keepdims=True), 0.0)
+    extent = np.linalg.svd(about, compute_uv=False)
+    there = extent[:, 1] > ON_LINE * extent[:, 0]
+    if (flat := seen & ~there).any():
+        where = f"{int(flat.sum())} of {int(seen.sum())} rows (first: {file.series.place(int(np.argmax(flat)))})"
+        lost = f"points.tip.turn: the markers lie on one line in {where}, so that the turn about it is not determined"
+        if not there.any():
+            raise ConfigError(f"{file.series.path}: {lost}; add a marker beside the line, or leave out `turn`")
+        file.notes.append(f"{lost}: no orientation is taken from them")
+    return scipy.spatial.transform.Rotation.from_matrix(turn_onto(about, about[np.argmax(there)])), there

@@ -51,6 +51,8 @@ class Series:
     """SI unit -> the unit in which the file says that all such columns are."""
     strange: Mapping[str, Strange] = field(default_factory=dict)
     """By column of numbers, cells that are none."""
+    absent: Mapping[str, tuple[int, int, str]] = field(default_factory=dict)
+    """By column, `Judged.absent`."""
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
     notes: tuple[str, ...] = ()
@@ -80,6 +82,11 @@ class Series:
             return f"row {row + 1}"
         return f"{'index' if self.form == FRAME else 'line'} {self.lines[row]}"
 
+    def read_as_missing(self, name: str) -> str:
+        """Count the words of a column of numbers that were read as missing and name the first; empty where there are none."""
+        count, row, word = self.absent.get(name, (0, 0, "")) if name in self.numbers else (0, 0, "")
+        return f"{count} cells are not numbers (first: {self.place(row)}, {word[:40]!r}); read as missing" if count else ""
+
     def unit_of(self, name: str, units: Container[str]) -> str:
         """The unit the file states for a column outside of its heading, or trials.csv, where it is one of `units`; else empty."""
         own = unit_named(self.units.get(name) or (unit_of(name) if self.columns.keys() >= set(REQUIRED) else ""))
@@ -91,7 +98,7 @@ def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:
     """Columns that were judged one by one."""
     return Series(
         path, {n: j.values for n, j in judged.items()}, form, {n: j.unit for n, j in judged.items() if j.unit}, {},
-        {n: j.strange for n, j in judged.items() if j.strange},
+        {n: j.strange for n, j in judged.items() if j.strange}, {n: j.absent for n, j in judged.items() if j.absent},
         notes=tuple(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note),
     )  # fmt: skip
 

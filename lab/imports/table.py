@@ -44,6 +44,8 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
+ON_LINE = 1e-3
+"""Share of the length by which tips are off a line, below which they show no turn about it."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
@@ -252,6 +254,7 @@ def conclude(
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
+    questions += _undetermined(states.tip, robot)
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
 
 
@@ -274,6 +277,16 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
     changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
     if changed > within.sum() / 2:
         yield f"tip_mass changes {changed} times between states of one trial: is this column really a mass at the tip?"
+
+
+def _undetermined(tip: Array, robot: Robot) -> Iterator[str]:
+    """Ask for other states where tips, (n, 3) m, lie on one line through the base, about which no turn of the frame shows."""
+    across = float(np.linalg.norm(np.linalg.svd(tip, compute_uv=False)[1:])) / np.sqrt(len(tip))
+    if across < ON_LINE * robot.length:
+        yield robot.actuators.words.fill(
+            f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine the "
+            "frame's turn about this line; add some in which one {actuator} is {inflated}"
+        )
 
 
 def follows_pressure(states: Table, name: str, same: float) -> float:

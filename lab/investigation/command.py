@@ -38,6 +38,7 @@ from ..options import (
     READS,
     ROBOT,
     WORKERS,
+    YES,
     Result,
     Verb,
     given_labels,
@@ -189,7 +190,7 @@ class RigLaboratory:
         """See Laboratory."""
         if proposal.id in self._wanted.without:
             return "left out by --without"
-        if proposal.hands_min and self._wanted.no_hands:
+        if proposal.hands_min and (self._wanted.no_hands or self._wanted.yes):
             return f"needs {proposal.hands_min:g} min of work by hand"
         if proposal.id not in self._jobs:
             self._jobs[proposal.id] = self._job(proposal)
@@ -231,7 +232,7 @@ class RigLaboratory:
         return read_case(self._inputs, self._wanted.robot)
 
     def _run(self, j: Job, place: Path) -> Outcome:
-        with Rig(j.rig) as rig:
+        with Rig(j.rig, prepared=self._wanted.yes) as rig:
             rig.operator = self._prepared.over(rig.operator)
             connect(rig, j.experiment.needs, quiet=True)
             screen = Screen(j.experiment.name, j.rig.clock.speed)
@@ -353,6 +354,7 @@ VERBS = (
             option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
             settings("change a parameter of every experiment (repeatable)"),
             option("--no-hands", action="store_true", help="only experiments that need no work by hand"),
+            YES,
             option(
                 "--out", type=Path, default=Path("investigation"), metavar="FOLDER", help="folder for recordings, answer and page"
             ),

@@ -189,7 +189,8 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
         itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
-        s.text(f"Share of the reducible gap closed on unseen states with {explanation}: {closed}{interval}{itself}.")
+        share = "Share of the reducible gap (as mean squares above the noise floor) closed on unseen states"
+        s.text(f"{share} with {explanation}: {closed}{interval}{itself}.")
 
 
 def _mm(value: float) -> str:

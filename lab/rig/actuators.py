@@ -25,7 +25,7 @@ from timing import RigClock
 
 from ..files.rig_file import RigFile
 from ..guard.child import end_child, processor_time, start_child
-from ..guard.commands import Call, Command, Order, R, RemoteArm, RemoteGauge, RemoteLengthUnit, RemoteRegulators, RemoteValve
+from ..guard.commands import Command, Order, R, RemoteArm, RemoteGauge, RemoteLengthUnit, RemoteRegulators, RemoteValve
 from ..guard.messages import Event, SafeReport, Start
 from ..guard.pulse import Pulse
 
@@ -197,7 +197,7 @@ class Actuators:
 
     def open(self, name: str) -> Identity:
         """Connect one instrument."""
-        return self.ask(Call(name, Instrument.open))
+        return self.ask(Command(name, Instrument.open))
 
     def make_safe(self) -> SafeReport:
         """Bring all actuators into the safe state and read it back."""

@@ -62,9 +62,9 @@ FIRST = 1
 class Rig(contextlib.AbstractContextManager["Rig"]):
     """All instruments of one rig.yaml. Use as a context: leaving it lands the rig safe and disconnects."""
 
-    def __init__(self, file: RigFile, despite_latch: bool = False) -> None:
-        """Raises RigLocked when the rig is in use, or when a person has to see to it first unless `despite_latch`;
-        ConfigError when its clock is for fakes and an instrument is none."""
+    def __init__(self, file: RigFile, despite_latch: bool = False, prepared: bool = False) -> None:
+        """`prepared`: nobody at the console is asked to prepare it. Raises RigLocked when the rig is in use, or when a person
+        has to see to it first unless `despite_latch`; ConfigError when its clock is for fakes and an instrument is none."""
         robot = file.body
         self.read = file
         self.file = file = within_robot(file, robot.max_pressure)
@@ -80,7 +80,7 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         doubts = found_drivers().doubts
         used = {name: table_of(file.instruments, name).driver for name in present(file.instruments)}
         self.notices += [f"{name}: {doubts[driver]}" for name, driver in used.items() if driver in doubts]
-        self.operator: Operator = op.operator(file.operator)
+        self.operator: Operator = op.operator(file.operator, prepared)
         self._after_loss: SafeReport | None = None
         """The landing by this program after its guard was lost."""
         self._recorder: Recorder | None = None

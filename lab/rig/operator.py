@@ -47,7 +47,7 @@ def preparations(setup: Setup, before: Setup | None = None) -> str:
 class Console:
     """Asks the person to prepare and waits for Enter; without a terminal it stops, unless all was said to be `prepared`."""
 
-    def __init__(self, prepared: bool = False) -> None:
+    def __init__(self, prepared: bool) -> None:
         self._prepared = prepared
 
     def prepare(self, setup: Setup) -> None:
@@ -58,7 +58,7 @@ class Console:
         if not sys.stdin.isatty():
             raise ProtocolError(
                 "nothing moved: nobody can confirm that all is prepared (not a terminal); have a program answer (operator: "
-                "unix:/PATH in rig.yaml), or add --yes to lab run, only if nobody is within reach of the robot"
+                "unix:/PATH in rig.yaml), or add --yes, only if nobody is within reach of the robot"
             )
         if _typed("Enter when ready, q to stop: ") == "q":
             raise Stopped("not prepared; nothing moved")
@@ -137,9 +137,9 @@ class Program:
             raise ProtocolError(f"{self._where}: its folder has mode {mode:04o}, so other users could answer; chmod 700 {folder}")
 
 
-def operator(spec: str) -> Operator:
-    """The operator that rig.yaml names: "console" or "unix:/path/of/its.sock"."""
-    return Console() if spec == "console" else Program(Path(spec.removeprefix(UNIX)))
+def operator(spec: str, prepared: bool = False) -> Operator:
+    """The operator that rig.yaml names: "console", who is not asked if all is `prepared`, or "unix:/path/of/its.sock"."""
+    return Console(prepared) if spec == "console" else Program(Path(spec.removeprefix(UNIX)))
 
 
 class RememberingOperator:

@@ -155,6 +155,8 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
 
 
 def _import_verb(a: argparse.Namespace) -> Result:
+    if a.guess and a.map is not None:
+        raise ConfigError(f"--map {a.map}: --guess proposes a map of its own and does not read this one; leave out one")
     if a.guess:
         return guess(a.inputs, a.robot, a.out, a.replace)
     if a.map is None:

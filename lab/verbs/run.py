@@ -54,14 +54,13 @@ from ..files.rig_file import RigFile, load_rig
 from ..files.units import shown
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
-from ..options import JSON, LABELS, Result, Verb, given_labels, option, rig, settings
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, rig, settings
 from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
 from ..rig.keeping import settings as settings_within
 from ..rig.keys import HELP, Keys, Line
 from ..rig.limits import ACTIVE, SLACK, Margin, arm_places, excesses, margins, problems, wiring
-from ..rig.operator import Console
 from ..rig.rehearsal import rehearse
 from ..version import provenance
 
@@ -396,9 +395,7 @@ def run(
     j = replace(j, labels={**(broken.labels if broken is not None else {}), **labels})
     folder = broken.journal.parent if broken is not None else folder or Path(".")
     folder.mkdir(parents=True, exist_ok=True)
-    with Rig(j.rig) as rig:
-        if prepared and j.rig.operator == "console":
-            rig.operator = Console(prepared)
+    with Rig(j.rig, prepared=prepared) as rig:
         connect(rig, j.experiment.needs)
         note_unverified(rig_path, j.rig)
         screen = Screen(j.experiment.name, j.rig.clock.speed)
@@ -671,7 +668,7 @@ VERBS = (
             option("--out", type=Path, metavar="FOLDER", help="folder for the recording (default: this one)"),
             option("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)"),
             option("--watch", action="store_true", help="show the run on a page in the browser"),
-            option("--yes", action="store_true", help="do not ask: all is prepared, and nobody is within reach"),
+            YES,
             *LABELS,
         ),
         examples=(

@@ -7,7 +7,6 @@ The instrument seldom knows the base's frame: base and tool are fitted first, fr
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -23,6 +22,7 @@ from model.arrays import Mask
 from model.cause import Cause
 from model.errors import BadCondition
 from model.robot import Array, Pose
+from model.rotation import turn_onto
 
 FRAME = tuple(f"{kind}_{axis}" for kind, axes in (("base", "x y z rx ry rz"), ("tool", "x y z")) for axis in axes.split())
 """Parameters that say where base and tool are."""
@@ -75,9 +75,7 @@ def placed(arm: Arm, inputs: pd.DataFrame, at: Array, place: Callable[[int], str
 def _fitted(arm: Arm, inputs: pd.DataFrame, at: Array) -> tuple[Arm, Array]:
     """The arm with base and tool where positions (n, 3) show them, and how far each is missed (n,), m."""
     points = ArmModel(arm)({}, inputs)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # points on a line leave a turn about it open
-        turn, _ = Rotation.align_vectors(at - at.mean(axis=0), points - points.mean(axis=0))
+    turn = Rotation.from_matrix(turn_onto(at - at.mean(axis=0), points - points.mean(axis=0)))
     base = turn.apply(np.array(arm.base_to_world.position) - points.mean(axis=0)) + at.mean(axis=0)
     arm = _at(arm, base, turn, np.zeros(3))
     model = ArmModel(arm)

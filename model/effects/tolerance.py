@@ -6,7 +6,7 @@ They enter the forward model like effects, but are no causes to be named.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -102,28 +102,27 @@ def _tolerance(
     return VariationSource(spec, "nuisance", scope)
 
 
-def _xyz(unit: str, sd: float, axes: Sequence[str] = "xyz") -> tuple[Parameter, ...]:
-    return tuple(Parameter(axis, unit, sd, -10 * sd, 10 * sd) for axis in axes)
-
-
-def _excess(unit: str, sd: float) -> Parameter:
-    return Parameter("excess", unit, sd, -10 * sd, 10 * sd)
+def _each(unit: str, sd: float, *names: str) -> tuple[Parameter, ...]:
+    """Parameters of one standard deviation, of x, y and z where no names are given."""
+    return tuple(Parameter(name, unit, sd, -10 * sd, 10 * sd) for name in names or "xyz")
 
 
 AREA = EffectSpec("area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", "")
 ANGLE = math.radians(0.1)
 ALWAYS = (
-    _tolerance("youngs_modulus", "material", Law(before=_modulus), _excess("1", 0.02)),
-    _tolerance("density", "load", Law(before=_density), _excess("1", 0.01)),
-    _tolerance("tilt", "boundary", Law(before=base_tilt), *_xyz("rad", ANGLE, "xy")),
-    _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_xyz("rad", ANGLE)),
-    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_xyz("m", 1.6e-3), standard=True),
-    _tolerance("length", "boundary", Law(before=adding(length="excess")), _excess("m", 1.6e-3), standard=True),
+    _tolerance("youngs_modulus", "material", Law(before=_modulus), *_each("1", 0.02, "excess")),
+    _tolerance("density", "load", Law(before=_density), *_each("1", 0.01, "excess")),
+    _tolerance("tilt", "boundary", Law(before=base_tilt), *_each("rad", ANGLE, "x", "y")),
+    _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_each("rad", ANGLE)),
+    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_each("m", 1.6e-3), standard=True),
+    _tolerance("length", "boundary", Law(before=adding(length="excess")), *_each("m", 1.6e-3, "excess"), standard=True),
 )
 """Where a soft body begins at its clamp, and the cameras' origin beside it, is known to 0.4 % of its length."""
 BY_TRIAL = (
-    _tolerance("spine_length", "structure", Law(before=_spine_length), _excess("m", 1e-3), scope="trial"),
-    _tolerance("spine_stiffness", "structure", Law(before=growing(spine_stiffness="excess")), _excess("1", 0.02), scope="trial"),
+    _tolerance("spine_length", "structure", Law(before=_spine_length), *_each("m", 1e-3, "excess"), scope="trial"),
+    _tolerance(
+        "spine_stiffness", "structure", Law(before=growing(spine_stiffness="excess")), *_each("1", 0.02, "excess"), scope="trial"
+    ),
 )
 BY_PUSH = (
     _tolerance(
@@ -136,27 +135,22 @@ BY_PUSH = (
     _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
-PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_xyz("m", 1e-3, ("along",)))
+PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_each("m", 1e-3, "along"))
 """The same of all pushes, where robot.yaml states its standard deviation: the arm's error at the stand."""
-TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_xyz("rad", ANGLE))
+TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_each("rad", ANGLE))
 """How the body of markers sits on the tip, where robot.yaml states its standard deviation."""
 MOUNT = (
-    _tolerance("mount_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE), scope="mount"),
-    _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.5e-3), scope="mount"),
+    _tolerance("mount_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE), scope="mount"),
+    _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.5e-3), scope="mount"),
 )
 """A robot that is mounted anew, rolled or on another day, stands a little differently."""
 REPEATS = (
-    _tolerance("repeat_turn", "boundary", Law(before=_mount), *_xyz("rad", ANGLE / 2), scope="repeat"),
-    _tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_xyz("m", 0.2e-3), scope="repeat"),
+    _tolerance("repeat_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE / 2), scope="repeat"),
+    _tolerance("repeat_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.2e-3), scope="repeat"),
 )
 """So does one that may have been mounted anew before a repeat of the sweep; how much, its repeats show."""
 DRIFT = _tolerance(
-    "drift",
-    "material",
-    Law(before=_drift),
-    Parameter("slope", "1", 0.015, -0.15, 0.15),
-    Parameter("bend", "1", 0.005, -0.05, 0.05),
-    scope="campaign",
+    "drift", "material", Law(before=_drift), *_each("1", 0.015, "slope"), *_each("1", 0.005, "bend"), scope="campaign"
 )
 """Silicone softens as it is worked, and is as warm as the room."""
 VACUUM_SWEEP = 0.05
@@ -217,7 +211,7 @@ def sources(
     if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:
         chosen.append(as_stated(TRACKED_TURN, sized, uncertainty))
     if design.markers and "marker_shift" in uncertainty:
-        by_marker = _xyz("m", uncertainty["marker_shift"], [f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"])
+        by_marker = _each("m", uncertainty["marker_shift"], *(f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"))
         chosen.append(_tolerance("marker_shift", "measurement", Law(after=_marker_shift), *by_marker))
     if len(mounts(design)) > 1:
         chosen += MOUNT

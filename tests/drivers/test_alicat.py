@@ -12,7 +12,7 @@ from drivers.errors import BadReply, DeviceFault, InstrumentError, NoReply, Stal
 from sim_fakes.alicat import PA_PER_UNIT, AlicatFake
 from sim_fakes.ft300s import Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, raises
 
 Make = Callable[..., Alicat]
 FAR = 15e3
@@ -86,8 +86,7 @@ def test_what_is_above_the_limit_is_clipped_and_never_sent(bench: Bench, opened:
 def test_a_unit_that_ignores_set_points_is_a_fault_naming_both_values(bench: Bench, regulators: Alicat, fake: AlicatFake) -> None:
     fake.faults.extra["ignore"] = "B"
     bench.clock.sleep(1.0)
-    with pytest.raises(DeviceFault, match="unit B was set to 12.00 kPa but holds 0.00 kPa.*serial"):
-        regulators.set((5e3, 12e3, 5e3))
+    raises(DeviceFault, "unit B was set to 12.00 kPa but holds 0.00 kPa.*serial", regulators.set, (5e3, 12e3, 5e3))
 
 
 def test_a_unit_that_clamps_a_set_point_is_a_bad_reply_naming_both_values(
@@ -95,8 +94,7 @@ def test_a_unit_that_clamps_a_set_point_is_a_bad_reply_naming_both_values(
 ) -> None:
     fake.device["B"].full_scale = 10e3
     bench.clock.sleep(1.0)
-    with pytest.raises(BadReply, match="unit B was set to 12.00 kPa but holds 10.00 kPa"):
-        regulators.set((5e3, 12e3, 5e3))
+    raises(BadReply, "unit B was set to 12.00 kPa but holds 10.00 kPa", regulators.set, (5e3, 12e3, 5e3))
 
 
 # -- venting
@@ -114,8 +112,7 @@ def test_a_dead_unit_keeps_no_other_from_venting_and_is_named_and_closing_is_qui
         hold(regulators, plant, 20e3)
         fake.faults.extra["dead"] = "A"
         if land == regulators.vent:
-            with pytest.raises(InstrumentError, match="did not vent A: .*by hand"):
-                land()
+            raises(InstrumentError, "did not vent A: .*by hand", land)
         else:
             land()
         assert setpoints(fake) == [20e3, 0.0, 0.0]
@@ -161,8 +158,7 @@ def test_status_codes_that_matter_are_faults_when_reading(regulators: Alicat, fa
     fake.device["A"].locked = True  # which is no fault
     assert len(regulators.read().measured) == 3
     fake.faults.extra["status"] = {"B": code}
-    with pytest.raises(DeviceFault, match=f"unit B reports {code}"):
-        regulators.read()
+    raises(DeviceFault, f"unit B reports {code}", regulators.read)
 
 
 @pytest.mark.parametrize(
@@ -180,8 +176,7 @@ def test_an_answer_that_is_none_is_no_reading_and_names_its_unit(
 ) -> None:
     sound = fake.faults
     fake.faults = type(sound)(**fault)
-    with pytest.raises(errors, match=message):
-        regulators.read()
+    raises(errors, message, regulators.read)
     fake.faults = sound
     assert len(regulators.read().measured) == 3
 
@@ -203,8 +198,7 @@ def test_an_answer_that_lost_a_digit_is_no_reading(fake: AlicatFake, regulators:
 def test_a_sweep_that_takes_too_long_is_stale(opened: Make, fake: AlicatFake) -> None:
     regulators = opened(max_age=0.05)
     fake.faults.delay = 0.06
-    with pytest.raises(StaleReading, match="limit 0.05 s"):
-        regulators.read()
+    raises(StaleReading, "limit 0.05 s", regulators.read)
 
 
 def test_retries_are_told_when_they_have_become_the_rule(opened: Make, fake: AlicatFake) -> None:
@@ -240,8 +234,7 @@ def test_a_unit_that_streams_is_named_with_what_stops_it(opened: Make, fake: Ali
     with serial.serial_for_url(fake.port, 115200) as port:
         port.write(start.encode() + b"\r")
         assert port.read_until(b"\r")
-    with pytest.raises(WrongDevice, match="without being asked: a unit in streaming mode .stop it with `@@"):
-        opened()
+    raises(WrongDevice, "without being asked: a unit in streaming mode .stop it with `@@", opened)
     with serial.serial_for_url(fake.port, 115200, timeout=0.5) as port:
         port.write(b"@@ B\r")
         while port.read(1):
@@ -394,8 +387,7 @@ def test_a_unit_that_cannot_be_used_is_refused_with_register_values_and_remedy(
 ) -> None:
     fake.faults.extra["keep"] = "B"
     setattr(fake.device["B"], setting, wrong)
-    with pytest.raises(WrongDevice, match=f"unit B.*{told}"):
-        opened()
+    raises(WrongDevice, f"unit B.*{told}", opened)
 
 
 def test_a_unit_that_cannot_forget_its_set_point_is_noticed(opened: Make, fake: AlicatFake) -> None:
@@ -451,8 +443,7 @@ def test_a_changed_unit_of_measure_is_refused_before_the_next_trial(
     device = fake.device["C"]
     device.panel("unlock")
     assert device.panel("unit", unit)
-    with pytest.raises(WrongDevice, match=f"(?i)unit C shows {unit} .*register FPF 6.*kPa is needed"):
-        regulators.confirm_settings()
+    raises(WrongDevice, f"(?i)unit C shows {unit} .*register FPF 6.*kPa is needed", regulators.confirm_settings)
     with pytest.raises(WrongDevice):
         regulators.set((20e3,) * 3)
     assert setpoints(fake) == [0.0] * 3
@@ -469,8 +460,7 @@ def test_a_unit_of_measure_that_changes_while_inflated_is_met_at_the_next_readin
     hold(regulators, plant, 60e3)
     fake.device[letter].locked = False
     fake.device[letter].panel("unit", unit)
-    with pytest.raises(WrongDevice, match=f"(?i)unit {letter} shows {unit}"):
-        regulators.read()
+    raises(WrongDevice, f"(?i)unit {letter} shows {unit}", regulators.read)
     assert regulators.read().measured == pytest.approx((60e3,) * 3, abs=1e3), "readings are in Pa whatever it shows"
 
 
@@ -483,8 +473,7 @@ def test_a_unit_of_measure_that_changes_between_reading_and_set_point_lets_nothi
     device = fake.device["A"]
     device.panel("unlock")
     assert device.panel("unit", unit)
-    with pytest.raises(WrongDevice, match="unit A shows"):
-        regulators.set((pressure + 1e3,) * 3)
+    raises(WrongDevice, "unit A shows", regulators.set, (pressure + 1e3,) * 3)
     assert device.setpoint < pressure + FAR
 
 

@@ -12,7 +12,7 @@ from drivers.errors import BadReply, DeviceFault, NotReady, Unreachable, WrongDe
 from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.plant import Plant
 from tests.drivers.spines import Make, arrive, fault_of, homed, make_pair, under_way, watch
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, raises, wait_until
 
 TORQUE, WATCHDOG, MODE, GOAL = 64, 98, 11, 116
 
@@ -71,8 +71,7 @@ def test_settings_that_an_earlier_program_left_are_written_at_open(make: Make, a
 def test_settings_that_only_a_person_may_change_are_refused(make: Make, address: int, left: int, message: str) -> None:
     spine, servo = make()
     servo.motor.put(address, left)
-    with pytest.raises(WrongDevice, match=message):
-        spine.open()
+    raises(WrongDevice, message, spine.open)
     assert servo.motor.get(address) == left
 
 
@@ -83,8 +82,7 @@ def test_a_motion_left_over_ends_also_where_a_setting_is_refused(make: Make) -> 
     persistent(servo, 36, 200)
     other = DynamixelSpine("spine", Config(port=servo.port, metres_per_turn=0.1, timeout=1.0), servo.clock)
     spine._servo.close()  # the program has died
-    with pytest.raises(WrongDevice, match="PWM limit"):
-        other.open()
+    raises(WrongDevice, "PWM limit", other.open)
     assert servo.motor.length < 0.25
     assert servo.motor.get(GOAL) == pytest.approx(servo.motor.counts, abs=200)
 
@@ -95,8 +93,7 @@ def test_a_setting_that_another_host_changed_is_named_before_a_trial(make: Make,
     spine.open()
     spine.confirm_settings()
     servo.motor.put(address, value)
-    with pytest.raises(WrongDevice, match=rf"\(register {address}\) is {value}, needed \d+: .*; "):
-        spine.confirm_settings()
+    raises(WrongDevice, rf"\(register {address}\) is {value}, needed \d+: .*; ", spine.confirm_settings)
 
 
 def test_a_watchdog_that_trips_holds_the_cord_whatever_homing_offset_was_left(make: Make) -> None:
@@ -113,14 +110,12 @@ def test_a_watchdog_that_trips_holds_the_cord_whatever_homing_offset_was_left(ma
 def test_a_servo_of_protocol_1_is_unreachable_and_its_register_is_named(make: Make) -> None:
     spine, servo = make(timeout=0.05)
     servo.motor.put(13, 1)
-    with pytest.raises(Unreachable, match=r"protocol \(2\.0, register 13\)"):
-        spine.open()
+    raises(Unreachable, r"protocol \(2\.0, register 13\)", spine.open)
 
 
 def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: Make) -> None:
     spine, _ = make({"model": 1060})
-    with pytest.raises(WrongDevice, match="1060"):
-        spine.open()
+    raises(WrongDevice, "1060", spine.open)
 
 
 def test_an_answer_of_another_length_with_a_right_checksum_is_told_from_a_broken_cable(make: Make) -> None:
@@ -146,8 +141,7 @@ def test_overload_drops_the_torque_and_homing_restarts_the_servo(make: Make, pla
     plant.spine_blocked = True
     fault_of(spine, "overload")
     assert servo.motor.get(TORQUE) == 0
-    with pytest.raises(NotReady, match="home"):
-        spine.move_to(0.1, 0.02)
+    raises(NotReady, "home", spine.move_to, 0.1, 0.02)
     plant.spine_blocked = False
     spine.home()
     assert watch(spine, lambda s: s.homed).length == 0
@@ -204,12 +198,10 @@ def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, p
     homed(spine)
     spine.move_to(0.35, 0.02)
     bitten(servo)
-    with pytest.raises(DeviceFault, match="watchdog"):
-        spine.read()
+    raises(DeviceFault, "watchdog", spine.read)
     stopped = plant.spine_drive
     assert stopped < 0.3
-    with pytest.raises(DeviceFault, match="watchdog"):
-        spine.move_to(0.35, 0.05)
+    raises(DeviceFault, "watchdog", spine.move_to, 0.35, 0.05)
     spine.stop()
     assert spine.read().homed
     spine.move_to(0.1, 0.05)
@@ -251,8 +243,7 @@ def test_a_jam_met_while_homing_again_is_not_taken_for_the_end_stop(make: Make, 
     arrive(spine)
     plant.spine_blocked = True
     spine.home()
-    with pytest.raises(DeviceFault, match=r"blocked 0\.1"):
-        watch(spine, lambda s: s.homed)
+    raises(DeviceFault, r"blocked 0\.1", watch, spine, lambda s: s.homed)
     plant.spine_blocked = False
     spine.home()
     assert watch(spine, lambda s: s.homed).homed
@@ -265,8 +256,7 @@ def test_a_first_homing_that_met_a_jam_is_found_out_by_the_next(make: Make, plan
     homed(spine)
     plant.spine_blocked = False
     spine.home()
-    with pytest.raises(DeviceFault, match="beyond where an earlier run"):
-        watch(spine, lambda s: s.homed)
+    raises(DeviceFault, "beyond where an earlier run", watch, spine, lambda s: s.homed)
     spine.home()
     assert watch(spine, lambda s: s.homed).homed
 
@@ -275,8 +265,7 @@ def test_a_cord_without_end_stop_ends_the_homing(make: Make) -> None:
     spine, servo = make({"start_length": 0.39}, max_length=0.1, homing_speed=0.05)
     spine.open()
     spine.home()
-    with pytest.raises(DeviceFault, match="no end stop"):
-        watch(spine, lambda s: s.homed)
+    raises(DeviceFault, "no end stop", watch, spine, lambda s: s.homed)
 
 
 @pytest.mark.parametrize(("release", "torque"), [(True, 0), (False, 1)])

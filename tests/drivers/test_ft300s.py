@@ -17,7 +17,7 @@ from drivers.ft300s.stream import FrameParser, GapCounter, unrest
 from drivers.interfaces import WrenchSample
 from sim_fakes.ft300s import COUNTS, PERIOD, Ft300sDevice, Ft300sFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, raises, wait_until
 
 pytestmark = pytest.mark.speed(1.0)  # at the sensor's own speed
 
@@ -120,23 +120,19 @@ def test_a_reading_beyond_the_range_is_a_fault_that_names_the_axis(
 ) -> None:
     fake.faults.extra["over_range"] = axis
     wait_until(lambda: abs(samples[-1].raw[axis]) > 32)
-    with pytest.raises(DeviceFault, match=named):
-        opened.latest()
+    raises(DeviceFault, named, opened.latest)
 
 
 def test_a_stream_that_stops_makes_the_reading_stale_and_zero_ends_in_time(opened: FT300S, fake: Ft300sFake) -> None:
     fake.faults.silent = True
     timing.sleep(0.2)
-    with pytest.raises(StaleReading, match=r"newest frame is 0\.\d+ s old, limit 0\.1 s"):
-        opened.latest()
-    with pytest.raises(StaleReading, match="of 5 frames arrived"):
-        opened.zero(5)
+    raises(StaleReading, r"newest frame is 0\.\d+ s old, limit 0\.1 s", opened.latest)
+    raises(StaleReading, "of 5 frames arrived", opened.zero, 5)
 
 
 def test_a_cable_pulled_out_is_unreachable_and_closing_is_still_quiet(opened: FT300S, fake: Ft300sFake) -> None:
     fake.stop()
-    with pytest.raises(Unreachable, match="lost"):
-        opened.zero(5)
+    raises(Unreachable, "lost", opened.zero, 5)
     opened.close()
 
 
@@ -154,15 +150,13 @@ def test_what_cannot_be_used_is_refused_with_a_reason(
 ) -> None:
     fake.faults.extra.update(fault)
     fake.device.streaming = "endless" in fault
-    with pytest.raises(error, match=message):
-        sensor.open()
+    raises(error, message, sensor.open)
 
 
 def test_a_silent_sensor_is_unreachable_and_the_message_says_what_to_check(bench: Bench, fake: Ft300sFake) -> None:
     fake.device.device_id = 5
     sensor = FT300S("force", Config(port=fake.port, timeout=0.2), bench.clock, lambda sample: None)
-    with pytest.raises(Unreachable, match="no answer from Modbus device 9.*24 V"):
-        sensor.open()
+    raises(Unreachable, "no answer from Modbus device 9.*24 V", sensor.open)
 
 
 # -- its zero is refused while force or moment change, and never while it is at rest
@@ -230,8 +224,7 @@ def test_no_zero_is_taken_of_a_sensor_that_shows_no_force(opened: FT300S, fake: 
     rest = opened.zero(20)
     fake.faults.extra[fault] = {"stuck": True, "over_range": 2}[fault]
     timing.sleep(0.1)
-    with pytest.raises(DeviceFault, match=says):
-        opened.zero(20)
+    raises(DeviceFault, says, opened.zero, 20)
     fake.faults.extra.clear()
     timing.sleep(0.1)
     assert opened.latest().zero == rest

@@ -17,7 +17,7 @@ from sim_fakes.dynamixel import DynamixelFake
 from sim_fakes.numato import NumatoFake
 from sim_fakes.tmcl import TmclFake
 from tests.drivers.spines import homed, make_pair
-from tests.simulated.bench import Bench, answered
+from tests.simulated.bench import Bench, answered, raises
 
 PATIENT = {"dynamixel": {"watchdog": 2.54, "timeout": 0.1}, "tmcl": {"heartbeat": 30.0, "timeout": 0.15}}
 
@@ -70,8 +70,7 @@ def test_a_restart_is_told_also_after_late_answers_and_when_the_unit_was_stopped
     assert recovered(unit).homed
     fake.reset(silence=0.0)
     unit.stop()
-    with pytest.raises(DeviceFault, match="restarted"):
-        unit.read()
+    raises(DeviceFault, "restarted", unit.read)
 
 
 def test_a_late_dynamixel_answer_is_never_the_answer_to_a_later_question(bench: Bench) -> None:

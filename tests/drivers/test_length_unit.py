@@ -10,7 +10,7 @@ from drivers.dynamixel.driver import StallWatch
 from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady
 from drivers.interfaces import SpineSample
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, under_way, watch
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, raises
 
 pytestmark = pytest.mark.speed(5.0)  # at a speed at which motions are seen
 
@@ -75,8 +75,7 @@ def test_what_is_no_motion_is_refused_before_anything_is_sent(make: Make, length
     unit, fake = make()
     homed(unit)
     before = len(fake.requests)
-    with pytest.raises(LimitExceeded, match="not a valid motion"):
-        unit.move_to(length, speed)
+    raises(LimitExceeded, "not a valid motion", unit.move_to, length, speed)
     assert len(fake.requests) == before
 
 
@@ -129,8 +128,7 @@ def test_a_refusal_tells_the_units_reason(kind: str, make: Make) -> None:
     unit, fake = make()
     homed(unit)
     fake.faults.extra["nak"], says = {"dynamixel": (6, "beyond the limit"), "tmcl": (4, "Invalid Value")}[kind]
-    with pytest.raises(BadReply, match=says):
-        unit.move_to(0.1, 0.02)
+    raises(BadReply, says, unit.move_to, 0.1, 0.02)
 
 
 def test_close_stops_the_motion(bench: Bench, make: Make) -> None:

@@ -20,7 +20,7 @@ from drivers.natnet.packets import SERVERINFO, Unreadable, definitions, frame, m
 from sim_fakes.motive import Mode, MotiveFake
 from sim_fakes.plant import Plant
 from sim_fakes.ur.process import free_host
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, raises, wait_until
 from timing import RigClock
 
 
@@ -111,8 +111,7 @@ def test_a_replayed_frame_does_not_keep_a_reading_fresh(motive: Motive) -> None:
     refused(mocap, StaleReading, "no frame for")
     count = len(motive.samples)
     timing.sleep(0.1)
-    with pytest.raises(StaleReading, match="no frame for"):
-        mocap.latest()
+    raises(StaleReading, "no frame for", mocap.latest)
     assert len(motive.samples) == count and mocap.lost == 0
 
 
@@ -359,8 +358,7 @@ def test_a_name_or_number_that_two_bodies_have_is_refused(
 ) -> None:
     for attribute, value in change.items():
         setattr(next(b for b in motive.fake.bodies if b.name == body), attribute, value)
-    with pytest.raises(WrongDevice, match=says):
-        motive.opened()
+    raises(WrongDevice, says, motive.opened)
 
 
 # -- other definitions
@@ -386,8 +384,7 @@ def test_definitions_that_cannot_be_read_are_named_and_do_not_hide_the_others(mo
 @pytest.mark.parametrize("motive", [{"version": (3, 1)}], indirect=True)
 def test_a_definition_that_hides_the_tip_is_named_with_its_byte(motive: Motive) -> None:
     motive.fake.other_definitions += [(0, SET), (77, b"?")]
-    with pytest.raises(WrongDevice, match=r"definition of the unknown kind 77 at byte 25 cannot be read, nor what follows"):
-        motive.opened()
+    raises(WrongDevice, r"definition of the unknown kind 77 at byte 25 cannot be read, nor what follows", motive.opened)
 
 
 @pytest.mark.parametrize("motive", [{"group": "239.255.42.99"}], indirect=True)

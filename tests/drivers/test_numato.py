@@ -8,7 +8,7 @@ from drivers.errors import DeviceFault
 from drivers.numato.driver import Config, NumatoValve
 from sim_fakes.numato import NumatoFake
 from sim_fakes.plant import Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, raises
 
 Opened = Callable[..., NumatoValve]
 
@@ -40,8 +40,7 @@ def test_open_leaves_the_relay_as_it_is(opened: Opened, fake: NumatoFake, on: bo
 def test_a_relay_that_does_not_follow_is_a_fault(opened: Opened, fake: NumatoFake) -> None:
     valve = opened()
     fake.faults.extra["stuck"] = True
-    with pytest.raises(DeviceFault, match="switched on but reads back off"):
-        valve.set(True)
+    raises(DeviceFault, "switched on but reads back off", valve.set, True)
 
 
 def test_a_welded_contact_cannot_be_seen_in_the_read_back(opened: Opened, fake: NumatoFake, plant: Plant) -> None:

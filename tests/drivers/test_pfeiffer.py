@@ -9,7 +9,7 @@ from drivers.errors import BadReply, DeviceFault, NoReply, WrongDevice
 from drivers.pfeiffer.driver import HEALTH_EVERY, Config, PfeifferGauge
 from sim_fakes.pfeiffer import PfeifferFake
 from sim_fakes.plant import AMBIENT, Plant
-from tests.simulated.bench import Bench
+from tests.simulated.bench import Bench, raises
 
 Opened = Callable[..., PfeifferGauge]
 
@@ -46,8 +46,7 @@ def test_readings_are_absolute_pascals(opened: Opened, fake: PfeifferFake, plant
 @pytest.mark.parametrize("pascal", [200_000.0, 50.0])
 def test_a_reading_that_cannot_be_true_is_a_fault(gauge: PfeifferGauge, fake: PfeifferFake, pascal: float) -> None:
     fake.faults.extra["value"] = pascal
-    with pytest.raises(DeviceFault, match="outside of 100 to 120000 Pa"):
-        gauge.read()
+    raises(DeviceFault, "outside of 100 to 120000 Pa", gauge.read)
 
 
 def test_a_defective_gauge_is_a_fault_at_open_and_while_reading(opened: Opened, fake: PfeifferFake) -> None:
@@ -57,8 +56,7 @@ def test_a_defective_gauge_is_a_fault_at_open_and_while_reading(opened: Opened, 
         for _ in range(HEALTH_EVERY + 1):
             gauge.read()
     gauge.close()
-    with pytest.raises(DeviceFault, match="defective transmitter"):
-        opened()
+    raises(DeviceFault, "defective transmitter", opened)
 
 
 def test_a_gauge_that_warns_goes_on_measuring_and_says_so_once(opened: Opened, fake: PfeifferFake) -> None:
@@ -138,5 +136,4 @@ def test_a_correction_factor_that_multiplies_the_pressure_is_set_back(opened: Op
 def test_a_correction_factor_that_stays_is_refused_by_name(opened: Opened, fake: PfeifferFake) -> None:
     fake.correction = 420
     fake.faults.extra["keeps_correction"] = True
-    with pytest.raises(WrongDevice, match=r"correction factor \(parameter 742\).*4\.2.*must be 1"):
-        opened()
+    raises(WrongDevice, r"correction factor \(parameter 742\).*4\.2.*must be 1", opened)

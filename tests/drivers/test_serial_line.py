@@ -22,6 +22,7 @@ from drivers.line_quality import adapter
 from drivers.serial_line import SerialLine, SerialPort
 from drivers.tmcl.bus import MotorAxis
 from tests.sim_fakes.plugged import Plugged
+from tests.simulated.bench import raises
 
 
 @dataclass
@@ -73,22 +74,19 @@ def test_asking_throws_stale_input_away_first(end: OtherEnd, line: SerialLine) -
 
 
 def test_silence_is_no_reply_and_names_the_instrument_the_port_and_the_request(line: SerialLine) -> None:
-    with pytest.raises(NoReply, match=rf"gauge: no answer on {line.port}.*request was b'AVE\\r'"):
-        line.ask(b"AVE\r", b"\r")
+    raises(NoReply, rf"gauge: no answer on {line.port}.*request was b'AVE\\r'", line.ask, b"AVE\r", b"\r")
 
 
 def test_an_answer_without_its_end_is_shown(end: OtherEnd, line: SerialLine) -> None:
     end.say(b"half an ans")
-    with pytest.raises(BadReply, match="half an ans"):
-        line.read_until(b"\r")
+    raises(BadReply, "half an ans", line.read_until, b"\r")
 
 
 def test_an_endless_answer_is_given_up_before_its_time(end: OtherEnd, line: SerialLine, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_line, "LONGEST_ANSWER", 100)
     end.say(b"x" * 200)
     start = timing.now()
-    with pytest.raises(BadReply, match=r"\.\.\. \(200 bytes\)"):
-        line.read_until(b"\r", timeout=20.0)
+    raises(BadReply, r"\.\.\. \(200 bytes\)", line.read_until, b"\r", timeout=20.0)
     assert timing.now() - start < 10.0
 
 
@@ -163,12 +161,10 @@ def test_a_lost_line_is_closed_says_so_until_it_is_opened_and_opens_what_is_behi
 ) -> None:
     os.close(adapters.old)
     for _ in range(2):
-        with pytest.raises(Unreachable, match="lost .*by-id"):
-            by_id.ask(b"A\r", b"\r")
+        raises(Unreachable, "lost .*by-id", by_id.ask, b"A\r", b"\r")
         assert not by_id.is_open
     adapters.link.unlink()
-    with pytest.raises(Unreachable, match="cannot open"):
-        by_id.open()
+    raises(Unreachable, "cannot open", by_id.open)
     adapters.lead_to_the_second()
     by_id.open()
     os.write(adapters.new, b"here\r")
@@ -210,8 +206,7 @@ def test_a_silent_line_gets_a_new_handle_when_it_is_opened_again(
 def test_a_closed_line_is_not_ready_and_closing_again_does_nothing(line: SerialLine) -> None:
     line.close()
     line.close()
-    with pytest.raises(NotReady, match="not open"):
-        line.write(b"A")
+    raises(NotReady, "not open", line.write, b"A")
 
 
 class Timers:

@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import BadReply, DeviceFault, InstrumentError, Unreachable, WrongDevice
 from drivers.smc_itv.driver import REREAD_EVERY, Config, SmcItv
 from sim_fakes.smc_itv import SmcItvFake
-from tests.simulated.bench import Bench, answered
+from tests.simulated.bench import Bench, answered, raises
 
 FULL_SCALE = 500e3
 COUNT = FULL_SCALE / 1023
@@ -74,8 +74,7 @@ def test_a_dead_unit_does_not_keep_the_others_from_venting_and_is_named(regulato
     regulators.set((20e3,) * 9)
     fakes[0].faults.silent = True
     fakes[4].stop()
-    with pytest.raises(InstrumentError, match="did not vent channel 1: .*; channel 5: .*by hand"):
-        regulators.vent()
+    raises(InstrumentError, "did not vent channel 1: .*; channel 5: .*by hand", regulators.vent)
     assert [fake.device.setpoint for fake in fakes if fake not in (fakes[0], fakes[4])] == [0] * 7
     regulators.close()
 
@@ -96,8 +95,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(opened: Opened
         except InstrumentError:
             continue
         assert seen > 5e3
-    with pytest.raises(InstrumentError, match="did not vent channel 1"):
-        regulators.vent()
+    raises(InstrumentError, "did not vent channel 1", regulators.vent)
     slow.faults.delay = 0.0
     answered(regulators.vent)
     assert slow.device.setpoint == 0
@@ -105,8 +103,7 @@ def test_a_late_answer_is_never_taken_for_that_of_a_later_request(opened: Opened
 
 def test_a_unit_that_keeps_its_set_point_is_a_fault_naming_both_values(regulators: SmcItv, fakes: list[SmcItvFake]) -> None:
     fakes[2].faults.extra["ignore"] = True
-    with pytest.raises(DeviceFault, match=rf"{fakes[2].port} was set to 20.04 kPa but holds 0.00 kPa"):
-        regulators.set((20e3,) * 9)
+    raises(DeviceFault, rf"{fakes[2].port} was set to 20.04 kPa but holds 0.00 kPa", regulators.set, (20e3,) * 9)
 
 
 @pytest.mark.parametrize("text", ["OUT OF RANGE", "UNKNOWN COMMAND", "7777", "12x"])
@@ -114,14 +111,12 @@ def test_refusals_and_nonsense_are_bad_replies_that_show_the_words(
     regulators: SmcItv, fakes: list[SmcItvFake], text: str
 ) -> None:
     fakes[3].faults.extra["refuse"] = text
-    with pytest.raises(BadReply, match=rf"{fakes[3].port} answers b'SET 0' with b'{text}'"):
-        regulators.set((0.0,) * 9)
+    raises(BadReply, rf"{fakes[3].port} answers b'SET 0' with b'{text}'", regulators.set, (0.0,) * 9)
 
 
 def test_silent_ports_are_all_named_at_opening(opened: Opened, fakes: list[SmcItvFake]) -> None:
     fakes[0].faults.silent = fakes[8].faults.silent = True
-    with pytest.raises(Unreachable, match=f"no answer on {fakes[0].port}, {fakes[8].port} "):
-        opened()
+    raises(Unreachable, f"no answer on {fakes[0].port}, {fakes[8].port} ", opened)
 
 
 def test_a_setpoint_that_was_changed_at_the_panel_is_refused_by_name(opened: Opened, fakes: list[SmcItvFake]) -> None:

@@ -8,7 +8,7 @@ from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
 from sim_fakes.plant import Plant
 from sim_fakes.tmcl import AxisNumber, TmclFake
 from tests.drivers.spines import Make, arrive, homed, make_pair, watch
-from tests.simulated.bench import Bench, wait_until
+from tests.simulated.bench import Bench, raises, wait_until
 
 
 @pytest.fixture
@@ -67,8 +67,7 @@ def test_settings_that_an_earlier_program_left_are_written_at_open_and_watched(
     assert (spine._axis.get if name == "axis" else spine._axis.get_global)(number) == needed
     spine.confirm_settings()
     left(module, name, number, value)
-    with pytest.raises(WrongDevice, match=rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open"):
-        spine.confirm_settings()
+    raises(WrongDevice, rf"\({name} parameter {number}\) is {value}, needed {needed}: .*; open", spine.confirm_settings)
 
 
 def test_the_right_switch_is_the_one_that_must_be_on_for_a_spine_that_grows_backwards(make: Make) -> None:
@@ -93,11 +92,9 @@ def test_settings_that_only_a_person_may_change_are_refused(make: Make, number: 
     spine, module = make()
     spine.open()
     module.drum.parameters[number] = value
-    with pytest.raises(WrongDevice, match=message):
-        spine.confirm_settings()
+    raises(WrongDevice, message, spine.confirm_settings)
     spine.close()
-    with pytest.raises(WrongDevice, match=message):
-        spine.open()
+    raises(WrongDevice, message, spine.open)
     assert module.drum.parameters[number] == value
 
 
@@ -117,8 +114,7 @@ def test_an_answer_to_somebody_elses_question_is_not_taken(make: Make, fault: st
     spine, module = make()
     spine.open()
     module.faults.extra[fault] = True
-    with pytest.raises(BadReply, match="answered command"):
-        spine.read()
+    raises(BadReply, "answered command", spine.read)
 
 
 def test_a_module_that_answers_another_host_is_told_from_a_broken_cable(make: Make) -> None:
@@ -133,8 +129,7 @@ def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
     homed(spine)
     module.faults.extra["stuck"] = True
     spine.move_to(0.1, 0.05)
-    with pytest.raises(DeviceFault, match="did not follow"):
-        arrive(spine)
+    raises(DeviceFault, "did not follow", arrive, spine)
 
 
 def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: Plant) -> None:
@@ -143,8 +138,7 @@ def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: P
     spine.move_to(0.35, 0.005)
     stands(module)
     assert plant.spine_drive < 0.3
-    with pytest.raises(DeviceFault, match="heartbeat"):
-        arrive(spine)
+    raises(DeviceFault, "heartbeat", arrive, spine)
     spine.stop()
     spine.move_to(0.1, 0.05)
     assert arrive(spine).length == pytest.approx(0.1, abs=6e-4)
@@ -155,8 +149,7 @@ def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
     spine.open()
     spine.home()
     stands(module)
-    with pytest.raises(DeviceFault, match="without reaching the switch"):
-        watch(spine, lambda s: s.homed)
+    raises(DeviceFault, "without reaching the switch", watch, spine, lambda s: s.homed)
     with pytest.raises(NotReady):
         spine.move_to(0.1, 0.02)
 
@@ -166,15 +159,13 @@ def test_a_switch_that_never_closes_ends_the_homing(make: Make) -> None:
     module.faults.extra["no_switch"] = True
     spine.open()
     spine.home()
-    with pytest.raises(DeviceFault, match="home"):
-        watch(spine, lambda s: s.homed)
+    raises(DeviceFault, "home", watch, spine, lambda s: s.homed)
 
 
 def test_a_damaged_motor_driver_costs_the_zero(make: Make) -> None:
     spine, module = make()
     homed(spine)
     module.faults.extra["driver"] = 1 << 1
-    with pytest.raises(DeviceFault, match="overheated"):
-        spine.read()
+    raises(DeviceFault, "overheated", spine.read)
     with pytest.raises(NotReady):
         spine.move_to(0.1, 0.02)

@@ -13,7 +13,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.motion import Deadline, distance_between, turn_between
 from drivers.ur5.state import UR5State
 from drivers.ur5.wire import UrController
-from tests.simulated.bench import wait_until
+from tests.simulated.bench import raises, wait_until
 from timing import RigClock
 
 UP = 0.01
@@ -66,8 +66,7 @@ def test_stop_ends_the_motion_within_a_short_distance(arm: UR5, watcher: UR5Stat
 def test_a_second_move_is_refused_while_the_first_is_under_way(arm: UR5, watcher: UR5State) -> None:
     start = watcher.latest().tcp_pose
     arm.move_to(raised(start, 3 * UP), SPEED, ACCELERATION)
-    with pytest.raises(NotReady, match="still moving"):
-        arm.move_to(start, SPEED, ACCELERATION)
+    raises(NotReady, "still moving", arm.move_to, start, SPEED, ACCELERATION)
     arm.stop()
     arm.move_to(start, SPEED, ACCELERATION)
     arrived(arm)
@@ -115,8 +114,7 @@ def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(rig: Rig, arm: 
 def test_a_motion_that_takes_too_long_is_stopped_and_reported(rig: Rig, arm: UR5, watcher: UR5State) -> None:
     rig.process.backdoor("set", slider=0.05)
     arm.move_to(raised(watcher.latest().tcp_pose, UP), SPEED, ACCELERATION)
-    with pytest.raises(DeviceFault, match="speed slider"):
-        arrived(arm)
+    raises(DeviceFault, "speed slider", arrived, arm)
     rig.process.backdoor("set", slider=1.0)
     assert not arm.moving()
     assert rig.process.backdoor()["commands"][-1]["name"] == "stopl"

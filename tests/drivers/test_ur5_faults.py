@@ -20,7 +20,7 @@ from drivers.ur5.driver import UR5, Config
 from drivers.ur5.state import UR5State
 from drivers.ur5.wire import UrController
 from sim_fakes.ur.process import free_host
-from tests.simulated.bench import wait_until
+from tests.simulated.bench import raises, wait_until
 from timing import RigClock
 
 SPEED, ACCELERATION = 0.05, 0.5
@@ -61,8 +61,7 @@ def test_a_stop_by_the_safety_system_is_a_fault_until_it_is_cleared(rig: Rig) ->
         with pytest.raises(DeviceFault, match="protective stop; .*open the arm"):
             arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.1), SPEED, ACCELERATION)
         arm.stop()  # it stands, and that is all that is asked
-    with pytest.raises(DeviceFault, match="protective stop"):
-        arm.open()
+    raises(DeviceFault, "protective stop", arm.open)
     rig.process.backdoor("clear")
 
 
@@ -128,8 +127,7 @@ def open_arm(host: str) -> None:
 @pytest.mark.parametrize("opener", [open_state, open_arm])
 def test_nobody_at_the_address_is_unreachable(opener: Callable[[str], None]) -> None:
     host = free_host()
-    with pytest.raises(Unreachable, match=f"nothing listens at {host}:30004"):
-        opener(host)
+    raises(Unreachable, f"nothing listens at {host}:30004", opener, host)
 
 
 @pytest.mark.parametrize("opener", [open_state, open_arm])
@@ -153,8 +151,7 @@ def test_something_else_at_the_port_is_told_apart_quickly(
 
         timing.Thread(target=serve, daemon=True).start()
         start = timing.now()
-        with pytest.raises(error, match=f"{host}:30004"):
-            opener(host)
+        raises(error, f"{host}:30004", opener, host)
         assert timing.now() - start < 3.0
 
 
@@ -225,10 +222,8 @@ def test_what_the_library_raises_when_it_loses_the_controller_is_no_reply(rig: R
     control = ControlThread("arm", rig.host, 3.0)
     control.start()
     try:
-        with pytest.raises(NoReply, match="Timeout connecting to UR dashboard server"):
-            control.call(lose)
-        with pytest.raises(NoReply, match="close and open it again"):
-            control.operation()
+        raises(NoReply, "Timeout connecting to UR dashboard server", control.call, lose)
+        raises(NoReply, "close and open it again", control.operation)
     finally:
         assert control.finish(10.0)
 

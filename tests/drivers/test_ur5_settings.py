@@ -16,7 +16,7 @@ from drivers.ur5.safety import stop_text
 from drivers.ur5.state import UR5State
 from drivers.ur5.wire import UrController
 from sim_fakes.ur import server
-from tests.simulated.bench import wait_until
+from tests.simulated.bench import raises, wait_until
 from tests.simulated.clock import SimulatedClock
 from timing import RigClock
 
@@ -93,14 +93,12 @@ def test_a_speed_slider_at_0_is_named_before_and_during_a_motion(rig: Rig) -> No
         goal = raised(tuple(rig.process.backdoor()["pose"]), 0.01)
         rig.process.backdoor("set", slider=0.0)
         wait_until(lambda: arm._state.speed_slider == 0)
-        with pytest.raises(NotReady, match="speed slider is at 0 %"):
-            arm.move_to(goal, 0.05, 0.5)
+        raises(NotReady, "speed slider is at 0 %", arm.move_to, goal, 0.05, 0.5)
         rig.process.backdoor("set", slider=1.0)
         wait_until(lambda: arm._state.speed_slider == 1)
         arm.move_to(goal, 0.01, 0.5)
         rig.process.backdoor("set", slider=0.0)
-        with pytest.raises(DeviceFault, match="speed slider is at 0%"):
-            wait_until(lambda: not arm.moving())
+        raises(DeviceFault, "speed slider is at 0%", wait_until, lambda: not arm.moving())
 
 
 SCALED, REDUCED = {"do": "set", "scaling": 0.2}, {"do": "safety", "name": "REDUCED"}
@@ -180,10 +178,8 @@ def test_an_arm_that_was_pushed_away_from_its_target_is_a_fault(rig: Rig) -> Non
 def test_each_stop_is_named_when_it_comes_and_at_open(rig: Rig, state: str, name: str) -> None:
     with a_ur5e(rig) as arm:
         rig.process.backdoor("safety", name=state)
-        with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
-            watch_for_a_fault(arm)
-        with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"):
-            arm.confirm_settings()
+        raises(DeviceFault, f"^arm: {name}.*;", watch_for_a_fault, arm)
+        raises(DeviceFault, f"^arm: {name}.*;", arm.confirm_settings)
     with pytest.raises(DeviceFault, match=f"^arm: {name}.*;"), a_ur5e(rig):
         pass
 
@@ -229,8 +225,7 @@ def test_a_program_that_is_paused_while_nothing_moves_is_named(rig: Rig) -> None
     with a_ur5e(rig, timeout=0.5) as arm:
         rig.process.backdoor("pause")
         wait_until(lambda: arm._state.runtime == 4)
-        with pytest.raises(DeviceFault, match="paused at the pendant"):
-            arm.confirm_settings()
+        raises(DeviceFault, "paused at the pendant", arm.confirm_settings)
 
 
 @pytest.mark.parametrize("halt", ["safeguard_stop", "emergency_stop", "pause"])
@@ -239,8 +234,7 @@ def test_a_motion_that_was_halted_does_not_go_on_by_itself(rig: Rig, halt: str) 
         arm.move_to(raised(tuple(rig.process.backdoor()["pose"]), 0.05), 0.02, 0.5)
         timing.sleep(0.3)
         rig.process.backdoor(halt)
-        with pytest.raises(DeviceFault, match="safeguard stop|emergency stop|paused at the pendant"):
-            wait_until(lambda: not arm.moving())
+        raises(DeviceFault, "safeguard stop|emergency stop|paused at the pendant", wait_until, lambda: not arm.moving())
         halted = rig.process.backdoor()["pose"]
         rig.process.backdoor("clear")
         timing.sleep(0.3)

@@ -12,7 +12,7 @@ from drivers.interfaces import ArmSample
 from drivers.ur5.driver import DRIVER
 from drivers.ur5.state import CycleCounter, UR5State, check_plausible
 from drivers.ur5.wire import UrController
-from tests.simulated.bench import wait_until
+from tests.simulated.bench import raises, wait_until
 from timing import RigClock
 
 
@@ -100,8 +100,7 @@ def test_a_dropped_connection_is_taken_up_again_and_its_gap_is_counted(rig: Rig,
 )
 def test_numbers_that_no_arm_can_have_are_refused(joint: float, shift: float, turn: float) -> None:
     sample = ArmSample(0.0, 0.0, (joint, *[0.0] * 5), (shift, 0.0, 0.0, turn, 0.0, 0.0), (0.0,) * 6, 1, True)
-    with pytest.raises(BadReply, match="which is impossible"):
-        check_plausible("arm state", "127.0.0.1", sample)
+    raises(BadReply, "which is impossible", check_plausible, "arm state", "127.0.0.1", sample)
 
 
 def test_a_full_turn_is_no_wonder() -> None:

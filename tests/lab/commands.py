@@ -4,8 +4,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+from lab.files.config import ConfigError
+from tests.simulated.bench import raises
+
+refused = partial(raises, ConfigError)
 SOUND = (0, 3)
 """Exit codes of a command that did what was asked; 3 where it has something to say of it."""
 COMMANDS = """

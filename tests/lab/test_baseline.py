@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import Cli
+from commands import Cli, refused
 from diagnosed_case import EULER, ROBOT, campaign, folder
 
 from lab.files.baseline import from_simulator, from_table, simulator
@@ -68,8 +68,7 @@ def test_what_cannot_be_matched_is_told(case: Case, tmp_path: Path, rows: list[d
 
 
 def test_a_prediction_in_millimetres_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="mm"):
-        from_table(written(tmp_path / "p.csv", by_step(case, scale=1e3)), case)
+    refused("mm", from_table, written(tmp_path / "p.csv", by_step(case, scale=1e3)), case)
 
 
 class Rod:
@@ -116,8 +115,7 @@ def test_a_moment_on_the_tip_reaches_a_simulator(case: Case) -> None:
 
 
 def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--simulator pielastica: is unknown, .*pyelastica"):
-        simulator("pielastica", ROBOT)
+    refused("--simulator pielastica: is unknown, .*pyelastica", simulator, "pielastica", ROBOT)
     for text, told in (
         ("x = 1", "has no SIMULATOR"),
         ("SIMULATOR = lambda robot: 3", "must give `parameters` and `predict"),
@@ -125,8 +123,7 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
         ("def SIMULATOR(robot):\n    raise ImportError('no such library')", "no such library"),
     ):
         (tmp_path / "own.py").write_text(text)
-        with pytest.raises(ConfigError, match=told):
-            simulator(str(tmp_path / "own.py"), ROBOT)
+        refused(told, simulator, str(tmp_path / "own.py"), ROBOT)
 
     class Wrong(Rod):
         parameters = ("softness",)  # type: ignore[assignment]
@@ -138,15 +135,13 @@ def test_a_simulator_that_is_none_is_refused(case: Case, tmp_path: Path) -> None
             return Readings(np.zeros((len(states), 2)))
 
     for own, told in ((Wrong(), "parameter 'softness' is not known"), (Flat(), r"tip has the shape \(\d, 2\), must be")):
-        with pytest.raises(ConfigError, match=told):
-            from_simulator("own", own, case, CATALOGUE, lambda done, total: None)
+        refused(told, from_simulator, "own", own, case, CATALOGUE, lambda done, total: None)
 
 
 def test_one_that_comes_with_the_software_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert simulator("pyelastica", ROBOT)[1].parameters == ("area.excess",)
     monkeypatch.setitem(sys.modules, "model.simulators.pyelastica", None)
-    with pytest.raises(ConfigError, match=r"is not installed .* pip install 'softlab\[pyelastica\]'"):
-        simulator("pyelastica", ROBOT)
+    refused(r"is not installed .* pip install 'softlab\[pyelastica\]'", simulator, "pyelastica", ROBOT)
 
 
 def test_the_command_diagnoses_the_gap_of_a_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:

@@ -15,13 +15,14 @@ import pandas
 import pyarrow.parquet
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, refused
 from foreign import AZIMUTHS, ROBOT, by_map, plain, tips
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
 
 import lab
+from diagnosis.edits.reading import read as judged
 from lab.files.config import ConfigError, load
 from lab.imports.formats import read
 from lab.imports.headings import heading, quantity
@@ -87,6 +88,22 @@ def test_a_spreadsheet_of_states_needs_nothing_but_its_headings(tmp_path: Path, 
     assert table["branch"].tolist() == ["load", "load", "load", "unload"] * 6
     assert table["repeat"].tolist() == [1] * 12 + [2] * 12
     cli("compare", tmp_path / "case")
+
+
+def test_words_for_a_missing_value_are_counted_and_named_by_column_with_the_first_row(tmp_path: Path, cli: Cli) -> None:
+    rows = pandas.DataFrame([(*(p / 1e3 for p in pressure), *(1e3 * tip)) for _, _, pressure, tip, _ in sweep()], dtype=object)
+    rows.columns = [*(f"p{k} [kPa]" for k in (1, 2, 3)), *(f"{axis} [mm]" for axis in "xyz")]
+    rows.iloc[[4, 7, 9], 3], rows.iloc[2, 4] = ["lost", "occluded", "n/a"], np.nan
+    rows.assign(other=rows["x [mm]"]).to_csv(tmp_path / "a.csv", index=False, na_rep="NaN")
+    wanted = {name.split()[0]: name for name in rows}
+    said = "column 'x [mm]' (columns.x): 3 cells are not numbers (first: {}, 'lost'); read as missing"
+    notes = by_map(tmp_path / "a.csv", columns=wanted).notes
+    assert [n for n in notes if "are not numbers" in n] == [f"a.csv: {said.format('line 6')}"]
+    with pytest.warns(UserWarning, match="are not numbers"):
+        told = lab.case(rows, ROBOT, columns=wanted).table.warnings
+    assert [n for n in told if "are not numbers" in n] == [f"DataFrame: {said.format('index 4')}"]
+    told = cli("import", tmp_path / "a.csv", "--guess", "--map", "my.yaml", "--robot", ROBOT, "--out", tmp_path, code=2).flat
+    assert "--map my.yaml: --guess proposes a map of its own and does not read this one; leave out one" in told
 
 
 def test_one_camera_states_its_plane_and_the_size_of_its_pixels(tmp_path: Path, cli: Cli) -> None:
@@ -209,14 +226,11 @@ def test_python_objects_in_a_numpy_file_are_refused_and_not_opened(tmp_path: Pat
     np.savez(tmp_path / "mixed.npz", p=np.ones((4, 2)), log=np.array([Harmful()]))
     (tmp_path / "also.npz").write_bytes(pickle.dumps(Harmful()))
     for name in ("bad", "numbers"):
-        with pytest.raises(ConfigError, match=f"{name} {OBJECTS}"):
-            read(tmp_path / f"{name}.npy", Source())
+        refused(f"{name} {OBJECTS}", read, tmp_path / f"{name}.npy", Source())
     mixed = read(tmp_path / "mixed.npz", Source())
     assert mixed.names == ("p.1", "p.2") and f"not read: log {OBJECTS}" in mixed.notes
-    with pytest.raises(ConfigError, match=f"log {OBJECTS}"):
-        read(tmp_path / "mixed.npz", Source(variable="log"))
-    with pytest.raises(ConfigError, match="is not a NumPy file"):
-        read(tmp_path / "also.npz", Source())
+    refused(f"log {OBJECTS}", read, tmp_path / "mixed.npz", Source(variable="log"))
+    refused("is not a NumPy file", read, tmp_path / "also.npz", Source())
     assert not (tmp_path / "ran").exists()
 
 
@@ -238,8 +252,7 @@ def test_a_numpy_file_that_claims_more_than_it_holds_is_refused(descr: str, shap
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("p.npy", npy(descr, shape))
     for name in ("a.npy", "a.npz"):
-        with pytest.raises(ConfigError, match=r"claims .* cells of \d+ bytes but holds 64 bytes"):
-            read(tmp_path / name, Source())
+        refused(r"claims .* cells of \d+ bytes but holds 64 bytes", read, tmp_path / name, Source())
 
 
 def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> None:
@@ -252,14 +265,12 @@ def test_a_small_numpy_file_that_unpacks_to_much_is_refused(tmp_path: Path) -> N
     said = {"numbers": "40 MB, at most 32 MB are read of 0.005", "words": "52 MB", "columns": "has 6000 columns"}
     for name, why in (said | {"packed": "is not packed"}).items():
         assert (tmp_path / f"{name}.npz").stat().st_size < 100_000
-        with pytest.raises(ConfigError, match=why):
-            read(tmp_path / f"{name}.npz", Source())
+        refused(why, read, tmp_path / f"{name}.npz", Source())
 
 
 def test_axes_that_multiply_small_arrays_are_bounded(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", p=np.zeros(30_000), tip=np.zeros(30_000))
-    with pytest.raises(ConfigError, match="unpacked it has 28800 MB"):
-        read(tmp_path / "a.npz", Source(axes={"p": ("trial",), "tip": ("time",)}))
+    refused("unpacked it has 28800 MB", read, tmp_path / "a.npz", Source(axes={"p": ("trial",), "tip": ("time",)}))
 
 
 def test_a_table_of_structures_keeps_its_rows(tmp_path: Path) -> None:
@@ -275,8 +286,7 @@ def test_a_parquet_table_of_a_value_that_repeats_is_bounded(tmp_path: Path) -> N
     table = pyarrow.table({"p": pyarrow.DictionaryArray.from_arrays(np.zeros(7_000_000, np.int8), pyarrow.array([1.0]))})
     pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
     assert (tmp_path / "a.parquet").stat().st_size < 400_000
-    with pytest.raises(ConfigError, match="unpacked it has 56 MB, at most 32 MB"):
-        read(tmp_path / "a.parquet", Source())
+    refused("unpacked it has 56 MB, at most 32 MB", read, tmp_path / "a.parquet", Source())
 
 
 def test_arrays_and_topics_become_columns(tmp_path: Path) -> None:
@@ -335,8 +345,7 @@ def test_lists_and_structures_of_a_parquet_table_become_columns_and_odd_ones_cos
     assert tips(table) == pytest.approx(truth()) and table["t"] == pytest.approx([t for _, t, *_ in rows])
     assert table["trial"].tolist() == [n for n, *_ in rows] and set(table["branch"][3::4]) == {"unload"} != set(table["branch"])
     (tmp_path / "bad.parquet").write_bytes(b"PAR1 and nothing more")
-    with pytest.raises(ConfigError, match="is not a Parquet file"):
-        read(tmp_path / "bad.parquet", Source())
+    refused("is not a Parquet file", read, tmp_path / "bad.parquet", Source())
 
 
 def test_a_damaged_column_of_a_parquet_table_costs_itself_alone(tmp_path: Path) -> None:
@@ -419,6 +428,26 @@ def test_the_frame_is_guessed_by_how_the_tip_moves_wherever_the_origin_is_and_it
 def test_a_frame_that_little_movement_does_not_show_is_unconfirmed(tmp_path: Path, cli: Cli) -> None:
     file = seen(tmp_path / "table.csv", (3, -1, 2), (0, 5, 10, 5, 0), chambers=1)
     assert "frame.z: neither the resting tip nor its movement" in guessed(cli, file).read_text()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("across", [0.0, 0.9, 30.0])
+def test_a_turn_that_nothing_recorded_shows_is_named_with_what_to_measure(across: float, tmp_path: Path, cli: Cli) -> None:
+    """`across`: mm by which the tip leaves a line, along which it is mirrored, and a tenth of that of a marker off theirs."""
+    lines = ["p1 [kPa],p2 [kPa],p3 [kPa]," + ",".join(f"{m}_{axis} [mm]" for m in "abc" for axis in "xyz")]
+    for p in [0, 20, 40, 60, 40, 20] * 3:
+        x, z = -across * p / 60, -(150 + 0.1 * p)
+        lines.append(f"{p},0,0,{x},0,{z},{x + 10},{across / 10},{z},{x + 20},0,{z}")
+    (file := tmp_path / "line.csv").write_text("\n".join(lines))
+    columns = {name: f"{name} [kPa]" for name in ("p1", "p2", "p3")}
+    made = by_map(file, columns=columns | {axis: f"a_{axis} [mm]" for axis in "xyz"})
+    assert judged(lab.load_robot(ROBOT), made.table).asked  # as a mirror image, for which it is turned
+    said = "do not determine the frame's turn about this line; add some in which one chamber is inflated"
+    assert any(said in question for question in made.questions) == (across == 0)
+    turning = write_map(tmp_path / "map.yaml", columns=columns, points={"tip": {"of": ["a", "b", "c"], "turn": True}})
+    told = cli("import", file, "--map", turning, "--robot", ROBOT, "--out", tmp_path / "case", code=0 if across > 1 else 2).flat
+    said = "markers lie on one line in 18 of 18 rows (first: line 2), so that the turn about it is not determined; add a marker"
+    assert (said in told) == (across < 1)
 
 
 def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import Cli
+from commands import Cli, refused
 from foreign import ROBOT, by_map, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, sweep
@@ -115,28 +115,25 @@ def test_files_without_a_time_in_common_are_refused_with_the_remedy(
 ) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, (head, *TIP[1:]), ROWS, time)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), (head, *PRESSURES[1:]), moved(ROWS, by), time))
-    with pytest.raises(ConfigError, match=says):
-        by_map(files, **MAP | {"columns": MAP["columns"] | {"t": {"column": head}}})
+    refused(says, by_map, files, **MAP | {"columns": MAP["columns"] | {"t": {"column": head}}})
 
 
 def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_pairs_are_refused(tmp_path: Path) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, TIP)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), ("Date", *PRESSURES[1:]), ROWS, day))
-    with pytest.raises(ConfigError, match="do not overlap in time") as refused:
+    with pytest.raises(ConfigError, match="do not overlap in time") as caught:
         by_map(files, **MAP)
-    offset = float(str(refused.value).partition("offset: ")[2].partition("}")[0])
+    offset = float(str(caught.value).partition("offset: ")[2].partition("}")[0])
     same(by_map(files, **MAP, files={"logger.csv": {"source": {"offset": offset}}, "*": {}}))
     files = two(tmp_path)
     files.append(table(tmp_path / "more.csv", (1, 2, 3), PRESSURES))
-    with pytest.raises(ConfigError, match="no dates that show which belong together.* or join them in time first"):
-        by_map(files, **MAP)
+    refused("no dates that show which belong together.* or join them in time first", by_map, files, **MAP)
 
 
 def test_a_table_without_times_or_alone_is_told_to_be_joined_first(tmp_path: Path, cli: Cli) -> None:
     mocap, logger = two(tmp_path)
     logger.write_text("\n".join(line.partition(",")[2] for line in logger.read_text().splitlines()) + "\n")
-    with pytest.raises(ConfigError, match=r"logger.csv: no time column .* or join them in time first"):
-        by_map([mocap, logger], **MAP)
+    refused(r"logger.csv: no time column .* or join them in time first", by_map, [mocap, logger], **MAP)
     for file in (mocap, logger):
         said = cli("import", file, "--guess", "--robot", ROBOT, "--out", tmp_path / "map", code=2).flat_err
         assert "If they are in another file, give both, or join them in time first" in said
@@ -179,8 +176,7 @@ def test_tables_of_nexus_below_each_other_or_apart_are_joined(apart: bool, tmp_p
 def test_a_second_table_without_times_is_told_to_be_joined_first(tmp_path: Path) -> None:
     lines = ["P1 [kPa],P2 [kPa]", "1,2", "2,3", "", "X [mm],Y [mm]", "3,4", "4,5"]
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    with pytest.raises(ConfigError, match="join them in time first"):
-        read(tmp_path / "a.csv", Source())
+    refused("join them in time first", read, tmp_path / "a.csv", Source())
 
 
 def test_streams_in_rows_of_their_own_are_joined_within_their_own_period(tmp_path: Path) -> None:

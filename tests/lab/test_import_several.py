@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, refused
 from foreign import ROBOT, by_map, guessed, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
@@ -125,8 +125,8 @@ def test_columns_may_differ_from_file_to_file(tmp_path: Path) -> None:
         "a.csv": WHOLE,
         "b 1.csv": text(FEW, headings=other, change=lambda k, c: with_middle(k, [*c[:2], f"{float(c[2]) / 100:.5f}", *c[3:]])),
     }
-    with pytest.raises(ConfigError, match=r"b 1.csv: columns.p2 = 'p2 \[kPa\]': no such column.* under files: .*'b 1.csv'"):
-        read_all(tmp_path, contents)
+    lost = r"b 1.csv: columns.p2 = 'p2 \[kPa\]': no such column.*lacks the columns for p2, x, y, z.* under files: .*'b 1.csv'"
+    refused(lost, read_all, tmp_path, contents)
     columns = {"p2": {"column": other[2]}, **{a: {"column": f"Spitze {a} [mm]"} for a in "xyz"}}
     made = read_all(tmp_path, contents, files={"b*": {"columns": columns, "tip_mass": "30 g"}, "*": {}})
     assert tips(made.table)[STATES:] == pytest.approx(tips(made.table)[:STATES])
@@ -152,8 +152,7 @@ def test_the_tip_of_some_files_may_be_given_by_them_alone(tmp_path: Path) -> Non
     ],
 )
 def test_what_is_wrong_under_files_is_named(own: dict[str, Any], said: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=said):
-        read_all(tmp_path, {"a.csv": WHOLE}, files={"*": own})
+    refused(said, read_all, tmp_path, {"a.csv": WHOLE}, files={"*": own})
 
 
 def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path: Path) -> None:
@@ -284,8 +283,7 @@ def test_rows_without_a_time_have_none_and_are_counted(tmp_path: Path) -> None:
 
 
 def test_times_that_are_all_equal_or_coarse_are_told(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"columns.t: all rows have the same time; name another column"):
-        timed(tmp_path, lambda k: 7.0)
+    refused(r"columns.t: all rows have the same time; name another column", timed, tmp_path, lambda k: 7.0)
     assert any("Is there a finer time column" in q for q in timed(tmp_path, lambda k: 4.0 * (k // 40)).questions)
 
 

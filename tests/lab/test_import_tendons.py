@@ -12,14 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from commands import Cli, Done
+from commands import Cli, Done, refused
 from foreign import plain
 
 import lab
 from diagnosis.answer.experiments import candidate_experiments, columns
 from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
-from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.imports.columns import judge
 from lab.imports.headings import heading, tendon
@@ -158,8 +157,7 @@ def test_columns_in_newtons_are_the_tendons_where_there_are_as_many_and_their_or
 
 def test_without_tensions_the_entries_to_write_are_named(trunk: Trunk) -> None:
     frame, write = pd.DataFrame(np.ones((2, 5)), columns=["F1", "F2 [N]", *"xyz"]), '{"p1": "F1 [N]", "p2": "F2 [N]"}'
-    with pytest.raises(ConfigError, match=rf"no tension is given; write columns={re.escape(write)} in lab.case"):
-        lab.case(frame, trunk.robot)
+    refused(rf"no tension is given; write columns={re.escape(write)} in lab.case", lab.case, frame, trunk.robot)
     trunk.mapped({k: v for k, v in COLUMNS.items() if k[0] != "p"})
     assert "`p1: {column: 'Seil_1 [N]', unit: N}, p2: " in trunk.imported(code=2).flat_err
 

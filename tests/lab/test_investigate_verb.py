@@ -50,11 +50,10 @@ def little(place: Path) -> Path:
 
 
 def test_an_experiment_is_predicted_done_and_added(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
-    file, place = little(tmp_path / "case"), tmp_path / "why"
-    found = cli(
-        "investigate", file, "--rig", virtual_lab.rig, "--out", place, "--experiments", 1, "--no-hands", "--operator",
-        "Ada", *LONGER, "--json", code=SOUND,
-    ).json  # fmt: skip
+    file, place, rig = little(tmp_path / "case"), tmp_path / "why", virtual_lab.rig.with_name("console.yaml")
+    rig.write_text(yaml.safe_dump({**yaml.safe_load(virtual_lab.rig.read_text()), "operator": "console"}))
+    words = ("--experiments", 1, "--yes", "--operator", "Ada", *LONGER, "--json")
+    found = cli("investigate", file, "--rig", rig, "--out", place, *words, code=SOUND).json
     assert found == {**json.loads((place / "investigation.json").read_text()), **found}
     done = [r for r in found["rounds"] if "experiment" in r]
     assert len(done) == len(found["inputs"]) - 1 == 1 and "hands" not in done[0]["experiment"]

@@ -21,6 +21,7 @@ from terminal import WITHIN, Terminal
 from virtual_lab import VirtualLab, journal_says, meanwhile, press_ctrl_c, settings
 
 import timing
+from benchmarks.faults.night import write_campaign
 from lab.console import Screen
 from lab.files.inputs import read_case
 from lab.files.rig_file import RigFile
@@ -184,12 +185,23 @@ def wait(holds: Callable[[], bool]) -> None:
     assert timing.wait(holds, WITHIN)
 
 
+@pytest.mark.parametrize("verb", ["run", "campaign"])
 def test_a_run_begins_where_nobody_can_be_asked_only_after_a_person_said_that_all_is_prepared(
-    real_lab: VirtualLab, rig: Path, tmp_path: Path, cli: Cli
+    real_lab: VirtualLab, rig: Path, tmp_path: Path, cli: Cli, verb: str
 ) -> None:
-    words = ("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path)
+    words: tuple[object, ...] = ("run", "bending", "--rig", rig, *SHORT, "--out", tmp_path)
+    if verb == "campaign":
+        file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
+        words = ("campaign", file, "--rig", rig, "--out", tmp_path / "night")
+        masses = yaml.safe_load(file.read_text()) | {"stop": {"max_failed": 1}}
+        file.write_text(yaml.safe_dump(masses))
+        masses["protocols"][0]["conditions"] = {"tip_mass": ["53 g", "80 g"]}
+        (tmp_path / "masses.yaml").write_text(yaml.safe_dump(masses))
+        told = cli("campaign", tmp_path / "masses.yaml", *words[2:], "--yes", code=2).flat
+        assert "masses.yaml needs hands 2 times" in told and not (tmp_path / "night").exists()
     assert "nobody can confirm that all is prepared (not a terminal)" in (told := cli(*words, code=1).flat) and "--yes" in told
     assert not real_lab.fakes.plant.regulator.any()
+    words = words if verb == "run" else ("campaign", "--resume", tmp_path / "night", "--rig", rig)
     cli(*words, "--yes", code=(0, 3))
 
 

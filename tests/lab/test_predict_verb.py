@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pandas
 import pytest
-from commands import SOUND, Cli
+from commands import SOUND, Cli, refused
 from virtual_lab import VirtualLab
 
 import lab
 from diagnosis.diagnose import Options, diagnose
 from lab.cli import main
-from lab.files.config import ConfigError
 from lab.files.inputs import read_case
 from lab.files.robot_file import paper_robot, write_robot
 from model.body import annulus_second_moment
@@ -265,23 +264,18 @@ def test_the_effects_of_the_fakes_are_a_table(cli: Cli) -> None:
 
 
 def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"has no trials\.csv"):
-        lab.case(tmp_path)
+    refused(r"has no trials\.csv", lab.case, tmp_path)
     (tmp_path / "table.csv").write_text("p1,x\n0,1\n")
-    with pytest.raises(ConfigError, match=r"make a case of it, beginning with: lab import .*table\.csv --guess"):
-        lab.case(tmp_path / "table.csv")
+    refused(r"make a case of it, beginning with: lab import .*table\.csv --guess", lab.case, tmp_path / "table.csv")
     (tmp_path / "my case").mkdir()
     for name in ("robot.yaml", "trials.csv"):
         (tmp_path / "my case" / name).touch()
     for name in ("robot.yaml", "trials.csv"):
-        with pytest.raises(ConfigError, match=r"is part of a case; give its folder: .*my case$"):
-            lab.case(tmp_path / "my case" / name)
+        refused(r"is part of a case; give its folder: .*my case$", lab.case, tmp_path / "my case" / name)
     (tmp_path / "robot.yaml").touch()
-    with pytest.raises(ConfigError, match="a robot.yaml goes with --robot"):
-        lab.case(tmp_path / "robot.yaml")
+    refused("a robot.yaml goes with --robot", lab.case, tmp_path / "robot.yaml")
     (tmp_path / "one.mcap").touch()
-    with pytest.raises(ConfigError, match="is a folder of recordings, not a case folder"):
-        lab.case(tmp_path)
+    refused("is a folder of recordings, not a case folder", lab.case, tmp_path)
 
 
 def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import pytest
 import yaml
-from commands import Cli
+from commands import Cli, refused
 
 from drivers.configs import HOSTS, PORTS
 from lab.files.config import ConfigError
@@ -75,8 +75,7 @@ def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Wr
         return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 0)) for address in ("127.0.0.1", "192.168.1.5")]
 
     monkeypatch.setattr(socket, "getaddrinfo", found)
-    with pytest.raises(ConfigError, match=r"instruments.arm.host = localhost"):
-        clock_of(load_rig(write(arm=arm("localhost"))))
+    refused(r"instruments.arm.host = localhost", clock_of, load_rig(write(arm=arm("localhost"))))
 
 
 @pytest.mark.parametrize(
@@ -97,8 +96,7 @@ def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Wr
 def test_what_is_real_is_named_by_instrument_and_address(
     write: Write, instruments: dict[str, Any], key: str, speed: float
 ) -> None:
-    with pytest.raises(ConfigError, match=f"clock.speed = {speed:g}: {key} "):
-        clock_of(load_rig(write(speed, **instruments)))
+    refused(f"clock.speed = {speed:g}: {key} ", clock_of, load_rig(write(speed, **instruments)))
     clock_of(load_rig(write(1.0, **instruments)))
 
 
@@ -107,16 +105,14 @@ def test_a_port_that_appears_after_the_rig_was_assembled_is_looked_at_again(writ
     rig = load_rig(write(valve=valve(str(late))))
     clock_of(rig)  # nothing is there: opening it says so
     late.symlink_to(REAL)
-    with pytest.raises(ConfigError, match="instruments.valve.port"):
-        demand_fakes(rig, only="valve")
+    refused("instruments.valve.port", demand_fakes, rig, only="valve")
     demand_fakes(rig, only="gauge")
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "loop"])
 def test_a_port_that_cannot_be_looked_at_is_real(name: str, write: Write, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    with pytest.raises(ConfigError, match=r"clock.speed = 20: instruments.valve.port"):
-        clock_of(load_rig(write(valve=valve(str(tmp_path / name)))))
+    refused(r"clock.speed = 20: instruments.valve.port", clock_of, load_rig(write(valve=valve(str(tmp_path / name)))))
 
 
 def test_a_port_that_could_write_a_file_stops_every_verb(write: Write, cli: Cli, tmp_path: Path) -> None:

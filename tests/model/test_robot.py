@@ -15,6 +15,9 @@ from model.condition import conditions
 from model.errors import BadRobot
 from model.robot import Robot, load_robot, robot_from_dict
 
+WIDE = {"radius": 0.02, "path_radius": 0.01, "azimuths_deg": [0]}
+"""One chamber that reaches over the axis."""
+
 
 @pytest.mark.parametrize(
     ("change", "words"),
@@ -23,6 +26,8 @@ from model.robot import Robot, load_robot, robot_from_dict
         ({"density": float("nan")}, ["density", "nan kg/m^3", "finite"]),
         ({"inner_radius": 0.06}, ["inner_radius 0.06 m", "outer_radius 0.05 m"]),
         ({"chambers": {"radius": 0.02, "path_radius": 0.04, "azimuths_deg": [0]}}, ["chambers", "20 to 60 mm", "wall"]),
+        ({"inner_radius": 0, "spine": None, "chambers": WIDE | {"azimuths_deg": [0, 180]}}, ["chambers", "-10 to 30 mm", "wall"]),
+        ({"inner_radius": 0.001, "spine": None, "chambers": WIDE}, ["chambers", "-10 to 30 mm", "wall"]),
         ({"spine": {"radius": 0.03, "modulus": {0.1: 1e6}}}, ["spine.radius 0.03 m", "inner_radius 0.029 m"]),
         ({"spine": {"radius": 0.02, "modulus": {0.5: 1e6}}}, ["spine.modulus", "0.5 m", "length 0.4 m"]),
         ({"spine": {"radius": 0.02, "modulus": {0.1: 3}}}, ["spine.modulus.0.1", "3 Pa", "1000"]),
@@ -41,6 +46,11 @@ def test_a_wrong_value_is_refused_with_field_value_and_limit(
         robot_from_dict({**paper_robot.model_dump(), **change})
     for word in words:
         assert word in str(caught.value)
+
+
+def test_one_chamber_may_reach_over_the_axis_of_a_body_without_a_bore(paper_robot: Robot) -> None:
+    robot = robot_from_dict({**paper_robot.model_dump(), "inner_radius": 0, "spine": None, "chambers": WIDE})
+    assert (lab.predict(robot, [20e3]).tip[..., 0] < 0).all()
 
 
 def test_azimuths_in_rad_are_refused(paper_robot: Robot) -> None:

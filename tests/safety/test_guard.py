@@ -18,6 +18,7 @@ from house import House, inflate, until
 
 import timing
 from drivers.errors import DeviceFault, InstrumentError
+from drivers.interfaces import JammingValve, PressureRegulators
 from lab.cli import main
 from lab.console import Screen
 from lab.files.config import ConfigError
@@ -25,7 +26,7 @@ from lab.files.inputs import read_case
 from lab.files.rig_file import load_rig
 from lab.guard import new_guard
 from lab.guard.child import start_child
-from lab.guard.commands import Command, R, RemoteLengthUnit, RemoteRegulators, SetPressures, SwitchValve, energises, moves
+from lab.guard.commands import Command, R, RemoteLengthUnit, RemoteRegulators, energises, moves
 from lab.guard.door import names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.latch import RigLocked
@@ -222,7 +223,7 @@ def test_a_landing_that_comes_after_the_last_one_does_not_judge_closed_drivers(s
     """The program's death is seen by two threads of the guard; the slower one must not lock a rig that was landed."""
     for name in ("gauge", "valve", "pressure", "spine"):
         guard.open(name)
-    guard.do(SwitchValve("valve", True))
+    guard.do(Command("valve", JammingValve.set, (True,)))
     assert small.latch.exists()
     guard.close()
     report = guard.make_safe("the program ended", keep_vacuum=False)
@@ -236,7 +237,7 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
     guard.land("force: too much", why)
     for _ in range(2):
         with pytest.raises(DeviceFault, match="too much") as caught:
-            guard.do(SetPressures("pressure", (20e3,) * 3))
+            guard.do(Command("pressure", PressureRegulators.set, ((20e3,) * 3,)))
         assert caught.value is why and why.__cause__ is None
 
 
@@ -270,7 +271,7 @@ def test_a_command_is_the_same_call_in_another_process() -> None:
     unit.home()
     assert driver.asked == [(1e3, 2e3, 0.0), "home"]
     assert [energises(c) for c in sent] == [True, False, False, True] and [moves(c) for c in sent] == [False] * 3 + [True]
-    assert [str(c) for c in sent[:2]] == ["pressure.SetPressures", "pressure.take_notices"]
+    assert [str(c) for c in sent[:2]] == ["pressure.set", "pressure.take_notices"]
     with pytest.raises(AttributeError):
         regulators.vent()  # which every driver has
 

@@ -17,10 +17,11 @@ import yaml
 from house import House, until
 
 import timing
+from drivers.interfaces import PressureRegulators
 from lab.cli import main
 from lab.files.rig_file import load_rig
 from lab.guard import door, last_used
-from lab.guard.commands import SetPressures
+from lab.guard.commands import Command
 from lab.guard.door import Door, LandingAnswer, Owner, demand_free, land, names_of_path, owners
 from lab.guard.guard import Guard
 from lab.guard.instruments import exclusive
@@ -448,7 +449,7 @@ def test_all_rigs_are_landed_that_are_in_use_or_were_left_unsafe(
     guard = Guard(rig, RigClock(rig.clock.speed))
     guard.take_over()
     guard.open("pressure")
-    assert until(lambda: max(guard.do(SetPressures("pressure", (20e3,) * 3))) > 19e3)  # at max_rate
+    assert until(lambda: max(guard.do(Command("pressure", PressureRegulators.set, ((20e3,) * 3,)))) > 19e3)  # at max_rate
     assert until(lambda: own_folder.highest() > 10e3)
     assert main(["safe", "--all"]) == 0
     assert own_folder.highest() < 5e3 and str(own_folder.rig) in capsys.readouterr().out.replace("\n", "")

@@ -4,10 +4,18 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 import timing
 from drivers.errors import InstrumentError
 from sim_fakes.plant import Plant
 from timing import RigClock
+
+
+def raises(kind: type[Exception], says: str, call: Callable[..., object], *given: Any, **named: Any) -> None:
+    """The call raises an error of this kind that says this (a regular expression)."""
+    with pytest.raises(kind, match=says):
+        call(*given, **named)
 
 
 class Bench:
