@@ -58,13 +58,10 @@ def _verdict(d: Diagnosis) -> str:
         text = f"The most probable cause is {named} ({sure}); the data cannot rule out {_others(d)}."
         return f"{text}{experiment}{second}{_relatives(d)}"
     if a.conclusion in ("none", "noise"):
-        what, why = {
-            "none": ("No cause", "no effect explains enough of the gap above the noise floor"),
-            "noise": ("No gap", "nothing is above the noise floor"),
-        }[a.conclusion]
         likely = f" The most probable one is {_named(a.too_small, d)}{a.p_too_small}." if a.too_small else ""
+        why = f"{'nothing is' if a.conclusion == 'noise' else 'no effect explains enough of the gap'} above the noise floor"
         why = f"probably no effect moves the tip by {judgement.OUTSTANDING_FLOORS:.0f} noise floors" if likely else why
-        return f"{_by_calibration(d, f'{what}:')} {why} ({sure}).{likely}"
+        return f"{_by_calibration(d, 'No gap:' if a.conclusion == 'noise' else 'No cause:')} {why} ({sure}).{likely}"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
     stage_clause, leading_error = "", stage(a.stage_errors)
