@@ -167,6 +167,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{actuators} {first} and {second} are swapped (p = {p:.2f}): swap p{first} and p{second} in the table or in "
             "its map, or their azimuths_deg in robot.yaml{rather}"
         ),
+        "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} (p = {p:.2f}): connect them in order{rather}",
         "actuator_dead": (
             "{actuator} {number} gets no {pressure} (p = {p:.2f}): check its connection and column p{number}{rather}"
         ),
@@ -217,7 +218,6 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
-        "reordered": "{actuators} 1 to {count} receive the {pressures} of {order} ({effect})",
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",

@@ -176,7 +176,8 @@ def fit_effects(
     settled_before = tuple(id for id in named if id in robot.effects)
     named = tuple(id for id in named if id not in settled_before)
     if ORDER in named and not contradicted(robot, case_states):
-        raise BadEffect(f"effect {ORDER}: tips go to where the chambers push them, there is no other order; leave it out")
+        made = f"with {edited.named} changed, " if edited.named else ""
+        raise BadEffect(f"effect {ORDER}: {made}tips go to where the chambers push them, there is no other order; leave it out")
     findings = (*edited.concerns, *findings, *([settled] if settled is not None else ()))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))

@@ -28,6 +28,7 @@ from ..arrays import Array
 from ..data.plausible import FARTHEST, FORCE_UNITS, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
+from .order import swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -111,6 +112,8 @@ def _mirrored(v: Variants, own: Array) -> Variants:
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     azimuths, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
     found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
+    if pair := swapped(found, azimuths):
+        return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
     most = int(np.abs((found - azimuths + 180) % 360 - 180).argmax())
     short = words.fill("{actuators} counted the other way")
     name = f"{short} round, azimuth of {words.actuator} {most + 1}"

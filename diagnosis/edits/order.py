@@ -11,6 +11,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
+from ..arrays import Array, Mask
 from ..data.campaign import Campaign
 from ..findings import Finding, finding
 
@@ -40,12 +41,23 @@ def contradicted(robot: Robot, states: Campaign) -> bool:
     return bool(np.mean(along < ELSEWHERE) > ENOUGH)
 
 
+def apart(found: Array, given: Array) -> Mask:
+    """(n, k) which azimuths found (n,) differ from which given (k,), deg."""
+    return np.asarray(np.abs(np.mod(found[:, None] - given + 180.0, 360.0) - 180.0) > 20.0)
+
+
+def swapped(found: Array, given: Array) -> tuple[int, ...]:
+    """Numbers of the two actuators that alone act elsewhere than given (n,) deg, each where the other is; empty if none do."""
+    off = apart(found, given)
+    moved = np.flatnonzero(np.diag(off))
+    return () if len(moved) != 2 or off[moved, moved[::-1]].any() else tuple((moved + 1).tolist())
+
+
 def place_of(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
     """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
     given = np.array(robot.actuators.azimuths_deg)
     for place, order in enumerate(orders(given.tolist())):
-        off = np.mod(np.array(azimuths_deg)[order] - given + 180.0, 360.0) - 180.0
-        if (order != np.arange(len(order))).any() and np.abs(off).max() < 20.0:  # degrees
+        if (order != np.arange(len(order))).any() and not np.diag(apart(np.array(azimuths_deg)[order], given)).any():
             return place
     return None
 
@@ -57,8 +69,11 @@ def with_order(robot: Robot, place: int) -> Robot:
     return robot.model_copy(update={"effects": {**robot.effects, ORDER: stated}})
 
 
-def reordered(robot: Robot, place: int) -> Finding:
-    """The order that the chambers have."""
-    azimuths = robot.actuators.azimuths_deg
-    held = " ".join(str(k + 1) for k in orders(azimuths)[place])
-    return finding("reordered", robot.actuators.words, count=len(azimuths), order=held, effect=ORDER)
+def reordered(robot: Robot, place: int, p: float, rather: str) -> Finding:
+    """The order that the chambers have, its probability, and what else it may be."""
+    given, words = np.array(robot.actuators.azimuths_deg), robot.actuators.words
+    order = orders(given.tolist())[place]
+    if pair := swapped(given[order], given):
+        return finding("actuators_exchanged", words, first=pair[0], second=pair[1], p=p, rather=rather)
+    held = " ".join(str(k + 1) for k in order)
+    return finding("reordered", words, count=len(order), order=held, p=p, rather=rather)

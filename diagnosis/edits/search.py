@@ -59,7 +59,7 @@ class Edited:
     @property
     def numbers(self) -> tuple[Finding, ...]:
         """The changes that are no effect of the robot."""
-        return tuple(c for c in self.changes if c.code != "reordered")
+        return self.changes[self.with_order :]
 
     @property
     def named(self) -> str:
@@ -70,7 +70,7 @@ class Edited:
     @property
     def headline(self) -> str:
         """The mistake that is not a number of robot.yaml, in a line; empty if there is none."""
-        first = next((c for c in self.changes if not c.code.startswith(("refitted", "reordered"))), None)
+        first = next((c for c in self.changes if not c.code.startswith("refitted")), None)
         return "" if first is None else f"{first.text[0].upper()}{first.text[1:].partition(':')[0]}."
 
     @property
@@ -82,8 +82,7 @@ class Edited:
         """Plain values for the answer's JSON."""
         adjusted = [{"code": c.code, **c.values, "at_bound": c.code == "refitted_to_limit"} for c in self.numbers]
         numbers = {"before_mm": self.before * 1e3, "after_mm": self.after * 1e3, "adjusted": adjusted}
-        order = next((c.text for c in self.changes if c.code == "reordered"), None)
-        return numbers | ({} if order is None else {"order": order})
+        return numbers | ({"order": self.changes[0].text} if self.with_order else {})
 
     def moved(self, states: Campaign) -> Campaign:
         """Other states with the same edits, but for those of one campaign alone."""
@@ -241,7 +240,7 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
             changes += found.said(edit, own, fit)
     corrected, table = made.written()
     if place is not None:
-        changes.insert(0, reordered(robot, place))
+        changes.insert(0, reordered(robot, place, found.probability("order"), found.rather("order")))
         corrected = with_order(corrected, place)
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)

@@ -132,7 +132,7 @@ def test_chambers_in_another_order_are_an_effect_of_the_robot_where_it_is_weighe
     told = exchanged(case, place)
     first = edit_first(told.robot, states(told)[0], ("chamber_order",))
     assert first.robot.effects["chamber_order"]["which"].value == place - 2 and not first.numbers
-    assert "receive the pressures of" in first.concerns[0].text and first.changes[0].values["effect"] == "chamber_order"
+    assert "receive the pressures of" in first.headline and first.changes[0].values["p"] > 0.5
     assert first.robot.chambers == ROBOT.chambers
     as_azimuth = edit_first(told.robot, states(told)[0])
     assert not as_azimuth.with_order and as_azimuth.numbers
@@ -144,7 +144,7 @@ def test_chambers_in_another_order_are_named_and_those_in_order_are_no_hypothesi
     found = diagnose(exchanged(case, 1), options)
     assert found.attribute.verdict == "effect" and found.attribute.effects[0] == "chamber_order"
     assert all(r.effects[0] == "chamber_order" for r in found.attribute.ranking)
-    assert "order" in found.detail["first_calibration"] and "chamber_order" in found.statement
+    assert "order" in found.detail["first_calibration"] and "receive the pressures of" in found.statement
     usual = diagnose(by_groups(case, ROBOT), options)
     assert not any("chamber_order" in r.effects for r in usual.attribute.ranking)
 
@@ -422,3 +422,9 @@ def test_a_right_description_and_small_errors_that_effects_can_be_stay(robot: Ro
 def test_one_area_factor_for_all_lengths_is_weighed_with_chambers_turned_before_a_softer_body() -> None:
     told = ROBOT.replace(area_factor={0.0: 1.5, 0.2: 2.2})
     assert edit_first(told, campaign(read(turned(PAPER, 11)))).robot is told
+
+
+def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or_counted_the_other_way() -> None:
+    swap = campaign(read(FINGER, acted({}, (1, 2))))
+    for effects in ((), ("chamber_order",)):
+        assert edit_first(FINGER, swap, effects).headline.startswith("Chambers 2 and 3 are swapped (p = ")

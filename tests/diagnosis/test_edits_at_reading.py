@@ -295,13 +295,12 @@ def test_a_robot_that_bends_oddly_is_not_asked_about_its_columns(effects: dict[s
 
 
 @pytest.mark.parametrize("pair", [(0, 2), (1, 3)])
-def test_exchanged_chambers_of_four_are_stated_by_an_azimuth_that_changes(pair: tuple[int, int]) -> None:
+def test_exchanged_chambers_of_four_are_named(pair: tuple[int, int]) -> None:
     four = ROBOT.model_copy(update={"chambers": Chambers(radius=0.008, path_radius=0.0385, azimuths_deg=(0, 90, 180, 270))})
     rows = [row for chambers in ((1,), (2,), (3,), (4,)) for row in sweep(four, chambers=chambers, spines=(0.0,))]
     order = [{pair[0]: pair[1], pair[1]: pair[0]}.get(k, k) for k in range(4)]
     said = " ".join(reading(four, [replace(r, pressures=tuple(r.pressures[k] for k in order)) for r in rows]).asked)
-    (found, given) = re.search(r"azimuth of chamber \d ([\d.]+) deg instead of ([\d.]+) deg", said).groups()  # type: ignore[union-attr]
-    assert abs(float(found) - float(given)) == pytest.approx(180, abs=5), said
+    assert f"chambers {pair[0] + 1} and {pair[1] + 1} are swapped (p = " in said
 
 
 def test_a_moment_turns_with_its_frame_and_is_no_vector_where_the_frame_is_mirrored() -> None:
