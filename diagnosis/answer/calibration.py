@@ -14,7 +14,7 @@ from model.effects.forward import ForwardModel
 from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 
-from ..arrays import Array, rms
+from ..arrays import Array, Mask, rms
 from ..criticism.gaussian import Gaussian
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
@@ -22,7 +22,7 @@ from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..inference.problem import linearise
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
 from .attribute import Attribution
-from .result import Alike, Calibration, Origin, Simulator
+from .result import Alike, Calibration, Origin, SetUp, Simulator
 
 DETERMINED = 0.5
 """Share of its standard deviation in robot.yaml below which the data determine the modulus by themselves."""
@@ -60,7 +60,27 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
     unclear = determined or f.decision.verdict == "unknown"  # no number of robot.yaml, or what is unknown may be behind it
-    return replace(result, origins=() if unclear else possible_origins, alike=alike(f, robot, states))
+    result = replace(result, origins=() if unclear else possible_origins, alike=alike(f, robot, states))
+    body_mm, moved = _set_up(f)
+    return replace(result, body_mm=body_mm, set_up=moved)
+
+
+def _set_up(f: Attribution) -> tuple[float, tuple[SetUp, ...]]:
+    """`Calibration.body_mm` and `set_up`, to first order."""
+    p, theta = f.prepared.problem.parameters, f.calibrated.theta
+    every = f.calibrated.derivatives(f.prepared.problem).every
+    lasting, body = ~p.of_effect & ~p.recurs, np.isin(p.names, (AREA, MODULUS))
+
+    def moves(chosen: Mask) -> float:
+        return 1e3 * rms(f.prepared.gap(every.take(chosen).whole @ theta[chosen]))
+
+    sources, out = np.array([i.source for i in p.infos]), []
+    for source in dict.fromkeys(sources[lasting & ~p.calibration & ~body].tolist()):
+        own = lasting & (sources == source)
+        first = p.infos[int(np.argmax(own))]
+        out.append(SetUp(source, float(np.linalg.norm(theta[own])), first.sd, first.unit, moves(own)))
+    least = 1e3 * OUTSTANDING_FLOORS * f.prepared.noise_floor
+    return moves(body), tuple(sorted((s for s in out if s.mm >= least), key=lambda s: -s.mm))
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:

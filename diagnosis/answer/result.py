@@ -102,6 +102,19 @@ class Alike:
 
 
 @dataclass(frozen=True)
+class SetUp:
+    """What the calibrated model moves within a tolerance of robot.yaml."""
+
+    name: str
+    value: float
+    sd: float
+    """Of one component in robot.yaml, as `value` in `unit`."""
+    unit: str
+    mm: float
+    """rms by which it moves what the gap is of."""
+
+
+@dataclass(frozen=True)
 class Calibration:
     """The area factor that the calibrated model has, mean over the states."""
 
@@ -118,6 +131,10 @@ class Calibration:
     """The one that leaves least first."""
     determined: bool = False
     """Whether the data tell area factor and modulus apart; else only their ratio."""
+    body_mm: float = 0.0
+    """rms by which both move what the gap is of."""
+    set_up: tuple[SetUp, ...] = ()
+    """Those that move it by `OUTSTANDING_FLOORS` noise floors or more, most first."""
 
     @property
     def stiffness(self) -> float:

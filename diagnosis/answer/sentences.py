@@ -18,7 +18,7 @@ from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
-from .result import Alike, Calibration, Carries, Diagnosis, Ranked, Shrink, Waterfall
+from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
 from .verdict import stage
@@ -115,9 +115,21 @@ def _gap(d: Diagnosis) -> str:
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up within its tolerances, by {calibrated:.{digits}f} mm on unseen "
-        f"states{remark}; {floor}."
+        f"{d.words.area_factor}{factor} and the set-up within its tolerances{_set_up(d)}, by {calibrated:.{digits}f} mm on "
+        f"unseen states{remark}; {floor}."
     )
+
+
+def _set_up(d: Diagnosis) -> str:
+    """What moves within its tolerance, and how far that moves the tip, in brackets; empty beside a cause."""
+    moved = () if d.calibration is None or d.fitted is not None else d.calibration.set_up
+    each = [f"{_by(s, s.name, s.value)}, {_by(s, 'stated to', s.sd)}, moves {_what(d)[0]} by {s.mm:.2f} mm" for s in moved]
+    return f" ({'; '.join(each)}: measure again)" if each else ""
+
+
+def _by(s: SetUp, what: str, value: float) -> str:
+    number, unit = _in_percent(value, s.unit)
+    return f"{what} {number:.2g} {unit}"
 
 
 def _factor(d: Diagnosis) -> str:
@@ -143,8 +155,11 @@ def changed_by(d: Diagnosis) -> str:
         return ""
     if d.simulator is not None:
         return f"{d.simulator.name} acts as with {d.calibration.stiffness:.2f} times the {d.words.pressure}"
-    alike = [a for a in d.calibration.alike if not a.parameter.startswith("body_modulus")][:1]  # as stiff a body
-    return " or ".join([f"a body {as_stiff(d.calibration)}", *(alike_in_words(a, d.names) for a in alike)])
+    c = d.calibration
+    alike = [a for a in c.alike if not a.parameter.startswith("body_modulus")][:1]  # as stiff a body
+    body = " or ".join([f"a body {as_stiff(c)}", *(alike_in_words(a, d.names) for a in alike)])
+    first = [_by(s, s.name, s.value) for s in c.set_up if s.mm > c.body_mm and d.fitted is None]
+    return ", ".join([*first, *([body] if _factor(d) or not first else [])])
 
 
 def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str:
@@ -156,7 +171,7 @@ def alike_in_words(a: Alike, names: Mapping[str, str], ids: bool = False) -> str
 def _alike(d: Diagnosis) -> str:
     """Alternatives to a calibrated area factor that closes most of the gap, and how to test them."""
     c = d.calibration
-    if c is None or d.simulator is not None or closed_by_calibration(d) is None or (d.fitted is not None and not c.alike):
+    if c is None or d.simulator is not None or closed_by_calibration(d) is None or not (c.alike if d.fitted else _factor(d)):
         return ""
     each = [f"{alike_in_words(a, d.names, ids=True)} ({a.left_mm:.2f} mm remain)" for a in c.alike]
     others = ", ".join([*each, f"the gain of the {d.words.pressures}, a radius of robot.yaml"])
@@ -211,7 +226,7 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     """Share of the reducible gap that calibration closes, where it changed a number and that is most; None otherwise."""
     w = d.waterfall
     calibrated_first = d.detail.get("first_calibration", {}).get("adjusted")
-    if d.calibration is None or w is None or not (_factor(d) or calibrated_first):
+    if d.calibration is None or w is None or not (_factor(d) or calibrated_first or d.calibration.set_up):
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, d.locate.noise_floor_mm)
     return closed if closed is not None and closed > judgement.EXPLAINS else None

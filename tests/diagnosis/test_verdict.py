@@ -20,6 +20,7 @@ from diagnosis.answer.result import (
     FittedRobot,
     Locate,
     Ranked,
+    SetUp,
     Shrink,
     Simulator,
     Step,
@@ -129,6 +130,12 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
+    turned = SetUp("frame_turn", 0.009, 0.0035, "rad", 2.0)
+    found = replace(found, calibration=Calibration(1.0, 1.0, 1.09, body_mm=1.0, set_up=(turned,)))
+    assert "(frame_turn 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
+    assert changed_by(found) == "frame_turn 0.52 deg, a body 9 % stiffer"
+    only = statement(replace(found, calibration=replace(found.calibration, modulus=1.0)))
+    assert only.startswith("Calibration closes 100 %") and "may stand for" not in only
     far = statement(replace(found, calibration=Calibration(13.5, 1.5, 0.8, at_bound=True)))
     assert "(13.50 instead of 1.50, with 0.80 times the modulus, at the limit of the fit)" in far and "only the ratio" not in far
 
