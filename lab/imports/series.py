@@ -53,6 +53,8 @@ class Series:
     """By column of numbers, cells that are none."""
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
+    start: tuple[str, float] | None = None
+    """Local time at which its times begin, where the file states it: as written, and in s since 1970."""
     notes: tuple[str, ...] = ()
     questions: tuple[str, ...] = ()
 

@@ -19,7 +19,7 @@ from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
-from ..imports.joining import experiments, joined, stream_of
+from ..imports.joining import experiments, joined, on_one_clock, stream_of
 from ..imports.map_file import Map, Source, demand_units
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
@@ -87,7 +87,7 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
                 failed.append(e)
     kinds = [lacks(series, robot) for series in tables]
     if tables and not frozenset.intersection(*kinds):
-        streams = [stream_of(series, series.path.name)[0] for series in tables]
+        streams = on_one_clock([stream_of(series, series.path.name) for series in tables])
         lead, companions = experiments(streams, kinds, lambda kind: "tip" not in kind)[0][0]
         series = joined(lead, companions)
         return series, guess_map(series, robot)
