@@ -305,11 +305,13 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
         unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
         return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
     if (apart := float(np.nanmax(q.table.pressures) - np.nanmin(q.table.pressures))) < wanted.states.plateaus.steady:
-        return f"all {words.pressures} lie within {apart:.3g} Pa, read as {q.unit}: check their unit, and states.plateaus.steady"
+        near = f"{apart / words.pascal:.3g} {words.unit}"
+        return f"all {words.pressures} lie within {near}, read as {q.unit}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
     return (
-        f"no pressure, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady:g} Pa for "
-        f"{wanted.states.plateaus.shortest:g} s (from row to row the median change is {jump:.3g} Pa): check unit, states.plateaus"
+        f"no {words.pressure}, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady / words.pascal:.3g} "
+        f"{words.unit} for {wanted.states.plateaus.shortest:g} s (from row to row the median change is "
+        f"{jump / words.pascal:.3g} {words.unit}): check unit, states.plateaus"
     )
 
 

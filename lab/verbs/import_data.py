@@ -14,13 +14,13 @@ from recordings.table_file import write_csv
 from recordings.trials import counted
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, load
+from ..files.config import ConfigError, load, read_yaml
 from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, on_one_clock, stream_of
-from ..imports.map_file import Map, Source, demand_units
+from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import imported
@@ -37,10 +37,11 @@ def import_files(
 ) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
-    wanted = load(map_path, Map)
-    robot_path = robot_path or map_path.parent / wanted.robot
+    given = read_yaml(map_path)
+    stated = given.table.get("robot")
+    robot_path = robot_path or map_path.parent / (stated if isinstance(stated, str) else "robot.yaml")
     robot = load(robot_path, Robot)
-    demand_units(wanted, robot.actuators.words, f"{map_path}: ")
+    wanted = map_of(given, robot.actuators.words)
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
     reading = judged(robot, result.table)
@@ -126,7 +127,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
-            result = imported(inputs, load(place / MAP, Map), robot)
+            result = imported(inputs, map_of(read_yaml(place / MAP), robot.actuators.words), robot)
             reading = judged(robot, result.table)
             if reading.refused:  # an import by this map would be, too
                 unsettled = replace(proposed, doubts=[*proposed.doubts, *reading.refused])

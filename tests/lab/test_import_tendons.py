@@ -496,9 +496,13 @@ def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
     assert found["p1"].max() == pytest.approx(4e4) and set(found["rate"]) == {5e3}
     with known.changed() as values:
         values["columns"].pop("p3")
-        values["columns"]["p1"]["unit"], values["constants"]["p3"] = "kPa", "500 mN"
+        values["columns"]["p1"]["unit"], values["constants"]["p3"], values["trials"]["below"] = "kPa", "500 mN", "60 gf"
     assert "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa" in known.imported("again").flat_err
-    assert set(known.case("again")["p3"]) == {5e3}
+    assert set(known.case("again")["p3"]) == {5e3} and known.case("again").trial.max() == 2
+    head, rows = known.read()
+    known.write(head, [[cell(3 * n + k / 10), *row[1:]] for n, row in enumerate(rows) for k in range(20)])
+    known.map.write_text(known.guessed()[0])
+    assert "steady: 0.08 N" in known.map.read_text() and "25 states in 6 trials" in known.imported("again").out
 
 
 def test_a_map_takes_no_newtons_of_chambers(known: Trunk) -> None:
