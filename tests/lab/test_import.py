@@ -156,7 +156,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
         ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "read as Pa, stands within 0.001 kPa for 0.5 s"),
-        ({"columns": COLUMNS, "trials": {"below": "5 gf"}}, "trials.below: '5 gf' has the unit 'gf', but a value in Pa is needed"),
+        ({"columns": COLUMNS, "trials": {"below": "5 gf"}}, "'5 gf' has the unit 'gf', but a value in Pa is needed"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:

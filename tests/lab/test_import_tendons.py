@@ -505,6 +505,24 @@ def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
     assert "steady: 0.08 N" in known.map.read_text() and "25 states in 6 trials" in known.imported("again").out
 
 
+@pytest.mark.parametrize(
+    ("reading", "asked", "why"),
+    [
+        ("0,153", "0,000", "although the other tensions vary within states"),
+        ("0,000", "0,000", ""),
+        ("0,000", "", "although its set-point 'Seil_2 Soll [N]' changes"),
+    ],
+)
+def test_a_tension_that_never_changes_although_it_should_is_named(reading: str, asked: str, why: str, known: Trunk) -> None:
+    head, rows = known.read()
+    times = [(3 * n + k / 10, k, row) for n, row in enumerate(rows) for k in range(20)]
+    noisy = [[cell(t), *(cell(number(c) + 0.01 * (k % 3)) for c in row[1:4]), *row[4:], asked or row[2]] for t, k, row in times]
+    known.write([*head, "Seil_2 Soll [N]"], [[*row[:2], reading, *row[3:]] for row in noisy])
+    known.map.write_text(known.guessed()[0])
+    said, name = known.imported("again").flat_err, "column 'Seil_2 [N]' (columns.p2) is"
+    assert f"{name} {number(reading):g} in all 600 rows, {why}" in said if why else name not in said
+
+
 def test_a_map_takes_no_newtons_of_chambers(known: Trunk) -> None:
     known.robot.write_text(ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"))
     with_other_units(known)
