@@ -4,6 +4,7 @@ import itertools
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from commands import Cli, Done
 from foreign import plain
 
 import lab
+from diagnosis.answer.experiments import candidate_experiments
+from diagnosis.data.case import states
 from diagnosis.diagnose import Options, diagnose
 from lab.files.config import ConfigError
 from lab.files.inputs import read_case
@@ -288,6 +291,8 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     (first, *_) = found.next_experiment
     paths = write_protocols(found.next_experiment, tmp_path / "next", case.robot)
     assert {p.suffix for p in paths} == {".csv"}
+    two = replace(case, table=case.table.take(case.table["p3"] < 1e3))
+    assert "other_tendons" in [e.id for e in candidate_experiments(case.robot, states(two)[0])]
     head, *rows = (tmp_path / f"next/{first.id}.csv").read_text().splitlines()
     highest = max(float(row.split(",")[head.split(",").index("p3 [N]")]) for row in rows)
     assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
