@@ -18,7 +18,7 @@ from recordings.bounded import read_bounded
 from ..files.config import ConfigError
 from .columns import Judged, judge, of_frame
 from .map_file import Source
-from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged
+from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged, readable
 
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
@@ -201,7 +201,7 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
 def read_numpy(path: Path, source: Source) -> Series:
     """A .npy or .npz file of plain arrays; what it claims must fit what it holds. Raises ConfigError."""
     data = read_bounded(path, LARGEST, ConfigError)
-    try:
+    with readable(path, "NumPy"):
         arrays = {source.variable or path.stem: data} if data.startswith(NPY) else dict(_members(path, data))
         types = {name: _claimed(array) for name, array in arrays.items() if array.startswith(NPY)}
         objects = [name for name, (dtype, _) in types.items() if dtype.hasobject]
@@ -210,10 +210,6 @@ def read_numpy(path: Path, source: Source) -> Series:
         # before arrays are made of the bytes: a few bytes of text take hundreds as a cell
         demand_bounded(path, sum(count * _size(dtype) for dtype, count in types.values() if not dtype.hasobject))
         given = {name: np.load(io.BytesIO(arrays[name]), allow_pickle=False) for name in types if name not in objects}
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a NumPy file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
     return columns_of(path, given, source, "NumPy", [f"not read: {name} {OBJECTS}" for name in objects])
 
 

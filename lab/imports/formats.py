@@ -33,6 +33,8 @@ from .series import (
     leaves,
     of_judged,
     package,
+    readable,
+    reason,
     unique,
 )
 from .text_tables import read_text
@@ -66,14 +68,12 @@ def _parquet(path: Path, source: Source) -> Series:
     """The columns of a Parquet file, as `_of_columns` has them; raises ConfigError, before unpacking where it holds too much."""
     parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
-    try:
+    with readable(path, "Parquet"):
         file = parquet.ParquetFile(path)
         names, metadata = file.schema_arrow.names, file.metadata
         groups = [metadata.row_group(g) for g in range(metadata.num_row_groups)]
         values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
         size = max(8 * values, sum(group.total_byte_size for group in groups))
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
     demand_bounded(path, max(size, 8 * metadata.num_rows * len(names)))  # a value that repeats takes no bytes
     try:
         columns = file.read().columns
@@ -129,7 +129,7 @@ def _of_columns(
                 unit = column.unit or (heading(name).unit if column.values.dtype.kind == "f" and label != name else "")
                 judged[label if label not in judged else f"{label} ({k + 1})"] = replace(column, unit=unit)
         except Exception as e:  # whatever a library raises about a column
-            notes.append(f"column {name!r} ({columns[k][1]}) is left out: {_reason(e)}")
+            notes.append(f"column {name!r} ({columns[k][1]}) is left out: {reason(e)}")
     if not judged:
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
     series = of_judged(path, judged, form)
@@ -153,11 +153,6 @@ def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any
         yield label, pd.Series([row.get(label) for row in rows])
 
 
-def _reason(error: Exception) -> str:
-    """Kind and first line of an error."""
-    return f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')[:200]}"
-
-
 # ------------------------------------------------------------------ C3D
 RATES = (0.01, 1e5)
 """Hz of cameras that can be."""
@@ -167,21 +162,15 @@ def _c3d(path: Path, source: Source) -> Series:
     """Columns `time` (s), LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
     library = package("c3d", path)
     data = read_bounded(path, LARGEST, ConfigError)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            reader = library.Reader(io.BytesIO(data))
-            # frames of no bytes would be read as often as the file claims
-            if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
-                raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
-            frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
-            labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")
-            unit, units = "".join(_texts(reader, "POINT:UNITS")[:1]), _texts(reader, "ANALOG:UNITS")
-            rate = float(reader.point_rate or 0.0)
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a C3D file ({type(e).__name__}: {str(e)[:200]}); export it again") from e
+    with readable(path, "C3D"), warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+        reader = library.Reader(io.BytesIO(data))
+        # frames of no bytes would be read as often as the file claims
+        if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
+            raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
+        frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
+        labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")
+        unit, units = "".join(_texts(reader, "POINT:UNITS")[:1]), _texts(reader, "ANALOG:UNITS")
+        rate = float(reader.point_rate or 0.0)
     if not frames:
         raise ConfigError(f"{path}: has no frames; export the take again")
     if not RATES[0] <= rate <= RATES[1]:

@@ -6,6 +6,7 @@ import datetime
 import difflib
 import re
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -117,6 +118,22 @@ def package(name: str, path: Path) -> Any:
         return import_module(name)
     except ImportError as e:
         raise ConfigError(f"{path}: is read with {name}, which is not installed; pip install 'softlab[import]'") from e
+
+
+def reason(error: Exception) -> str:
+    """Kind and first line of an error."""
+    return f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')[:200]}"
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """Raise ConfigError where a library raises anything about a file of this kind."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a {kind} file ({reason(e)}); save or export it again") from e
 
 
 def demand_bounded(path: Path, size: int) -> None:

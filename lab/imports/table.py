@@ -395,10 +395,8 @@ def _jump_notes(
 
 def _rest(q: FileRows) -> Array:
     """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
-    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)[at_rest(q.table.pressures)]
-    seen = np.isfinite(places).all(axis=2)
-    total = np.where(seen[:, :, None], places, 0.0).sum(axis=0)
-    return np.asarray(np.where(seen.any(axis=0)[:, None], total / np.maximum(seen.sum(axis=0), 1)[:, None], np.nan))
+    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)
+    return _averages([np.flatnonzero(at_rest(q.table.pressures))])(places)[0]
 
 
 # ------------------------------------------------------------------ frames
@@ -443,9 +441,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
     offset = places[:, :both] - markers[resting, :both]
-    seen = np.asarray(np.isfinite(offset).all(axis=2))
-    for k in np.flatnonzero(seen.any(axis=0)).tolist():
-        marker_shift[k] = offset[seen[:, k], k].mean(axis=0)
+    marker_shift[:both] = np.nan_to_num(_averages([np.arange(len(offset))])(offset)[0])
     return _placed(table, table.tip + shift, markers + marker_shift)
 
 

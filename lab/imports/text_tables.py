@@ -101,18 +101,10 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
     series = of_judged(path, columns, form)
     units = {**head.units, **series.units}
-    series = replace(series, units=units, common_units=head.common_units, start=_start(records[0].text))
-    return replace(series, lines=lines, notes=(*notes, *series.notes))
-
-
-def _start(line: str) -> tuple[str, float] | None:
-    """The local time at which a take of Motive starts, as its first line states it and in s since 1970; None of other files."""
-    import pandas as pd
-
-    if not MOTIVE.match(line) or (stated := START.search(line)) is None:
-        return None
-    times = judge(pd.Series([f"{stated['date']} {stated['clock'].replace('.', ':', 2)}"])).values
-    return (stated[0], float(times[0])) if times.dtype.kind == "f" and np.isfinite(times[0]) else None
+    if stated := START.match(records[0].text):
+        times = judge(pd.Series([f"{stated['date']} {stated['clock'].replace('.', ':', 2)}"])).values
+        series = replace(series, start=(stated["start"], float(times[0])) if times.dtype.kind == "f" else None)
+    return replace(series, units=units, common_units=head.common_units, lines=lines, notes=(*notes, *series.notes))
 
 
 # ------------------------------------------------------------------ tables below each other
@@ -424,8 +416,9 @@ LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
 MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
 """Begin of the files that Motive exports."""
-START = re.compile(r"(?<=Capture Start Time.)(?P<date>[\d-]{8,10}) (?P<clock>\d+\.\d+\.\d+(\.\d+)?( [AP]M)?)")
-"""In their first line."""
+START = re.compile(
+    MOTIVE.pattern + r".*Capture Start Time\W(?P<start>(?P<date>[\d-]{8,10}) (?P<clock>\d+\.\d+\.\d+(\.\d+)?( [AP]M)?))"
+)
 ABOUT_UNITS = re.compile(r"unit|einheit|unité|unidad|\bin\b|\[", re.IGNORECASE)
 SINGLE = frozenset({"m", "s", "g", "n", "h", "in", "at"})
 """Units that are letters or words: read as units only where `in`, `:`, `=` or a bracket stands before them."""

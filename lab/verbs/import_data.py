@@ -38,8 +38,7 @@ def import_files(
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     given = read_yaml(map_path)
-    stated = given.table.get("robot")
-    robot_path = robot_path or map_path.parent / (stated if isinstance(stated, str) else "robot.yaml")
+    robot_path = robot_path or map_path.parent / str(given.table.get("robot", "robot.yaml"))
     robot = load(robot_path, Robot)
     wanted = map_of(given, robot.actuators.words)
     with Screen("import") as screen:
