@@ -32,12 +32,11 @@ from ..files.config import ConfigError
 from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
-from .headings import chamber, heading, tendon
 from .joining import in_time, lag
 from .map_file import Map, Name, named
 from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
-from .series import FRAME, Series, at_rest, name_of
+from .series import FRAME, Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
 
 FORCES = ("force_x", "force_y", "force_z")
@@ -45,8 +44,6 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
-NOISY = 0.5
-"""Share of the states within which readings vary, unlike set-points."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
 SAME_MASS, SAME_ROLL = 2e-3, 2.0
@@ -214,7 +211,6 @@ def conclude(
         own_cuts = cuts(wanted.states, q.t, q.table.pressures, trial, np.column_stack(pushed) if pushed else None)
         trial_per_state = wanted.trials.begin == "state" and "trial" not in q.table.values
         numbers = range(len(own_cuts)) if trial_per_state else [int(trial[c.rows][0]) for c in own_cuts]
-        notes += _stuck(series, q, own_map, own_cuts, robot.actuators.words)
         q, torn = _without_strays(q, own_cuts, float(straight[2]), series, notes)
         whole = [(group + k, c) for k, c in zip(numbers, own_cuts, strict=True) if c not in torn]
         seen = q.seen
@@ -257,30 +253,6 @@ def conclude(
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
-
-
-def _stuck(series: Series, q: FileRows, own_map: Map, states: Sequence[Cut], words: Words) -> Iterator[str]:
-    """Name readings that are one value in all rows although their set-point changes or all other pressures vary within states."""
-    pressures, number = q.table.pressures, chamber if words.kind == "chambers" else tendon
-    seen = pressures[q.seen]
-    constant = np.asarray((seen == seen[:1]).all(axis=0))
-    varied = [np.ptp(pressures[c.rows], axis=0) > 0 for c in states if c.rows.stop - c.rows.start > 2]
-    noisy = bool(varied) and not constant.all() and bool((np.mean(varied, axis=0) > NOISY)[~constant].all())
-    headings = {n: heading(n, series.units.get(n, "")) for n in series.numbers}
-    for k in np.flatnonzero(constant).tolist():
-        column = own_map.columns.get(f"p{k + 1}")
-        own = headings[name_of(series, column.column, f"columns.p{k + 1}")] if column is not None else None
-        if own is None or own.asked_for:
-            continue
-        targets = (n for n, h in headings.items() if h.asked_for and number(h) == number(own) is not None)
-        target = next((n for n in targets if np.nanmin(series.numbers[n]) < np.nanmax(series.numbers[n])), None)
-        value = float(np.nanmax(series.numbers[own.name]))
-        if target is not None or (noisy and value):
-            why = f"its set-point {target!r} changes" if target is not None else f"the other {words.pressures} vary within states"
-            yield (
-                f"{series.path.name}: column {own.name!r} (columns.p{k + 1}) is {value:g} in all {len(seen)} rows, although "
-                f"{why}: check its sensor and cable; the {words.pressure} of {words.actuator} {k + 1} is unknown"
-            )
 
 
 def _contradictions(states: Table, length: float) -> Iterator[str]:

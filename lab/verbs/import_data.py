@@ -70,21 +70,18 @@ def import_files(
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
     """Columns of the first file, or of joined files, that name pressures and tip, with the map proposed. Raises ConfigError."""
-    failed: list[ConfigError] = []
-    tables: list[Series] = []
-    for path in inputs:
-        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-            if file.suffix.lower() not in KNOWN:
-                continue
-            try:
-                series = read(file, Source())
-                if not lacks(series, robot):
-                    return series, guess_map(series, robot)
-                tables.append(series)
-            except ConfigError as e:
-                if not path.is_dir():
-                    raise
-                failed.append(e)
+    failed, tables = list[ConfigError](), list[Series]()
+    inside = (file for path in inputs for file in (sorted(path.iterdir()) if path.is_dir() else [path]))
+    for file in (file for file in inside if file.suffix.lower() in KNOWN):
+        try:
+            series = read(file, Source())
+            if not lacks(series, robot):
+                return series, guess_map(series, robot)
+            tables.append(series)
+        except ConfigError as e:
+            if file in inputs:
+                raise
+            failed.append(e)
     kinds = [lacks(series, robot) for series in tables]
     if tables and not frozenset.intersection(*kinds):
         streams = on_one_clock([stream_of(series, series.path.name) for series in tables])
