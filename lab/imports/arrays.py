@@ -39,16 +39,11 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
     judged = {label: part for label, part in parts if isinstance(part, Judged)}
     unread = [f"{label} ({part})" for label, part in parts if isinstance(part, str)]
-    of_three_dimensions = {label: part.shape for label, part in parts if isinstance(part, np.ndarray) and part.ndim > 2}
-    for name, shape in of_three_dimensions.items():
-        unread.append(f"{name} (of the shape {shape}: say in source.axes what each dimension counts)")
+    for name, part in parts:
+        if isinstance(part, np.ndarray) and part.ndim > 2:
+            axes = f"say in source.axes what each dimension counts, such as {name}: [trial, time, point, axis]"
+            unread.append(f"{name} (of the shape {part.shape}: {axes})")
     if not arrays and not judged:
-        if of_three_dimensions:
-            name, shape = next(iter(of_three_dimensions.items()))
-            raise ConfigError(
-                f"{path}: {name} has the shape {shape}; say in source.axes what each dimension counts, such as "
-                f"{name}: [trial, time, point, axis]"
-            )
         raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(unread)}" if unread else ""))
     numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
     rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,21 +22,7 @@ from .headings import heading
 from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
-from .series import (
-    FRAME,
-    LARGEST,
-    MOST_ELEMENTS,
-    Series,
-    cleaned,
-    demand_bounded,
-    demand_columns,
-    leaves,
-    of_judged,
-    package,
-    readable,
-    reason,
-    unique,
-)
+from .series import FRAME, LARGEST, Series, demand_bounded, demand_columns, flat, of_judged, package, readable, reason, unique
 from .text_tables import read_text
 
 if TYPE_CHECKING:
@@ -57,7 +43,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
             raise ConfigError(f"{path}: files of this kind cannot be read; known kinds are {', '.join(KNOWN)}; {remedy}")
         series = reader(path, source)
-    series = of_rows_in_turn(cleaned(series, source.missing))
+    series = of_rows_in_turn(series, source.missing)
     if not len(series):
         raise ConfigError(f"{path}: has no rows of numbers")
     demand_columns(path, len(series.names))
@@ -124,7 +110,7 @@ def _of_columns(
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):
         try:
-            for label, cells in _flat(name, columns[k][2]()):
+            for label, cells in flat(name, columns[k][2]()):
                 column = of_frame(cells, missing)
                 unit = column.unit or (heading(name).unit if column.values.dtype.kind == "f" and label != name else "")
                 judged[label if label not in judged else f"{label} ({k + 1})"] = replace(column, unit=unit)
@@ -134,23 +120,6 @@ def _of_columns(
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
     series = of_judged(path, judged, form)
     return replace(series, notes=(*notes, *series.notes))
-
-
-def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
-    """A column, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
-    import pandas as pd
-
-    if cells.dtype != object or not any(hasattr(cell, "__len__") and not isinstance(cell, str) for cell in cells):
-        yield name, cells
-        return
-    rows = [dict(leaves(name, value)) for value in cells]
-    labels = dict.fromkeys(label for row in rows for label in row)
-    if not labels:
-        raise ValueError("it holds no number, time or word")
-    if len(labels) >= MOST_ELEMENTS:
-        raise ValueError(f"it holds {MOST_ELEMENTS} or more values in a row; write those you need as separate columns")
-    for label in labels:
-        yield label, pd.Series([row.get(label) for row in rows])
 
 
 # ------------------------------------------------------------------ C3D

@@ -20,7 +20,7 @@ from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
 from .headings import heading, is_unit, own_column, quantity, triples
 from .map_file import Column, Map, Name
-from .series import Series, Texts, axes_of, listed, name_of, numbers, unit_in
+from .series import Series, Texts, axes_of, cleaned, listed, name_of, numbers, unit_in
 
 JOIN = "join them in time first (docs: data from elsewhere)"
 """The remedy where tables cannot be joined here."""
@@ -288,10 +288,10 @@ def _holds_places(series: Series) -> bool:
     return bool(triples([heading(n, series.units.get(n, "")) for n in series.numbers]))
 
 
-def of_rows_in_turn(series: Series) -> Series:
+def of_rows_in_turn(series: Series, missing: Sequence[str | float]) -> Series:
     """Join, in time, columns that are filled in different rows to the rows that hold places; a table of times, names and values
-    gets a column for each name first. Any other series is returned as it is."""
-    series = _by_name(series)
+    gets a column for each name first. Any other series is returned as it is, without numbers that stand for `missing` values."""
+    series = _by_name(cleaned(series, missing))
     groups = list(_in_turn(series))
     if not groups:
         return series

@@ -77,13 +77,12 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
     try:
         with warnings.catch_warnings(action="ignore"):
             import matio
-    except ImportError:
-        return {}, (f"not read: {description}; to read them, pip install 'softlab[import]'",)
-    try:
-        with warnings.catch_warnings(action="ignore"):
+
             if names is None:
                 names = [n for n, (_, kind) in matio.whosmat(str(path)).items() if kind not in SIMPLE]
             variables = matio.load_from_mat(str(path), variable_names=names, add_table_attrs=True) if names else {}
+    except ImportError:
+        return {}, (f"not read: {description}; to read them, pip install 'softlab[import]'",)
     except Exception as e:
         return {}, (f"not read: {description} ({reason(e)}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
     return {n: v for n, v in variables.items() if not n.startswith("__")}, ()

@@ -13,7 +13,7 @@ from importlib import import_module
 from itertools import islice
 from numbers import Number
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,9 @@ from ..files.config import ConfigError
 from .columns import Judged, Strange, is_missing, without_fillers
 from .headings import heading, unit_named
 from .map_file import Name
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Texts = NDArray[np.str_]
 
@@ -305,6 +308,23 @@ def leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield from _elements(name, inside, _names(inside))
     else:
         yield name, value
+
+
+def flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
+    """A column, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
+    import pandas as pd
+
+    if cells.dtype != object or not any(hasattr(cell, "__len__") and not isinstance(cell, str) for cell in cells):
+        yield name, cells
+        return
+    rows = [dict(leaves(name, value)) for value in cells]
+    labels = dict.fromkeys(label for row in rows for label in row)
+    if not labels:
+        raise ValueError("it holds no number, time or word")
+    if len(labels) >= MOST_ELEMENTS:
+        raise ValueError(f"it holds {MOST_ELEMENTS} or more values in a row; write those you need as separate columns")
+    for label in labels:
+        yield label, pd.Series([row.get(label) for row in rows])
 
 
 def _elements(name: str, inside: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, Any]]:

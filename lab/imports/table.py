@@ -305,13 +305,13 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
         unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
         return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
     if (apart := float(np.nanmax(q.table.pressures) - np.nanmin(q.table.pressures))) < wanted.states.plateaus.steady:
-        near = f"{apart / words.pascal:.3g} {words.unit}"
-        return f"all {words.pressures} lie within {near}, read as {q.unit}: check their unit, and states.plateaus.steady"
+        near = f"{words.number(apart, 3)} {words.unit}, read as {q.unit}"
+        return f"all {words.pressures} lie within {near}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
+    band, change = (f"{words.number(size, 3)} {words.unit}" for size in (wanted.states.plateaus.steady, jump))
     return (
-        f"no {words.pressure}, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady / words.pascal:.3g} "
-        f"{words.unit} for {wanted.states.plateaus.shortest:g} s (from row to row the median change is "
-        f"{jump / words.pascal:.3g} {words.unit}): check unit, states.plateaus"
+        f"no {words.pressure}, read as {q.unit or 'Pa'}, stands within {band} for {wanted.states.plateaus.shortest:g} s (from "
+        f"row to row the median change is {change}): check unit, states.plateaus"
     )
 
 
@@ -378,18 +378,13 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _on_axis(arcs: Sequence[float]) -> Array:
-    """(k, 3) m: markers at arc lengths of the straight body."""
-    return np.array([(0.0, 0.0, s) for s in arcs]).reshape(-1, 3)
-
-
 def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> FileRows:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
     oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
     known = min(len(arcs), markers.shape[1])
     shift = np.zeros_like(markers[0])
-    shift[:known] = np.nan_to_num(_on_axis(arcs[:known]) - markers[0, :known])
+    shift[:known] = np.nan_to_num(np.outer(arcs[:known], AXES["z"]) - markers[0, :known])
     placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
     return replace(q, table=_levered(placed, np.array(sensor)))
 
@@ -401,7 +396,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     turns, turned = _turns(table)
     if straight == "first state":
         resting = resting[:1]
-        tip, places, turn = _straight_point(robot)[None], _on_axis(robot.markers)[None], turns[:0].identity(1)
+        tip, places, turn = _straight_point(robot)[None], np.outer(robot.markers, AXES["z"])[None], turns[:0].identity(1)
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting

@@ -146,7 +146,8 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "columns.p2.unit = 'mm': p2 needs one of Pa"),
+        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "map.yaml: columns.p2.unit = 'mm': p2 needs one of Pa"),
+        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "N"}}}, "kgf/cm2, N/cm^2; the robot has chambers"),
         ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': no such column; there are 't'"),
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),

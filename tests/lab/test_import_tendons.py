@@ -481,19 +481,13 @@ def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, trunk: Trunk) 
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 
-def with_other_units(known: Trunk) -> None:
-    """A table with a rate, and a map of pressures in three units of a tendon's tension."""
-    head, rows = known.read()
+def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
+    before, (head, rows) = known.case(), known.read()
     known.write([*head, "Rate"], [[*row, "500,0"] for row in rows])
-    with known.changed() as values:
+    with known.changed() as values:  # pressures in three units of a tendon's tension
         values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
         del values["columns"]["p3"]["unit"]
         values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
-
-
-def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
-    before = known.case()
-    with_other_units(known)
     said = known.imported("again")
     assert not said.err and all(str(tmp_path / "again" / name) in said.out for name in ("robot.yaml", "trials.csv"))
     found = known.case("again")
@@ -504,7 +498,6 @@ def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
         values["columns"]["p1"]["unit"], values["constants"]["p3"], values["trials"]["below"] = "kPa", "500 mN", "60 gf"
     assert "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa" in known.imported("again").flat_err
     assert set(known.case("again")["p3"]) == {5e3} and known.case("again").trial.max() == 2
-    head, rows = known.read()
     known.write(head, [[cell(3 * n + k / 10), *row[1:]] for n, row in enumerate(rows) for k in range(20)])
     known.map.write_text(known.guessed()[0])
     assert "steady: 0.08 N" in known.map.read_text() and "25 states in 6 trials" in known.imported("again").out
@@ -521,13 +514,6 @@ def test_a_reading_that_never_changes_is_named_where_all_others_have_noise(
     known.map.write_text(known.guessed()[0])
     for said in (known.imported("again"), known.cli("compare", known.folder.with_name("again"))):
         assert ("column p2: 0.153 N in all 15 states without noise, unlike the other tensions" in said.flat_err) is named
-
-
-def test_a_map_takes_no_newtons_of_chambers(known: Trunk) -> None:
-    known.robot.write_text(ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"))
-    with_other_units(known)
-    said = known.imported("again", code=2).err
-    assert f"{known.map}: columns.p1.unit = 'N': p1 needs one of Pa" in said and "the robot has chambers" in said
 
 
 @pytest.mark.parametrize(
