@@ -63,8 +63,8 @@ def faults(driver: object) -> str:
     faults = []
     if not (isinstance(driver.config, type) and issubclass(driver.config, base)):
         faults.append(f"config must be a subclass of drivers.configs.{base.__name__}")
-    elif not {*configs.PORTS, *configs.HOSTS} & set(driver.config.model_fields):
-        faults.append(f"config must have one of {', '.join((*configs.PORTS, *configs.HOSTS))}, the address of the instrument")
+    elif all(f.annotation is int for k, f in driver.config.model_fields.items() if k in (*configs.PORTS, *configs.HOSTS)):
+        faults.append(f"config must have one of {', '.join((*configs.PORTS, *configs.HOSTS))} as text, the instrument's address")
     if not callable(driver.make):
         faults.append("make must be callable")
     if driver.role == "arm" and not callable(driver.make_state):

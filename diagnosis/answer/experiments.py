@@ -67,7 +67,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
     offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
     if other_group := _other_chambers(chambers, count, s):
-        offer("other_chambers", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
+        offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
     offer("roll", f"turn the body by {TURN:g} deg in its mount", 15.0, roll_deg=TURN)
     offer("tip_mass", f"hang {more * 1e3:g} g more on the tip", 3.0, tip_mass=round(mass + more, 5))
     offer("hold", f"hold each {words.pressure} and read it repeatedly", reading="hold", hold_times=[2.0, 10.0, 30.0])

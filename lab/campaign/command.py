@@ -37,7 +37,7 @@ from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
 from ..rig.limits import Margin, margins
 from ..rig.operator import RememberingOperator, preparations
-from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified
+from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverified, resume_command
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
 
@@ -399,20 +399,16 @@ def resume(place: Path, rig_path: Path, labels: Mapping[str, str], watched: bool
         return _session(Session(c, folder, journal, watched, prepared))
 
 
-def resume_command(folder: Path, rig_path: Path) -> str:
-    """The shell command that resumes it."""
-    return typed("lab", "campaign", "--resume", folder, "--rig", rig_path)
-
-
 def _session(session: Session) -> Result:
     """Do the remaining runs of a campaign; code 0: completed, 1: cut short or not safe, 3: samples or a recording were lost."""
     c, folder, done = session.campaign, session.folder, session.journal.done
+    go_on = resume_command("campaign", folder, c.rig_path)
     try:
         ended = session.go()
     except Exception:
-        out.print(f"go on with: {resume_command(folder, c.rig_path)}", soft_wrap=True)
+        out.print(f"go on with: {go_on}", soft_wrap=True)
         raise
-    again = None if ended.completed else resume_command(folder, c.rig_path)
+    again = None if ended.completed else go_on
     data = {"folder": str(folder), "completed": ended.completed, "why": ended.why, "runs_done": len(done.completed),
             "runs": len(c.runs), "rows": done.rows, "lost": done.lost, "safe": ended.safe, "hands": ended.asked,
             "resume": again}  # fmt: skip

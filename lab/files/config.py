@@ -29,6 +29,8 @@ from .units import UnitError, meant, sized, to_si, written
 M = TypeVar("M", bound=BaseModel)
 Loc = tuple[str | int, ...]
 Lines = Mapping[Loc, int]
+Units = tuple[tuple[str, Mapping[str, float]], ...]
+"""SI units, each with the units of its kind and their size."""
 SMALLEST = sys.float_info.min
 """Magnitude of a number other than zero: smaller ones lose their digits, and dividing by them overflows."""
 LIMITS = {"gt": operator.gt, "ge": operator.ge, "lt": operator.lt, "le": operator.le}
@@ -72,6 +74,8 @@ class Source:
     data: object
     lines: Lines
     text: bytes = b""
+    units: Units = ()
+    """Of its quantities, in place of those of `KINDS`."""
 
     @property
     def table(self) -> dict[str, Any]:
@@ -117,7 +121,7 @@ def check(source: Source, model: type[M]) -> M:
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.name}: contains {_short(source.data)}, not a table of keys and values")
     problems: dict[Loc, str | ErrorDetails] = {}
-    data = _convert_model(source.data, model, (), problems)
+    data = _convert_model(source.data, model, (), problems, source.units)
     try:
         result = model.model_validate(data)
     except ValidationError as e:
@@ -182,7 +186,9 @@ def _leaves(annotation: object) -> list[object]:
     return [annotation]
 
 
-def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]) -> dict[Any, Any]:
+def _convert_model(
+    raw: dict[Any, Any], model: type[BaseModel], loc: Loc, problems: dict[Loc, Any], units: Units
+) -> dict[Any, Any]:
     """The table `raw` with its values in SI (see `_convert`), and deviations behind +- moved to its table `uncertainty`."""
     out = dict(raw)
     deviations: dict[str, float | None] = {}
@@ -194,7 +200,7 @@ def _convert_model(raw: dict[Any, Any], model: type[BaseModel], loc: Loc, proble
             value, sign, spread = map(str.strip, value.replace("±", "+-").partition("+-"))
         if sign:
             deviations[_uncertain(field)] = _spread(value, spread, field, model, (*loc, key), problems)
-        out[key] = _convert(value, field, (*loc, key), problems)
+        out[key] = _convert(value, field, (*loc, key), problems, units)
     if deviations and isinstance(out.get("uncertainty", {}), dict):
         out["uncertainty"] = deviations | out.get("uncertainty", {})
     return out
@@ -222,27 +228,27 @@ def _spread(
         return None
 
 
-def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> Any:
+def _convert(value: Any, field: FieldInfo, loc: Loc, problems: dict[Loc, Any], units: Units) -> Any:
     """A value, or those of its list or table, with texts such as "250 kPa" in the field's unit; else a problem is added."""
     unit = unit_of(field)
     if isinstance(value, dict):
         inner = _models(field.annotation, value)
         if inner is not None:
-            return _convert_model(value, inner, loc, problems)
+            return _convert_model(value, inner, loc, problems, units)
         if isinstance(field.json_schema_extra, dict) and "key_unit" in field.json_schema_extra:  # keys are numbers
             for key in (k for k in value if isinstance(k, str)):
                 try:
                     number(key)
                 except ValueError as e:
                     problems[(*loc, key)] = f"{_dotted(loc)}: {e}"
-        return {k: _convert(v, _inner(field), (*loc, k), problems) for k, v in value.items()}
+        return {k: _convert(v, _inner(field), (*loc, k), problems, units) for k, v in value.items()}
     if isinstance(value, list):
-        return [_convert(v, field, (*loc, i), problems) for i, v in enumerate(value)]
+        return [_convert(v, field, (*loc, i), problems, units) for i, v in enumerate(value)]
     kinds = [a for a in _leaves(field.annotation) if (isinstance(a, type) and a is not type(None)) or get_origin(a)]
     numeric = bool(kinds) and all(kind in (int, float) for kind in kinds)  # numbers or lists of them, and nothing else
     if isinstance(value, str) and (numeric or unit is not None):
         try:
-            value = to_si(value, unit or "")  # YAML takes 1e3 for a text
+            value = to_si(value, unit or "", dict(units).get(unit or ""))  # YAML takes 1e3 for a text
         except UnitError as e:
             problems[loc] = f"{_dotted(loc)}: {e}" if unit is not None else f"{_dotted(loc)} = {_short(value)}: must be a number"
     if isinstance(value, bool) and numeric:

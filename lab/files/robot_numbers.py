@@ -21,11 +21,13 @@ MOST_POISSON, LEAST_POISSON = 0.53, -0.05
 """Ratios of isotropic materials, 0 to 0.5, and what rounding of both moduli to two digits adds."""
 ABOVE = 1.5
 """Times max_pressure beyond which a pressure is asked about; regulators overshoot by less."""
+EQUAL, MOSTLY = 1e-6, 0.5
+"""Pa within which readings are equal, and share of states in which readings that are not set-points have noise."""
 
 
 def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
-    """Return warnings about numbers of robot.yaml, read at `robot_name`, and about pressures above its limit."""
-    return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *_above(robot, table))
+    """Return warnings about numbers of robot.yaml, read at `robot_name`, pressures above its limit, and those that never vary."""
+    return (*(f"{robot_name}: {text}" for text in doubtful_numbers(robot)), *_above(robot, table), *_dead(robot, table))
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
@@ -63,3 +65,16 @@ def _above(robot: Robot, table: Table) -> Iterator[str]:
             f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
             f"{words.unit} of robot.yaml: check the unit (psi and kPa differ by 6.9, lbf and N by 4.4), or max_{words.pressure}"
         )
+
+
+def _dead(robot: Robot, table: Table) -> Iterator[str]:
+    """A warning for each pressure that is one value without noise in all states, where those of other actuators have noise."""
+    pressures, words = table.pressures, robot.actuators.words
+    noise = np.column_stack([table.get(f"sd_p{k}") for k in range(1, pressures.shape[1] + 1)])
+    constant = ((np.abs(pressures - pressures[:1]) <= EQUAL) & (noise <= EQUAL)).all(axis=0)
+    if len(table) and not constant.all() and (noise > EQUAL)[:, ~constant].mean(axis=0).min() > MOSTLY:
+        for k in np.flatnonzero(constant & (pressures[0] != 0.0)).tolist():
+            yield (
+                f"column p{k + 1}: {pressures[0, k] / words.pascal:.3g} {words.unit} in all {len(table)} states without noise, "
+                f"unlike the other {words.pressures}: check its sensor and cable; what {words.actuator} {k + 1} does is unknown"
+            )

@@ -18,7 +18,7 @@ from recordings.bounded import read_bounded
 from ..files.config import ConfigError
 from .columns import Judged, judge, of_frame
 from .map_file import Source
-from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged
+from .series import LARGEST, Array, Series, demand_bounded, demand_columns, of_judged, readable
 
 LAST = ("point", "axis")
 """Dimensions of an array that become columns."""
@@ -39,16 +39,11 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
     arrays = {label: part for label, part in parts if isinstance(part, np.ndarray) and part.ndim < 3}
     judged = {label: part for label, part in parts if isinstance(part, Judged)}
     unread = [f"{label} ({part})" for label, part in parts if isinstance(part, str)]
-    of_three_dimensions = {label: part.shape for label, part in parts if isinstance(part, np.ndarray) and part.ndim > 2}
-    for name, shape in of_three_dimensions.items():
-        unread.append(f"{name} (of the shape {shape}: say in source.axes what each dimension counts)")
+    for name, part in parts:
+        if isinstance(part, np.ndarray) and part.ndim > 2:
+            axes = f"say in source.axes what each dimension counts, such as {name}: [trial, time, point, axis]"
+            unread.append(f"{name} (of the shape {part.shape}: {axes})")
     if not arrays and not judged:
-        if of_three_dimensions:
-            name, shape = next(iter(of_three_dimensions.items()))
-            raise ConfigError(
-                f"{path}: {name} has the shape {shape}; say in source.axes what each dimension counts, such as "
-                f"{name}: [trial, time, point, axis]"
-            )
         raise ConfigError(f"{path}: holds no table of numbers" + (f"; not read: {', '.join(unread)}" if unread else ""))
     numbers = [part.values for part in judged.values() if part.values.dtype.kind == "f"]
     rows = _rows([*arrays.values(), *numbers] or [part.values for part in judged.values()])
@@ -201,7 +196,7 @@ def _by_axes(path: Path, given: Mapping[str, Any], axes: Mapping[str, tuple[str,
 def read_numpy(path: Path, source: Source) -> Series:
     """A .npy or .npz file of plain arrays; what it claims must fit what it holds. Raises ConfigError."""
     data = read_bounded(path, LARGEST, ConfigError)
-    try:
+    with readable(path, "NumPy"):
         arrays = {source.variable or path.stem: data} if data.startswith(NPY) else dict(_members(path, data))
         types = {name: _claimed(array) for name, array in arrays.items() if array.startswith(NPY)}
         objects = [name for name, (dtype, _) in types.items() if dtype.hasobject]
@@ -210,10 +205,6 @@ def read_numpy(path: Path, source: Source) -> Series:
         # before arrays are made of the bytes: a few bytes of text take hundreds as a cell
         demand_bounded(path, sum(count * _size(dtype) for dtype, count in types.values() if not dtype.hasobject))
         given = {name: np.load(io.BytesIO(arrays[name]), allow_pickle=False) for name in types if name not in objects}
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a NumPy file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
     return columns_of(path, given, source, "NumPy", [f"not read: {name} {OBJECTS}" for name in objects])
 
 

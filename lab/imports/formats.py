@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,19 +22,7 @@ from .headings import heading
 from .joining import of_rows_in_turn
 from .map_file import Source
 from .matlab import read_matlab
-from .series import (
-    FRAME,
-    LARGEST,
-    MOST_ELEMENTS,
-    Series,
-    cleaned,
-    demand_bounded,
-    demand_columns,
-    leaves,
-    of_judged,
-    package,
-    unique,
-)
+from .series import FRAME, LARGEST, Series, demand_bounded, demand_columns, flat, of_judged, package, readable, reason, unique
 from .text_tables import read_text
 
 if TYPE_CHECKING:
@@ -55,7 +43,7 @@ def read(paths: Path | Sequence[Path], source: Source, named: Collection[str] | 
             remedy = REMEDIES.get(path.suffix.lower(), "export it as CSV")
             raise ConfigError(f"{path}: files of this kind cannot be read; known kinds are {', '.join(KNOWN)}; {remedy}")
         series = reader(path, source)
-    series = of_rows_in_turn(cleaned(series, source.missing))
+    series = of_rows_in_turn(series, source.missing)
     if not len(series):
         raise ConfigError(f"{path}: has no rows of numbers")
     demand_columns(path, len(series.names))
@@ -66,14 +54,12 @@ def _parquet(path: Path, source: Source) -> Series:
     """The columns of a Parquet file, as `_of_columns` has them; raises ConfigError, before unpacking where it holds too much."""
     parquet = package("pyarrow.parquet", path)
     read_bounded(path, LARGEST, ConfigError)
-    try:
+    with readable(path, "Parquet"):
         file = parquet.ParquetFile(path)
         names, metadata = file.schema_arrow.names, file.metadata
         groups = [metadata.row_group(g) for g in range(metadata.num_row_groups)]
         values = sum(group.column(c).num_values for group in groups for c in range(group.num_columns))
         size = max(8 * values, sum(group.total_byte_size for group in groups))
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a Parquet file ({_reason(e)})") from e
     demand_bounded(path, max(size, 8 * metadata.num_rows * len(names)))  # a value that repeats takes no bytes
     try:
         columns = file.read().columns
@@ -124,38 +110,16 @@ def _of_columns(
     notes = []
     for k, name in enumerate(unique([name for name, _, _ in columns], len(columns))):
         try:
-            for label, cells in _flat(name, columns[k][2]()):
+            for label, cells in flat(name, columns[k][2]()):
                 column = of_frame(cells, missing)
                 unit = column.unit or (heading(name).unit if column.values.dtype.kind == "f" and label != name else "")
                 judged[label if label not in judged else f"{label} ({k + 1})"] = replace(column, unit=unit)
         except Exception as e:  # whatever a library raises about a column
-            notes.append(f"column {name!r} ({columns[k][1]}) is left out: {_reason(e)}")
+            notes.append(f"column {name!r} ({columns[k][1]}) is left out: {reason(e)}")
     if not judged:
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
     series = of_judged(path, judged, form)
     return replace(series, notes=(*notes, *series.notes))
-
-
-def _flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
-    """A column, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
-    import pandas as pd
-
-    if cells.dtype != object or not any(hasattr(cell, "__len__") and not isinstance(cell, str) for cell in cells):
-        yield name, cells
-        return
-    rows = [dict(leaves(name, value)) for value in cells]
-    labels = dict.fromkeys(label for row in rows for label in row)
-    if not labels:
-        raise ValueError("it holds no number, time or word")
-    if len(labels) >= MOST_ELEMENTS:
-        raise ValueError(f"it holds {MOST_ELEMENTS} or more values in a row; write those you need as separate columns")
-    for label in labels:
-        yield label, pd.Series([row.get(label) for row in rows])
-
-
-def _reason(error: Exception) -> str:
-    """Kind and first line of an error."""
-    return f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')[:200]}"
 
 
 # ------------------------------------------------------------------ C3D
@@ -167,21 +131,15 @@ def _c3d(path: Path, source: Source) -> Series:
     """Columns `time` (s), LABEL.x .. of each marker and the mean of each analog channel over a frame; raises ConfigError."""
     library = package("c3d", path)
     data = read_bounded(path, LARGEST, ConfigError)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            reader = library.Reader(io.BytesIO(data))
-            # frames of no bytes would be read as often as the file claims
-            if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
-                raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
-            frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
-            labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")
-            unit, units = "".join(_texts(reader, "POINT:UNITS")[:1]), _texts(reader, "ANALOG:UNITS")
-            rate = float(reader.point_rate or 0.0)
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a C3D file ({type(e).__name__}: {str(e)[:200]}); export it again") from e
+    with readable(path, "C3D"), warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+        reader = library.Reader(io.BytesIO(data))
+        # frames of no bytes would be read as often as the file claims
+        if not reader.point_used and not reader.analog_used * reader.analog_per_frame:
+            raise ConfigError(f"{path}: has neither markers nor analog channels; export the take again")
+        frames = [(points, analog) for _, points, analog in reader.read_frames(copy=True)]
+        labels, channels = _labels(reader, "POINT"), _labels(reader, "ANALOG")
+        unit, units = "".join(_texts(reader, "POINT:UNITS")[:1]), _texts(reader, "ANALOG:UNITS")
+        rate = float(reader.point_rate or 0.0)
     if not frames:
         raise ConfigError(f"{path}: has no frames; export the take again")
     if not RATES[0] <= rate <= RATES[1]:

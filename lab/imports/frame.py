@@ -19,9 +19,9 @@ from ..files.config import ConfigError, Source, check
 from .formats import of_data_frame
 from .headings import heading, own_column, unit_named
 from .joining import of_rows_in_turn
-from .map_file import Column, Map, Own, demand_units
+from .map_file import Column, Own, map_of
 from .quantities import File, in_si, quantities_of, translated
-from .series import CALL, FRAME, Series, cleaned, name_of
+from .series import CALL, FRAME, Series, name_of
 from .table import conclude
 
 if TYPE_CHECKING:
@@ -46,9 +46,8 @@ def trials_of(frame: DataFrame, robot: Robot, columns: Mapping[str, Any] | None 
     entries = _own_names(series) | columns  # what the caller states goes before a column's own name
     if not keys and set(REQUIRED) <= entries.keys():
         return _as_it_is(series, check(Source(CALL, {"columns": entries}, {}), Own).columns, robot)
-    series = of_rows_in_turn(cleaned(series, missing))
-    wanted = check(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), Map)
-    demand_units(wanted, robot.actuators.words, f"{CALL}: ")
+    series = of_rows_in_turn(series, missing)
+    wanted = map_of(Source(CALL, _as_map({**keys, "columns": columns}, entries), {}), robot.actuators.words)
     quantities = quantities_of(series, wanted, robot.actuators.words)
     result = conclude([(series, quantities, wanted)], wanted, robot, [*series.notes, *quantities.notes])
     doubts = (*result.table.warnings, *result.notes, *result.questions)

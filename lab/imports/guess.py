@@ -15,7 +15,7 @@ from model.robot import Robot
 from recordings.ambient import AMBIENT
 from recordings.trials import unit_of
 
-from ..files.config import ConfigError, check
+from ..files.config import ConfigError
 from ..files.config import Source as Proposed
 from ..files.units import KINDS
 from .clock import MANY, unit_of_steps
@@ -37,7 +37,7 @@ from .headings import (
     unseen_axis,
 )
 from .joining import JOIN
-from .map_file import Map
+from .map_file import map_of
 from .proposal import Guess
 from .quantities import quantities_of
 from .series import Series, texts, unit_in
@@ -329,9 +329,10 @@ def _states(g: Guess, series: Series, pressures: Sequence[str], robot: Robot) ->
     has_times = "columns.t" in g.reasons or "time" in series.numbers
     # with five rows of the same pressure on average, a file is a time series
     if len(values) >= 5 * stretches or (len(series) > 500 and stays.mean() > 0.5):
-        steady = float(f"{STEADY * span / 1e3:.2g}")
+        words = robot.actuators.words
+        steady = float(f"{STEADY * span / words.pascal:.2g}")
         why = f"{len(series)} rows with mostly constant pressures: treated as a time series"
-        g.say("states.plateaus", {"steady": f"{steady:g} kPa"}, why)
+        g.say("states.plateaus", {"steady": f"{steady:g} {words.unit}"}, why)
         if not has_times:
             g.say("source.rate", "100 Hz", "GUESSED: no column of time")
             g.doubt("source.rate", "100 rows per second is a guess; state the true rate")
@@ -357,7 +358,7 @@ def _trials(g: Guess, series: Series, counting: Sequence[Heading], pressures: Se
     all_changes, begin_trials = [], []
     with suppress(ConfigError):  # the import will say what is wrong
         values = g.values | {"trials": {"change": [h.name for h in counting]}}
-        proposed = check(Proposed(series.path.name, values, {}), Map)
+        proposed = map_of(Proposed(series.path.name, values, {}), robot.actuators.words)
         strange = {n: s for n, s in series.strange.items() if n in proposed.trials.change}
         q = quantities_of(replace(series, strange=strange), proposed, robot.actuators.words)
         stages = Stages.of(q, proposed.states, proposed.trials.below)

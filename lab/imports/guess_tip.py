@@ -130,8 +130,7 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     # as many other places as robot.yaml has markers are these markers: the less one moves, the nearer it is to the base
     markers = {t: _xyz(series, t, rest, tip_unit) - base for t in other_places} if len(other_places) == len(robot.markers) else {}
     markers = dict(sorted(markers.items(), key=lambda place: _spread(place[1])))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a marker that is never seen at rest
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a marker that is never seen at rest
         resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in markers.values()]
     in_m = from_base * KINDS["m"][unit]
     own = pressures if pressures.shape[1] == len(robot.actuators.azimuths_deg) else pressures[:, :0]

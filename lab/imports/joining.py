@@ -20,7 +20,7 @@ from ..files.units import KINDS
 from .clock import EPOCH, HALF_HOUR, LARGEST_CHANGE, period, seconds, timeline, unit_of_steps
 from .headings import heading, is_unit, own_column, quantity, triples
 from .map_file import Column, Map, Name
-from .series import Series, Texts, axes_of, listed, name_of, numbers, unit_in
+from .series import Series, Texts, axes_of, cleaned, listed, name_of, numbers, unit_in
 
 JOIN = "join them in time first (docs: data from elsewhere)"
 """The remedy where tables cannot be joined here."""
@@ -45,6 +45,8 @@ class Stream:
     label: str
     t: Array
     """(n,) s, NaN of rows without a time."""
+    questions: tuple[str, ...] = ()
+    """About its times."""
 
     @property
     def span(self) -> tuple[float, float]:
@@ -57,8 +59,8 @@ class Stream:
         return self.span[0] >= EPOCH[0]
 
 
-def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Stream, tuple[str, ...]]:
-    """A table with its times by the map, or by its headings, and what to ask about them; raises ConfigError where it has none."""
+def stream_of(series: Series, label: str, given: Map | None = None) -> Stream:
+    """A table with its times by the map, or by its headings; raises ConfigError where it has none."""
     source, column = (given.source, given.columns.get("t")) if given else (None, None)
     if column is not None and _has(series, column.column):
         t, tick = _seconds(series, column)
@@ -76,7 +78,19 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> tuple[Str
     line = timeline(t, tick, series.place, several=False)
     true_times = np.full(len(t), np.nan)
     true_times[line.rows] = line.t + (source.offset if source else 0.0)
-    return Stream(series, label, true_times), tuple(f"{label}, {text}" for text in line.questions)
+    return Stream(series, label, true_times, tuple(f"{label}, {text}" for text in line.questions))
+
+
+def on_one_clock(streams: Sequence[Stream]) -> list[Stream]:
+    """The same streams; where some have dates, the others count from the start that their file states, with a note."""
+    dated, made = listed(s.label for s in streams if s.absolute), list[Stream]()
+    for stream in streams:
+        if dated and not stream.absolute and (start := stream.series.start) is not None:
+            words = f"time 0 of {stream.label} is taken as its start, {start[0]}, in the time zone of {dated}"
+            series = replace(stream.series, notes=(*stream.series.notes, words))
+            stream = replace(stream, series=series, t=stream.t + start[1])
+        made.append(stream)
+    return made
 
 
 def time_heading(series: Series) -> str | None:
@@ -235,17 +249,14 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
             lost = f"this file lacks the columns for {', '.join(sorted(keys))}: if another file holds them, give it too"
             named.append((replace(series, notes=(*series.notes, *[lost] * (len(keys) > 1))), own_map))
         return named
-    streams, maps, questions = [], {}, {}
-    for series, own_map in read:
-        stream, doubts = stream_of(series, series.path.name, own_map)
-        streams.append(stream)
-        maps[id(stream)], questions[id(stream)] = own_map, doubts
+    streams = on_one_clock([stream_of(series, series.path.name, own_map) for series, own_map in read])
+    maps = {id(stream): own_map for stream, (_, own_map) in zip(streams, read, strict=True)}
     runs, unused = experiments(streams, lacked_keys, lambda keys: not keys & {"x", "y", "z", "tip"})
     notes = [f"{s.label} is not read: it does not overlap in time with {listed(lead.label for lead, _ in runs)}" for s in unused]
     made = []
     for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
-        doubts = (asked(lead, others), *(q for stream in (lead, *others) for q in questions[id(stream)]))
+        doubts = (asked(lead, others), *(q for stream in (lead, *others) for q in stream.questions))
         series = joined(lead, others)
         series = replace(series, questions=doubts, notes=(*notes, *series.notes))
         made.append((series, maps[id(lead)].model_copy(update={"columns": columns})))
@@ -272,7 +283,7 @@ def _there(series: Series, name: Name | tuple[Name, Name, Name], point: bool) ->
 # ------------------------------------------------------------------ tables in one file
 def of_one_file(tables: Sequence[Series]) -> Series:
     """Tables that stand below each other in one file, joined in time; raises ConfigError where one has no times."""
-    streams = [stream_of(table, f"table {k}")[0] for k, table in enumerate(tables, 1)]
+    streams = [stream_of(table, f"table {k}") for k, table in enumerate(tables, 1)]
     lead = max(streams, key=lambda s: (_holds_places(s.series), len(s.series)))
     others = [s for s in streams if s is not lead]
     made = joined(lead, others)
@@ -283,10 +294,10 @@ def _holds_places(series: Series) -> bool:
     return bool(triples([heading(n, series.units.get(n, "")) for n in series.numbers]))
 
 
-def of_rows_in_turn(series: Series) -> Series:
+def of_rows_in_turn(series: Series, missing: Sequence[str | float]) -> Series:
     """Join, in time, columns that are filled in different rows to the rows that hold places; a table of times, names and values
-    gets a column for each name first. Any other series is returned as it is."""
-    series = _by_name(series)
+    gets a column for each name first. Any other series is returned as it is, without numbers that stand for `missing` values."""
+    series = _by_name(cleaned(series, missing))
     groups = list(_in_turn(series))
     if not groups:
         return series

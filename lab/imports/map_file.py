@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -18,7 +19,8 @@ from model.actuators import Words
 from model.arrays import Array
 from recordings.trials import AXES, TEXTS, column_order, unit_of
 
-from ..files.config import ConfigError, FileTable, in_si
+from ..files.config import ConfigError, FileTable, check, in_si
+from ..files.config import Source as Parsed
 from ..files.units import KINDS, plain_unit, usual
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
@@ -138,6 +140,7 @@ class Plateaus(FileTable):
     their mean is taken."""
 
     steady: FiniteFloat = Field(gt=0, json_schema_extra={"unit": "Pa"})
+    """Of tendons also in N."""
     force: FiniteFloat | None = Field(default=None, gt=0, json_schema_extra={"unit": "N"})
     """The same for force_x, force_y, force_z; by default they may change."""
     shortest: FiniteFloat = Field(default=0.5, gt=0, json_schema_extra={"unit": "s"})
@@ -185,7 +188,7 @@ class Trials(FileTable):
     """Columns that count runs or name the chambers inflated, in numbers or words: each change begins a trial. With `begin: rest`
     none begins away from rest, and a note names the row."""
     below: FiniteFloat = Field(default=REST, gt=0, json_schema_extra={"unit": "Pa"})
-    """What counts as at rest."""
+    """What counts as at rest; of tendons also in N."""
 
     @model_validator(mode="after")
     def _one(self) -> Trials:
@@ -311,8 +314,10 @@ class Map(FileTable):
         return made
 
 
-def demand_units(made: Map, words: Words, before: str = "") -> None:
-    """Raise ConfigError, begun with `before`, where a unit of map.yaml is none of its column of a robot driven as `words` say."""
+def map_of(source: Parsed, words: Words) -> Map:
+    """The map of a robot driven as `words` say; raises ConfigError, also where a unit is none of its column."""
+    made = check(replace(source, units=(("Pa", units_for("p1", words)),)), Map)
+    before = f"{source.name}: "
     places: list[tuple[str, Map | Own]] = [("", made), *((f"files.{pattern}.", own) for pattern, own in made.files.items())]
     for place, own in places:
         for name, column in own.columns.items():
@@ -320,6 +325,7 @@ def demand_units(made: Map, words: Words, before: str = "") -> None:
         for name, points in own.points.items():
             factor(points.unit, "x", words, f"{before}{place}points.{name}.unit")
         quantities(own.constants, words, f"{before}{place.rstrip('.') or 'constants'}")
+    return made
 
 
 def named(wanted: Map) -> frozenset[str] | None:

@@ -18,7 +18,7 @@ from recordings.bounded import read_bounded
 from ..files.config import ConfigError
 from .arrays import columns_of
 from .map_file import Source
-from .series import LARGEST, Series, demand_bounded, package
+from .series import LARGEST, Series, demand_bounded, package, readable, reason
 
 SIMPLE = frozenset(
     ["double", "single", "logical", "char", "cell", "struct", "sparse", "int8", "uint8", "int16", "uint16", "int32", "uint32",
@@ -53,22 +53,16 @@ def read_matlab(path: Path, source: Source) -> Series:
         variables, object_names = _read_hdf5(path, data)
         objects, notes = _objects(path, object_names)
         return columns_of(path, {**variables, **objects}, source, "MATLAB 7.3", notes)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            # before anything is unpacked: a few kB can hold GB. The header of version 5 ends with version and byte order
-            if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-                order: Order = "little" if data[126:128] == b"IM" else "big"
-                demand_bounded(path, _claimed(memoryview(data)[128:], order))
-            else:
-                demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
-            variables = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
-            if OBJECTS in variables:
-                demand_bounded(path, _claimed(memoryview(variables[OBJECTS].tobytes())[8:], order))  # behind its header
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a MATLAB file ({type(e).__name__}: {str(e)[:200]}); save it again") from e
+    with readable(path, "MATLAB"), warnings.catch_warnings(action="ignore"):
+        # before anything is unpacked: a few kB can hold GB. The header of version 5 ends with version and byte order
+        if data[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+            order: Order = "little" if data[126:128] == b"IM" else "big"
+            demand_bounded(path, _claimed(memoryview(data)[128:], order))
+        else:
+            demand_bounded(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(io.BytesIO(data))))
+        variables = loadmat(io.BytesIO(data), squeeze_me=False, struct_as_record=True)
+        if OBJECTS in variables:
+            demand_bounded(path, _claimed(memoryview(variables[OBJECTS].tobytes())[8:], order))  # behind its header
     opaque = OBJECTS in variables  # MATLAB's objects are read by mat-io; SciPy names them None
     variables = {str(n): v for n, v in variables.items() if n and not str(n).startswith("__") and str(n) != "None"}
     objects, notes = _objects(path, None) if opaque else ({}, ())
@@ -81,20 +75,16 @@ def _objects(path: Path, names: list[str] | None) -> tuple[Mapping[str, Any], tu
         return {}, ()
     description = "objects (table, string, datetime ..)" if names is None else ", ".join(names)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(action="ignore"):
             import matio
-    except ImportError:
-        return {}, (f"not read: {description}; to read them, pip install 'softlab[import]'",)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+
             if names is None:
                 names = [n for n, (_, kind) in matio.whosmat(str(path)).items() if kind not in SIMPLE]
             variables = matio.load_from_mat(str(path), variable_names=names, add_table_attrs=True) if names else {}
+    except ImportError:
+        return {}, (f"not read: {description}; to read them, pip install 'softlab[import]'",)
     except Exception as e:
-        why = f"{type(e).__name__}: {str(e)[:100]}"
-        return {}, (f"not read: {description} ({why}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
+        return {}, (f"not read: {description} ({reason(e)}); in MATLAB: writetable(T, 'T.csv'), or save numbers",)
     return {n: v for n, v in variables.items() if not n.startswith("__")}, ()
 
 
@@ -161,21 +151,16 @@ def _cells(matrix: memoryview, order: Order) -> int:
 def _read_hdf5(path: Path, data: bytes) -> tuple[Mapping[str, Any], list[str]]:
     """Arrays by name, a structure's fields as NAME.FIELD, and names of further variables; raises ConfigError."""
     library = package("h5py", path)
-    try:
-        with library.File(io.BytesIO(data), "r") as file:
-            datasets, sizes = _variables(library, file)
-            # before anything is unpacked: a few kB can hold GB
-            demand_bounded(path, sum(sizes))
-            arrays = {name: np.asarray(dataset[()]).T for name, dataset in datasets.items()}
-            read = {name.partition(".")[0] for name in datasets}
-            # variables that lie in this file: links to others are not followed
-            own = [n for n in file if n not in OWN and isinstance(file.get(n, getlink=True), library.HardLink)]
-            variables = [n for n in own if CLASS in file[n].attrs and not file[n].attrs.get(EMPTY, 0)]
-            return arrays, [n for n in variables if n not in read]
-    except ConfigError:
-        raise
-    except Exception as e:
-        raise ConfigError(f"{path}: is not a MATLAB 7.3 file ({type(e).__name__}: {str(e)[:200]})") from e
+    with readable(path, "MATLAB 7.3"), library.File(io.BytesIO(data), "r") as file:
+        datasets, sizes = _variables(library, file)
+        # before anything is unpacked: a few kB can hold GB
+        demand_bounded(path, sum(sizes))
+        arrays = {name: np.asarray(dataset[()]).T for name, dataset in datasets.items()}
+        read = {name.partition(".")[0] for name in datasets}
+        # variables that lie in this file: links to others are not followed
+        own = [n for n in file if n not in OWN and isinstance(file.get(n, getlink=True), library.HardLink)]
+        variables = [n for n in own if CLASS in file[n].attrs and not file[n].attrs.get(EMPTY, 0)]
+        return arrays, [n for n in variables if n not in read]
 
 
 def _variables(library: Any, file: Any) -> tuple[dict[str, Any], list[int]]:

@@ -6,13 +6,14 @@ import datetime
 import difflib
 import re
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from itertools import islice
 from numbers import Number
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from ..files.config import ConfigError
 from .columns import Judged, Strange, is_missing, without_fillers
 from .headings import heading, unit_named
 from .map_file import Name
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Texts = NDArray[np.str_]
 
@@ -55,6 +59,8 @@ class Series:
     """By column, `Judged.absent`."""
     lines: NDArray[Any] | None = None
     """(n,) of a text table: where in the file each row stands; of a DataFrame its index."""
+    start: tuple[str, float] | None = None
+    """Local time at which its times begin, where the file states it: as written, and in s since 1970."""
     notes: tuple[str, ...] = ()
     questions: tuple[str, ...] = ()
 
@@ -122,6 +128,22 @@ def package(name: str, path: Path) -> Any:
         return import_module(name)
     except ImportError as e:
         raise ConfigError(f"{path}: is read with {name}, which is not installed; pip install 'softlab[import]'") from e
+
+
+def reason(error: Exception) -> str:
+    """Kind and first line of an error."""
+    return f"{type(error).__name__}: {next(iter(str(error).splitlines()), '')[:200]}"
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """Raise ConfigError where a library raises anything about a file of this kind."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except Exception as e:
+        raise ConfigError(f"{path}: is not a {kind} file ({reason(e)}); save or export it again") from e
 
 
 def demand_bounded(path: Path, size: int) -> None:
@@ -293,6 +315,23 @@ def leaves(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield from _elements(name, inside, _names(inside))
     else:
         yield name, value
+
+
+def flat(name: str, cells: pd.Series[Any]) -> Iterator[tuple[str, pd.Series[Any]]]:
+    """A column, or what its lists, maps and structures hold; raises ValueError where it holds no values."""
+    import pandas as pd
+
+    if cells.dtype != object or not any(hasattr(cell, "__len__") and not isinstance(cell, str) for cell in cells):
+        yield name, cells
+        return
+    rows = [dict(leaves(name, value)) for value in cells]
+    labels = dict.fromkeys(label for row in rows for label in row)
+    if not labels:
+        raise ValueError("it holds no number, time or word")
+    if len(labels) >= MOST_ELEMENTS:
+        raise ValueError(f"it holds {MOST_ELEMENTS} or more values in a row; write those you need as separate columns")
+    for label in labels:
+        yield label, pd.Series([row.get(label) for row in rows])
 
 
 def _elements(name: str, inside: Sequence[Any], names: Sequence[str]) -> Iterator[tuple[str, Any]]:

@@ -318,11 +318,13 @@ def _why(wanted: Map, q: FileRows, words: Words) -> str:
         unit = f"write 'p1 [{words.unit}]', or `unit: {words.unit}` under columns.p1 .."
         return f"nothing says the unit of the {words.pressures}, which were read as Pa: {unit}"
     if (apart := float(np.nanmax(q.table.pressures) - np.nanmin(q.table.pressures))) < wanted.states.plateaus.steady:
-        return f"all {words.pressures} lie within {apart:.3g} Pa, read as {q.unit}: check their unit, and states.plateaus.steady"
+        near = f"{words.number(apart, 3)} {words.unit}, read as {q.unit}"
+        return f"all {words.pressures} lie within {near}: check their unit, and states.plateaus.steady"
     jump = float(np.nanmedian(np.abs(np.diff(q.table.pressures, axis=0)).max(axis=1))) if len(q.t) > 1 else 0.0
+    band, change = (f"{words.number(size, 3)} {words.unit}" for size in (wanted.states.plateaus.steady, jump))
     return (
-        f"no pressure, read as {q.unit or 'Pa'}, stands within {wanted.states.plateaus.steady:g} Pa for "
-        f"{wanted.states.plateaus.shortest:g} s (from row to row the median change is {jump:.3g} Pa): check unit, states.plateaus"
+        f"no {words.pressure}, read as {q.unit or 'Pa'}, stands within {band} for {wanted.states.plateaus.shortest:g} s (from "
+        f"row to row the median change is {change}): check unit, states.plateaus"
     )
 
 
@@ -378,10 +380,8 @@ def _jump_notes(
 
 def _rest(q: FileRows) -> Array:
     """(1 + k, 3) m, the mean of tip and markers at rest; NaN of those that were not seen then."""
-    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)[at_rest(q.table.pressures)]
-    seen = np.isfinite(places).all(axis=2)
-    total = np.where(seen[:, :, None], places, 0.0).sum(axis=0)
-    return np.asarray(np.where(seen.any(axis=0)[:, None], total / np.maximum(seen.sum(axis=0), 1)[:, None], np.nan))
+    places = np.concatenate([q.table.tip[:, None], q.table.markers], axis=1)
+    return _averages([np.flatnonzero(at_rest(q.table.pressures))])(places)[0]
 
 
 # ------------------------------------------------------------------ frames
@@ -391,18 +391,13 @@ def _straight_point(robot: Robot) -> Array:
     return np.array([stated[a].value if a in stated else 0.0 for a in "xyz"]) + [0.0, 0.0, robot.length]
 
 
-def _on_axis(arcs: Sequence[float]) -> Array:
-    """(k, 3) m: markers at arc lengths of the straight body."""
-    return np.array([(0.0, 0.0, s) for s in arcs]).reshape(-1, 3)
-
-
 def _straightened(q: FileRows, straight: Array, sensor: Sequence[float], arcs: Sequence[float]) -> FileRows:
     """Places and turns against those of the first row, which is the straight robot; a marker not seen there stays where it is."""
     tip, markers, (turn, turned) = q.table.tip, q.table.markers, _turns(q.table)
     oriented = q.table.replaced(orientation_columns(turn * turn[0].inv(), turned))
     known = min(len(arcs), markers.shape[1])
     shift = np.zeros_like(markers[0])
-    shift[:known] = np.nan_to_num(_on_axis(arcs[:known]) - markers[0, :known])
+    shift[:known] = np.nan_to_num(np.outer(arcs[:known], AXES["z"]) - markers[0, :known])
     placed = _placed(oriented, tip - tip[0] + np.array(sensor) + straight, markers + shift)
     return replace(q, table=_levered(placed, np.array(sensor)))
 
@@ -414,7 +409,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     turns, turned = _turns(table)
     if straight == "first state":
         resting = resting[:1]
-        tip, places, turn = _straight_point(robot)[None], _on_axis(robot.markers)[None], turns[:0].identity(1)
+        tip, places, turn = _straight_point(robot)[None], np.outer(robot.markers, AXES["z"])[None], turns[:0].identity(1)
     else:
         beginning = resting[np.diff(table.trial, prepend=-1)[resting] != 0]
         resting = beginning if len(beginning) else resting
@@ -426,9 +421,7 @@ def _mounted(table: Table, robot: Robot, straight: Literal["first state", "at re
     markers, marker_shift = table.markers, np.zeros(table.markers.shape[1:])
     both = min(len(marker_shift), places.shape[1])  # of the file and of robot.yaml
     offset = places[:, :both] - markers[resting, :both]
-    seen = np.asarray(np.isfinite(offset).all(axis=2))
-    for k in np.flatnonzero(seen.any(axis=0)).tolist():
-        marker_shift[k] = offset[seen[:, k], k].mean(axis=0)
+    marker_shift[:both] = np.nan_to_num(_averages([np.arange(len(offset))])(offset)[0])
     return _placed(table, table.tip + shift, markers + marker_shift)
 
 

@@ -98,9 +98,13 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     columns |= _times_of_frames(columns, records[:first])
     notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
-    form = "Motive's export" if MOTIVE.match(records[0].text) else f"columns separated by {mark}"
+    of_motive = MOTIVE.match(records[0].text)
+    form = "Motive's export" if of_motive else f"columns separated by {mark}"
     series = of_judged(path, columns, form)
     units = {**head.units, **series.units}
+    if of_motive and (stated := START.search(records[0].text)):
+        times = judge(pd.Series([f"{stated['date']} {stated['clock'].replace('.', ':', 2)}"])).values
+        series = replace(series, start=(stated["start"], float(times[0])) if times.dtype.kind == "f" else None)
     return replace(series, units=units, common_units=head.common_units, lines=lines, notes=(*notes, *series.notes))
 
 
@@ -413,6 +417,7 @@ LABELS = ("id", "type", "parent")
 """Lines of headings, by the word at their begin, that name nothing: Motive writes them."""
 MOTIVE = re.compile(r"\W*Format Version\W.*Take Name")
 """Begin of the files that Motive exports."""
+START = re.compile(r"Capture Start Time\W(?P<start>(?P<date>[\d-]{8,10}) (?P<clock>\d+\.\d+\.\d+(\.\d+)?( [AP]M)?))")
 ABOUT_UNITS = re.compile(r"unit|einheit|unité|unidad|\bin\b|\[", re.IGNORECASE)
 SINGLE = frozenset({"m", "s", "g", "n", "h", "in", "at"})
 """Units that are letters or words: read as units only where `in`, `:`, `=` or a bracket stands before them."""

@@ -14,13 +14,13 @@ from recordings.table_file import write_csv
 from recordings.trials import counted
 
 from ..console import Screen, note, out
-from ..files.config import ConfigError, load
+from ..files.config import ConfigError, load, read_yaml
 from ..files.output_folder import demand_free, whole
 from ..files.robot_numbers import doubts
 from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
-from ..imports.joining import experiments, joined, stream_of
-from ..imports.map_file import Map, Source, demand_units
+from ..imports.joining import experiments, joined, on_one_clock, stream_of
+from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, guess_text
 from ..imports.series import Series
 from ..imports.table import imported
@@ -37,10 +37,10 @@ def import_files(
 ) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
-    wanted = load(map_path, Map)
-    robot_path = robot_path or map_path.parent / wanted.robot
+    given = read_yaml(map_path)
+    robot_path = robot_path or map_path.parent / str(given.table.get("robot", "robot.yaml"))
     robot = load(robot_path, Robot)
-    demand_units(wanted, robot.actuators.words, f"{map_path}: ")
+    wanted = map_of(given, robot.actuators.words)
     with Screen("import") as screen:
         result = imported(inputs, wanted, robot, screen.progress)
     reading = judged(robot, result.table)
@@ -70,24 +70,21 @@ def import_files(
 
 def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess]:
     """Columns of the first file, or of joined files, that name pressures and tip, with the map proposed. Raises ConfigError."""
-    failed: list[ConfigError] = []
-    tables: list[Series] = []
-    for path in inputs:
-        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-            if file.suffix.lower() not in KNOWN:
-                continue
-            try:
-                series = read(file, Source())
-                if not lacks(series, robot):
-                    return series, guess_map(series, robot)
-                tables.append(series)
-            except ConfigError as e:
-                if not path.is_dir():
-                    raise
-                failed.append(e)
+    failed, tables = list[ConfigError](), list[Series]()
+    inside = (file for path in inputs for file in (sorted(path.iterdir()) if path.is_dir() else [path]))
+    for file in (file for file in inside if file.suffix.lower() in KNOWN):
+        try:
+            series = read(file, Source())
+            if not lacks(series, robot):
+                return series, guess_map(series, robot)
+            tables.append(series)
+        except ConfigError as e:
+            if file in inputs:
+                raise
+            failed.append(e)
     kinds = [lacks(series, robot) for series in tables]
     if tables and not frozenset.intersection(*kinds):
-        streams = [stream_of(series, series.path.name)[0] for series in tables]
+        streams = on_one_clock([stream_of(series, series.path.name) for series in tables])
         lead, companions = experiments(streams, kinds, lambda kind: "tip" not in kind)[0][0]
         series = joined(lead, companions)
         return series, guess_map(series, robot)
@@ -126,7 +123,7 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
         copied(robot_path, place / "robot.yaml")
         replaced(place / MAP, guess_text(proposed, Path("robot.yaml"), [series.path], series.form))
         try:
-            result = imported(inputs, load(place / MAP, Map), robot)
+            result = imported(inputs, map_of(read_yaml(place / MAP), robot.actuators.words), robot)
             reading = judged(robot, result.table)
             if reading.refused:  # an import by this map would be, too
                 unsettled = replace(proposed, doubts=[*proposed.doubts, *reading.refused])

@@ -70,7 +70,7 @@ def robot_text(a: argparse.Namespace) -> str:
         dimension("inner_radius", "of the channel along its axis; 0 for none"),
         line("density", a.density or "1070", "kg/m^3", a.density),
         line("youngs_modulus", written([modulus], "Pa")[0], "data sheet; `lab fit` corrects it", a.modulus),
-        line("shear_modulus", written([float(f"{modulus / 3:.4g}")], "Pa")[0], "E / 3 for silicone"),
+        line("shear_modulus", written([float(f"{modulus / 3:.4g}")], "Pa")[0], "E / 3 for rubber, E / 2.6 for metal"),
         line("tip_mass", "0 kg", "what hangs at its end"),
         line("gravity", "[0, 0, 9.81]", "m/s^2, z from base to tip: this one hangs; [0, 0, -9.81] stands", False),
         line(most.partition(":")[0], limit, "what it bears") if limit else

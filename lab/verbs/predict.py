@@ -113,8 +113,7 @@ def _predicted(robot: Robot, states: Columns, catalogue: Mapping[str, EffectSpec
         roll = np.radians(np.asarray(states.get("roll_deg", 0.0 * number), float))
         mass = states.get("tip_mass")
         pressures = _pressures(robot, states)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # `_judge` names what is outside the robot's limits
+        with warnings.catch_warnings(action="ignore"):  # `_judge` names what is outside the robot's limits
             return Predictor(robot, catalogue)(pressures, states["spine_length"], mass, roll, intervals=True)
     return predict_campaign(robot, {"trial": number, **states}, catalogue, intervals=True)
 

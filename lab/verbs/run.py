@@ -401,7 +401,7 @@ def run(
         screen = Screen(j.experiment.name, j.rig.clock.speed)
         with page_where(watched, screen.say) as page:
             result = execute(rig, j, folder, screen, broken, page)
-    again = None if result.outcome == "completed" else resume_command(result.file, rig_path)
+    again = None if result.outcome == "completed" else resume_command("run", result.file, rig_path)
     warn(rig.notices)
     poses: dict[str, Any] = {}
     with contextlib.suppress(RecordingError):  # one that cannot be read has no poses
@@ -450,9 +450,9 @@ def note_unverified(rig_path: Path, rig: RigFile) -> None:
         out.print(text, soft_wrap=True)
 
 
-def resume_command(file: Path, rig_path: Path) -> str:
-    """The command that continues a run which ended early."""
-    return typed("lab", "run", "--resume", file, "--rig", rig_path)
+def resume_command(verb: str, place: Path, rig_path: Path) -> str:
+    """The command that continues a run or campaign which ended early."""
+    return typed("lab", verb, "--resume", place, "--rig", rig_path)
 
 
 def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None, rig: RigFile | None = None) -> Job:

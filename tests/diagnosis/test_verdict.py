@@ -412,7 +412,7 @@ def line(a: Attribute, closed: float | None = None, words: Words = Chambers.word
     [
         ("chamber_azimuth", {"angle": (0.1396, "rad")}, "The chambers are turned by 8.0 ± 0.6 deg about the axis (p = 0.96)."),
         ("spine_length_offset", {"offset": (-0.0123, "m")}, "The spine is 12 ± 10 mm shorter than read (p = 0.96)."),
-        ("body_modulus", {"excess": (0.15, "1")}, "The body's silicone is 15 ± 1 % stiffer than stated (p = 0.96)."),
+        ("body_modulus", {"excess": (0.15, "1")}, "The body is 15 ± 1 % stiffer than stated (p = 0.96)."),
         ("base_tilt", {"x": (0.03, "rad"), "y": (-0.04, "rad")}, "The base is tilted by 2.9 ± 0.6 deg (p = 0.96)."),
         ("pressure_deadband", {"band": (9e3, "Pa")}, "The chambers act only above 9.0 kPa (p = 0.96)."),
         ("chamber_order", {}, "The chambers hang on other regulators than robot.yaml states (p = 0.96)."),

@@ -31,8 +31,7 @@ def write_c3d(path: Path, points: np.ndarray, labels: list[str], rate: float = 1
     writer.set_point_labels(labels)
     for frame in points:
         writer.add_frames([(np.concatenate([frame, np.zeros((len(labels), 2))], axis=1), np.zeros((0, 0)))])
-    with warnings.catch_warnings(), open(path, "wb") as file:
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"), open(path, "wb") as file:
         writer.write(file)
 
 

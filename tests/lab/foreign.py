@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from lab.files.config import load
+from lab.files.config import load, read_yaml
 from lab.imports.formats import read
 from lab.imports.guess import guess_map
-from lab.imports.map_file import Map, Source, demand_units
+from lab.imports.map_file import Source, map_of
 from lab.imports.proposal import Guess, guess_text
 from lab.imports.table import Imported, imported
 from model.robot import Robot
@@ -35,9 +35,7 @@ def by_map(files: Path | list[Path], /, **values: Any) -> Imported:
     place, robot = files[0].parent / "map.yaml", load(ROBOT, Robot)
     if values:
         place.write_text(yaml.safe_dump(values))
-    wanted = load(place, Map)
-    demand_units(wanted, robot.actuators.words)
-    return imported(files, wanted, robot)
+    return imported(files, map_of(read_yaml(place), robot.actuators.words), robot)
 
 
 def through(file: Path, content: str | bytes | None = None) -> tuple[Guess, Imported]:

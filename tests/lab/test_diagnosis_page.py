@@ -80,8 +80,7 @@ def test_every_picture_of_the_page_shows_something(answered: Answered) -> None:
 def test_a_setting_without_a_number_interrupts_a_curve_and_a_state_without_a_pressure_is_left_out() -> None:
     figure, axis = plt.subplots()
     pressure, gap = np.array([0.0, 100.0, 50e3, 90e3, np.nan]), np.array([1.0, 3.0, np.nan, 4.0, 50.0])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         _curve(axis, pressure, 1e3, gap, "k", "-")
     (line,) = axis.lines
     assert np.asarray(line.get_xdata()) == pytest.approx([0.05, 50.0, 90.0])

@@ -163,7 +163,8 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "columns.p2.unit = 'mm': p2 needs one of Pa"),
+        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "mm"}}}, "map.yaml: columns.p2.unit = 'mm': p2 needs one of Pa"),
+        ({"columns": COLUMNS | {"p2": {"column": "p2", "unit": "N"}}}, "kgf/cm2, N/cm^2; the robot has chambers"),
         ({"columns": COLUMNS | {"p2": {"column": "druck"}}}, "columns.p2 = 'druck': no such column; there are 't'"),
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),
@@ -172,7 +173,8 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS, "constants": {"tip_mass": "3 kPa"}}, "tip_mass: '3 kPa' has the unit 'kPa'"),
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
         ({"columns": COLUMNS, "forces": "tip"}, "forces: a sensor that turns with the tip needs an orientation"),
-        ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "pressure, read as Pa, stands within 1 Pa for 0.5 s"),
+        ({"columns": COLUMNS, "states": {"plateaus": {"steady": "1 Pa"}}}, "read as Pa, stands within 0.001 kPa for 0.5 s"),
+        ({"columns": COLUMNS, "trials": {"below": "5 gf"}}, "'5 gf' has the unit 'gf', but a value in Pa is needed"),
     ],
 )  # fmt: skip
 def test_what_a_map_says_wrong_is_told(values: dict[str, Any], words: str, tmp_path: Path, cli: Cli) -> None:

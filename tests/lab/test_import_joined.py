@@ -121,6 +121,12 @@ def test_files_without_a_time_in_common_are_refused_with_the_remedy(
 def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_pairs_are_refused(tmp_path: Path) -> None:
     files = [table(tmp_path / "mocap.csv", TIPS, TIP)]
     files.append(table(tmp_path / "logger.csv", (1, 2, 3), ("Date", *PRESSURES[1:]), ROWS, day))
+    text = f"Format Version,1.23,Take Name,A,Capture Start Time,{{}},Capture Start Frame,0\n{files[0].read_text()}"
+    for start in ("2026-03-03 09.00.00.000 AM", "2026-03-03 9.00.00"):
+        files[0].write_text(text.format(start))
+        same(made := by_map(files, **MAP))
+        assert f"mocap.csv: time 0 of mocap.csv is taken as its start, {start}, in the time zone of 'logger.csv'" in made.notes
+    files[0].write_text(text.format("2026-13-03 09.00.00.000 AM"))
     with pytest.raises(ConfigError, match="do not overlap in time") as caught:
         by_map(files, **MAP)
     offset = float(str(caught.value).partition("offset: ")[2].partition("}")[0])

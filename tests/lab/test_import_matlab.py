@@ -290,8 +290,7 @@ def write_c3d(path: Path, unit: str = "kPa", factor: float = 1.0) -> Path:
         points[0, :3], points[1, :3] = tip, BASE
         points[0, 3] = -1 if k % 50 > 44 else 0
         writer.add_frames([(points, factor * np.repeat(FRAMES[k, 1:4, None], 4, axis=1))])
-    with warnings.catch_warnings(), open(path, "wb") as file:
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"), open(path, "wb") as file:
         writer.write(file)
     return path
 

@@ -292,6 +292,8 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     (first, *_) = found.next_experiment
     paths = write_protocols(found.next_experiment, tmp_path / "next", case.robot)
     assert {p.suffix for p in paths} == {".csv"}
+    two = replace(case, table=case.table.take(case.table["p3"] < 1e3))
+    assert "other_tendons" in [e.id for e in candidate_experiments(case.robot, states(two)[0])]
     head, *rows = (tmp_path / f"next/{first.id}.csv").read_text().splitlines()
     highest = max(float(row.split(",")[head.split(",").index("p3 [N]")]) for row in rows)
     assert highest == pytest.approx(max(first.protocol["pressures"]) / 1e4)
@@ -483,19 +485,13 @@ def test_axes_that_the_data_do_not_force_are_marked(azimuth: int, trunk: Trunk) 
     assert "# axis of the robot's base (z from base to tip): axis of the file" in proposed
 
 
-def with_other_units(known: Trunk) -> None:
-    """A table with a rate, and a map of pressures in three units of a tendon's tension."""
-    head, rows = known.read()
+def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
+    before, (head, rows) = known.case(), known.read()
     known.write([*head, "Rate"], [[*row, "500,0"] for row in rows])
-    with known.changed() as values:
+    with known.changed() as values:  # pressures in three units of a tendon's tension
         values["columns"]["p1"]["unit"], values["columns"]["p2"]["unit"] = "N", "N/cm^2"
         del values["columns"]["p3"]["unit"]
         values["columns"]["rate"] = {"column": "Rate", "unit": "mN/s"}
-
-
-def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
-    before = known.case()
-    with_other_units(known)
     said = known.imported("again")
     assert not said.err and all(str(tmp_path / "again" / name) in said.out for name in ("robot.yaml", "trials.csv"))
     found = known.case("again")
@@ -503,16 +499,25 @@ def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
     assert found["p1"].max() == pytest.approx(4e4) and set(found["rate"]) == {5e3}
     with known.changed() as values:
         values["columns"].pop("p3")
-        values["columns"]["p1"]["unit"], values["constants"]["p3"] = "kPa", "500 mN"
+        values["columns"]["p1"]["unit"], values["constants"]["p3"], values["trials"]["below"] = "kPa", "500 mN", "60 gf"
     assert "column 'Seil_1 [N]' (columns.p1): the file says N, the map kPa" in known.imported("again").flat_err
-    assert set(known.case("again")["p3"]) == {5e3}
+    assert set(known.case("again")["p3"]) == {5e3} and known.case("again").trial.max() == 2
+    known.write(head, [[cell(3 * n + k / 10), *row[1:]] for n, row in enumerate(rows) for k in range(20)])
+    known.map.write_text(known.guessed()[0])
+    assert "steady: 0.08 N" in known.map.read_text() and "25 states in 6 trials" in known.imported("again").out
 
 
-def test_a_map_takes_no_newtons_of_chambers(known: Trunk) -> None:
-    known.robot.write_text(ROBOT.replace("tendons:", "chambers:\n  radius: 3 mm"))
-    with_other_units(known)
-    said = known.imported("again", code=2).err
-    assert f"{known.map}: columns.p1.unit = 'N': p1 needs one of Pa" in said and "the robot has chambers" in said
+@pytest.mark.parametrize(("reading", "noise", "named"), [("0,153", 0.01, True), ("0,000", 0.01, False), ("0,153", 0.0, False)])
+def test_a_reading_that_never_changes_is_named_where_all_others_have_noise(
+    reading: str, noise: float, named: bool, known: Trunk
+) -> None:
+    head, rows = known.read()
+    times = [(3 * n + k / 10, noise * (k % 3), row) for n, row in enumerate(rows) for k in range(20)]
+    lines = [[cell(t), *(cell(number(c) + more) for c in row[1:4]), *row[4:]] for t, more, row in times]
+    known.write(head, [[*line[:2], reading, *line[3:]] for line in lines])
+    known.map.write_text(known.guessed()[0])
+    for said in (known.imported("again"), known.cli("compare", known.folder.with_name("again"))):
+        assert ("column p2: 0.153 N in all 15 states without noise, unlike the other tensions" in said.flat_err) is named
 
 
 @pytest.mark.parametrize(

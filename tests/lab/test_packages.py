@@ -52,9 +52,9 @@ BROKEN = {
         "config must be a subclass of drivers.configs.RegulatorsConfig; make must be callable",
     ),
     "unreachable": (
-        "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\n"
-        "DRIVER = Driver('sensor', SensorConfig, print, quantities={'T': 'K'})",
-        "config must have one of port, ports, host, server, local, the address of the instrument; quantity 'T': 'K' must be",
+        "from drivers.registry import Driver\nfrom drivers.configs import SensorConfig\nclass Config(SensorConfig): port: int\n"
+        "DRIVER = Driver('sensor', Config, print, quantities={'T': 'K'})",
+        "config must have one of port, ports, host, server, local as text, the instrument's address; quantity 'T': 'K' must be",
     ),
 }
 """Drivers that are none: what their module says, and what is said of it."""

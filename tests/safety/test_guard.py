@@ -334,8 +334,7 @@ def test_a_guard_of_this_process_leaves_no_thread_behind(house: House) -> None:
 
 def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
     small.change(safe={"hang": 1.0})
-    with Rig(load_rig(small.rig)) as rig:
-        rig.open_all(lambda name, outcome: None)
+    with small.opened() as rig:
         inflate(rig, small)
         assert small.vented()
         with pytest.raises(RigLanded, match="has made no progress"):
@@ -346,8 +345,7 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
 
 def test_waiting_for_a_person_is_no_hang(small: House) -> None:
     small.change(safe={"hang": 2.0})
-    with Rig(load_rig(small.rig)) as rig:
-        rig.open_all(lambda name, outcome: None)
+    with small.opened() as rig:
         inflate(rig, small)
         with rig.actuators.pulse.waiting_for_person():
             timing.sleep(3.0)

@@ -169,8 +169,8 @@ def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: H
     assert small.vented()
     assert until(lambda: not small.latch.exists())
     assert "vented: confirmed" in small.rig.with_suffix(".guard.log").read_text()
-    with Rig(load_rig(small.rig)) as rig:  # the guard has ended by itself
-        assert rig.open_all(lambda name, outcome: None) == []
+    with small.opened():  # the guard has ended by itself
+        pass
 
 
 def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeypatch: pytest.MonkeyPatch) -> None:

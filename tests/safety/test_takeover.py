@@ -28,7 +28,6 @@ from lab.guard.instruments import exclusive
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded, SafeReport, SafeStep
-from lab.rig.assembly import Rig
 from timing import RigClock
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
@@ -483,8 +482,7 @@ def test_another_user_may_land_a_rig_whose_folder_is_closed_to_them(own_folder: 
         if crashed:
             subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
         else:
-            rig = alive.enter_context(Rig(load_rig(own_folder.rig)))
-            assert rig.open_all(lambda name, outcome: None) == []
+            rig = alive.enter_context(own_folder.opened())
             rig.actuators.valve.set(True)
             rig.actuators.pressure.set((20e3, 20e3, 20e3))
         assert until(lambda: own_folder.highest() > 10e3)

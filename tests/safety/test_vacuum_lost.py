@@ -56,14 +56,19 @@ def test_a_vacuum_that_comes_back_by_itself_between_two_states_is_noticed(house:
     assert [row.step for row in table_of(recording)] == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize(
+    ("stuck", "says"), [(False, "spine jammed at 72 kPa"), (True, "gauge: its reading has been frozen to the last digit")]
+)
 def test_what_is_not_put_right_ends_the_run_without_a_state_of_a_soft_spine(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str], stuck: bool, says: str
 ) -> None:
     house.change(without=("arm", "force"))
-    plant = house.fakes.plant
-    during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, lambda: vacuum(house, 0.0))
-    assert house.lab(tmp_path, "bending", *BENDING) == 1
-    assert "spine jammed at 72 kPa" in capsys.readouterr().err
+    plant, switch = house.fakes.plant, house.fakes.switch
+    spoil = (lambda: switch.begin("gauge", "stuck")) if stuck else (lambda: vacuum(house, 0.0))
+    during(lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, spoil)
+    held = ("--set", "reading=hold", "--set", "hold_times=[100]") if stuck else ()
+    assert house.lab(tmp_path, "bending", *BENDING, *held) == 1
+    assert says in capsys.readouterr().err
     assert all(abs((row.vacuum or 0.0) - PLANNED) < 11e3 for row in table_of(recorded(tmp_path)))
 
 
@@ -87,19 +92,6 @@ def test_a_stiffness_trial_whose_spine_goes_soft_begins_again(house: House, tmp_
     slope = np.polyfit(table["deflection"], table["force"], 1)[0]
     assert slope == pytest.approx(2200, rel=0.15)
     assert bool(recording.marks) == frozen
-
-
-def test_a_gauge_that_repeats_itself_to_the_last_digit_ends_the_run(
-    house: House, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    house.change(without=("arm", "force"))
-    plant = house.fakes.plant
-    during(
-        lambda: plant.valve_on and float(plant.chamber_pressure.max()) > 50e3, lambda: house.fakes.switch.begin("gauge", "stuck")
-    )
-    settings = [*BENDING, "--set", "reading=hold", "--set", "hold_times=[100]"]
-    assert house.lab(tmp_path, "bending", *settings) == 1
-    assert "gauge: its reading has been frozen to the last digit" in capsys.readouterr().err
 
 
 def test_the_shape_tells_that_the_spine_went_soft_where_the_gauge_does_not(house: House, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from pydantic import Field
+
 from drivers.configs import MocapConfig
 from drivers.interfaces import BodySample
 from drivers.registry import Driver
@@ -16,6 +18,7 @@ class Config(MocapConfig):
     """How they are reached."""
 
     server: str
+    port: int = Field(CAMERA_PORT, ge=1, le=65535)
     timeout: float = 1.0
 
 
@@ -25,7 +28,7 @@ class BenchCameras(LineStream):
     def __init__(
         self, name: str, config: Config, clock: Clock, sink: Callable[[BodySample], None], notice: Callable[[str], None]
     ) -> None:
-        super().__init__(name, Line(name, config.server, CAMERA_PORT, config.timeout), "", config.max_age, sink)
+        super().__init__(name, Line(name, config.server, config.port, config.timeout), "", config.max_age, sink)
         self._clock = clock
 
     def sample(self, words: list[str]) -> BodySample:

@@ -72,7 +72,7 @@ SPECS = (
     EffectSpec(
         id="body_modulus",
         label="stiffness of the body",
-        says="the body's silicone is {} [stiffer|softer] than stated",
+        says="the body is {} [stiffer|softer] than stated",
         stage="material",
         equation="E_c = E (1 + d), G_c with it",
         parameters=(Parameter("excess", "1", 0.12, -0.6, 1.5),),
@@ -83,10 +83,10 @@ SPECS = (
     EffectSpec(
         id="hyperelastic",
         label="nonlinear elasticity of the body",
-        says="the silicone [stiffens|softens] as it is bent",
+        says="the body [stiffens|softens] as it is bent",
         stage="material",
         equation="m = EI k D, D = 1 + g(a (k r)^2) + h(b e), g(x) = x (x / (1 - 2 x) below 0), h(x) = x (x / (1 - x) below 0), "
-        "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the silicone's share and share c of the spine's",
+        "n3 = EA e / (1 - b e / 2) + b EI k^2 h'(b e) / 2; over the body's share and share c of the spine's",
         parameters=(
             Parameter("curvature", "1", 20.0, -80.0, 200.0, starts=(15.0, -15.0)),
             Parameter("strain", "1", 2.0, -6.0, 6.0),
@@ -99,10 +99,10 @@ SPECS = (
     EffectSpec(
         id="viscoelastic",
         label="creep of the body",
-        says="the silicone creeps by {} under load",
+        says="the body creeps by {} under load",
         stage="material",
         equation="k = k_e - s sum_j a_j (k_e - z_j), dz_j/dt = (k_e - z_j) / tau_j, tau = 0.3, 1.5 and 7.5 paces, "
-        "s the silicone's share of EI, and share c of the spine's; axial strain likewise",
+        "s the body's share of EI, and share c of the spine's; axial strain likewise",
         parameters=(
             Parameter("fast", "1", 0.035, 0.0, 0.4, sign="positive"),
             Parameter("slow", "1", 0.035, 0.0, 0.4, sign="positive"),
@@ -119,7 +119,7 @@ SPECS = (
         says="the body keeps {} of its largest bend",
         stage="material",
         equation="u* = s c (k_max + k_min), k_max >= 0 and k_min <= 0 the extremes of the curvature at each place of the body in "
-        "the campaign so far, which fade by exp(-r t); s the silicone's share of EI; axial strain likewise",
+        "the campaign so far, which fade by exp(-r t); s the body's share of EI; axial strain likewise",
         parameters=(
             Parameter("kept", "1", 0.03, 0.0, 0.4, sign="positive"),
             Parameter("recovery", "1/s", 1e-3, 0.0, 5e-3, role="shape", starts=(0.0, 1.5e-3)),
