@@ -140,7 +140,7 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
     if pairs := cluttered.pairs[:8]:
         out.print("not distinguished: " + "; ".join(f"{a} from {b} ({share:.2f})" for a, b, share in pairs), soft_wrap=True)
     if clean.unseen:
-        out.print(f"invisible in these states: {', '.join(clean.unseen)}", soft_wrap=True)
+        out.print(f"not weighed, as these states cannot show them or rule them out: {', '.join(clean.unseen)}", soft_wrap=True)
     for a in brings[:3]:
         gain = f"{a.gained:+.2f} of worlds named right, for {a.experiment.cost_min:g} min"
         out.print(f"to add: {a.experiment.do}: {gain}", soft_wrap=True)
