@@ -44,9 +44,9 @@ def finding(code: str, words: Words = Chambers.words, /, **values: Any) -> Findi
 TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
     "critical": {
         "refitted_first": (
-            "robot.yaml or the table is too far from the model, so this was changed first (rms, outliers down-weighted: at best "
-            "{before_mm:.2f} mm before, {after_mm:.2f} mm after): {changes}. The answer assumes these changes. Check them: until "
-            "then no cause is reported as certain"
+            "robot.yaml or the table is too far from the model, so this was changed first: {changes}. The best fit misses by "
+            "{before_mm:.2f} mm without and {after_mm:.2f} mm with it (rms, outliers down-weighted). The answer assumes it. "
+            "Check it: until then no cause is reported as certain"
         ),
         "beyond_tolerance": (
             "the fit moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "

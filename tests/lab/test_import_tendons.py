@@ -456,7 +456,7 @@ def test_power_says_the_plan_and_leaves_out_effects_of_parts_that_the_robot_has_
     plan = ["--protocol", "bending", "--set", "pressures=[15 kPa, 35 kPa]", "--worlds", "2", "--no-additions"]
     said = cli("power", "--robot", tmp_path / "robot.yaml", *plan).flat_out
     assert "plan: 5 states in 1 trial, tendons up to 3.5 N, and robot.yaml states no max_tension" in said
-    assert "invisible in these states: time_offset" in said
+    assert "rule them out: time_offset" in said
     assert not re.search("spine|vacuum|ballooning|thrust", said)
 
 
