@@ -19,7 +19,7 @@ from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Mask, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
@@ -88,11 +88,10 @@ class Prepared:
         if not self.pushes_only and self.baseline is None:
             own = self.labels.kind == 0
             bent = ~self.states.pushed
-            tip = np.full((len(self.states), 3), np.nan)
             robot, states = self.described or (self.robot, self.states)
             without_residual = robot.model_copy(update={"residual": None})
-            tip[bent] = predict_campaign(without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
-            tip += self.states.tip - states.tip
+            predicted = predict_campaign(without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
+            tip = scattered((len(self.states), 3), bent, predicted) + (self.states.tip - states.tip)
             out[own] = tip[self.labels.state[own], self.labels.axis[own]]
         return out
 
@@ -102,18 +101,13 @@ class Prepared:
 
     def places(self, values: Array, own: Mask) -> Array:
         """(states, 3) of those among values (n,) that are `own` (n,), of one point; NaN where not measured."""
-        out = np.full((len(self.states), 3), np.nan)
-        out[self.labels.state[own], self.labels.axis[own]] = values[own]
-        return out
+        return scattered((len(self.states), 3), (self.labels.state[own], self.labels.axis[own]), values[own])
 
     def deflection(self, values: Array) -> Array:
         """(states,) m: forces among values (n,) as deflections of each specimen under them, NaN elsewhere."""
-        out = np.full(len(self.states), np.nan)
-        if self.pushes is not None:
-            own = self.labels.kind == 3
-            state = self.labels.state[own]
-            out[state] = values[own] / self.pushes.stiffness[state]
-        return out
+        own = self.labels.kind == 3
+        force = scattered((len(self.states),), self.labels.state[own], values[own])
+        return force if self.pushes is None else force / self.pushes.stiffness
 
     def gap(self, values: Array) -> Array:
         """(states, 3) m where the gap is looked for: tips, or, of stiffness trials alone, the deflection along x."""
