@@ -95,8 +95,7 @@ class Built:
 
     def with_noise(self, estimate: NoiseEstimate) -> Built:
         """The same with other noise."""
-        block, place = blocks(self.table)
-        noise = estimate.noise(block[self.row], place[self.row], self.output)
+        noise = estimate.noise(self.table, self.row, self.output)
         return replace(self, estimate=estimate, problem=replace(self.problem, noise=noise))
 
 
@@ -137,9 +136,8 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     estimate = replace(estimate, sd=sd, floor=sd)
     of_made = model.by(made)
     parameters = FitParameters(made, np.array([p.sd for p in made]))
-    block, place = blocks(table)
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
-    noise = estimate.noise(block[row], place[row], output)
+    noise = estimate.noise(table, row, output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
     calibrated = fit_alone(problem, NONE, np.zeros_like(parameters.sd), FREE_ROUNDS)
     built = Built(

@@ -180,6 +180,3 @@ class Labels:
     """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
     axis: Ints
     """(n,) which of its kind's three axes; 0 for forces."""
-    trial: Ints
-    experiment: Ints
-    """(n,) kind of experiment, see `Campaign.kind`."""

@@ -149,7 +149,9 @@ def prepare(
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
-    labels = _labels(forward, states, kept)
+    row, channel = forward.observations.row[kept], forward.observations.channel[kept].astype(np.str_)
+    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
+    labels = Labels(row, channel, kinds_of(channel), axis)
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     slope = slope.rows(kept)
@@ -229,13 +231,6 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     every = (FitParameter(**{name: getattr(info, name) for name in names}) for info in infos)
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in every)
     return FitParameters(own, np.array([p.sd for p in own]))
-
-
-def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
-    row = forward.observations.row[kept]
-    channel = forward.observations.channel[kept].astype(np.str_)
-    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
-    return Labels(row, channel, kinds_of(channel), axis, states.trial[row], states.kind[row])
 
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: float) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import States
+from model.condition import TIP, States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
@@ -30,7 +30,6 @@ from ..judgement import MEMORY
 from .jacobian import Columns
 from .problem import FitParameters
 
-TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker", "force")
 DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
 """Default white noise of a reading: m, rad, m."""
@@ -88,7 +87,8 @@ def stiffness_trials(
     """Noise and stiffness of a campaign's stiffness trials, from the baseline's residuals `missed` (n,) of all values and their
     derivatives `slope` (n, k), of which the forces are used."""
     rows = np.flatnonzero(labels.kind == 3)
-    state, trial = labels.state[rows], labels.trial[rows]
+    state = labels.state[rows]
+    trial = states.trial[state]
     by_source = {
         source: slope.along(np.array([float(p.source == source) for p in infos]))[rows]
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
