@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,13 @@ def rows_by(number: Ints) -> list[Ints]:
     """The rows of each number of (n,), ascending, numbers in their order."""
     order = np.argsort(number, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
+
+
+def scattered(shape: tuple[int, ...], at: Any, values: Array) -> Array:
+    """An array of this shape with `values` at the indices `at`, NaN elsewhere."""
+    out = np.full(shape, np.nan)
+    out[at] = values
+    return out
 
 
 def rms(values: Array) -> float:

@@ -59,7 +59,8 @@ def compare_campaigns(
     # A change is named for what it moves in the later campaign, as a cause is.
     joined, n = _joined(before, after), len(before.problem.observed)
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
-    trials = np.concatenate([before.labels.trial, after.labels.trial + before.labels.trial.max() + 1])
+    first, second = (p.states.trial[p.labels.state] for p in (before, after))
+    trials = np.concatenate([first, second + first.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))

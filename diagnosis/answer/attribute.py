@@ -33,7 +33,6 @@ class Attribution:
 
     prepared: Prepared
     posterior: EffectPosterior
-    none: Candidate
     best: Candidate
     """Stands for what is named: the hypothesis of just that, or the most probable that holds it."""
     calibrated: Fit
@@ -92,7 +91,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     `stages`: effect -> stage."""
     w = begun.weighed
     leading, best, candidates = w.leading, w.best, w.whole.candidates
-    misfit = misfit_diagnostics(p.problem, leading, p.labels.trial, p.noise_components.excess_scatter, best)
+    misfit = misfit_diagnostics(p.problem, leading, p.states.trial[p.labels.state], p.noise_components.excess_scatter, best)
     # Where a tolerance of the leading hypothesis is the cause that is named, an error of its stage is that cause: the least gain.
     free_forms = min((_stage_errors(p, c, stages) for c in {leading.named: leading, best.named: best}.values()), key=total_gain)
     (relatives,) = begun.relatives()
@@ -111,7 +110,6 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     return Attribution(
         prepared=p,
         posterior=ranked,
-        none=candidates[NONE],
         best=replace(best, made=None),
         calibrated=begun.calibrated,
         misfit=misfit,
@@ -126,7 +124,7 @@ def _stage_errors(p: Prepared, c: Candidate, stages: Mapping[str, str]) -> tuple
     parameters, s = p.problem.parameters, p.states
     g = Gaussian(c.linear(p.problem), c.prior(parameters), c.grid_point.size, c.grid_point.form_error)
     functions = smooth_functions(s.spine_length, np.maximum(s.highest, 0.0), s.branch, s.time, p.robot.length)
-    if np.ptp(p.labels.experiment):
+    if np.ptp(s.kind[p.labels.state]):
         functions["experiment"] = (s.kind[:, None] == np.unique(s.kind)).astype(float)
     found = stage_errors(g, parameters, stages, {name: f[p.labels.state] for name, f in functions.items()})
     if np.ptp(s.spine_length) > SPINE_GAP:

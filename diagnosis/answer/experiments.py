@@ -234,11 +234,9 @@ def planned(p: Prepared, x: Proposal) -> Columns:
     return columns(x.protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys(channels)))
 
 
-def _information(
-    predictions: tuple[RivalForecast, ...], weight: Array, draws: int = 60, seed: int = 4711
-) -> tuple[float, list[tuple[int, int]]]:
+def _information(predictions: tuple[RivalForecast, ...], weight: Array) -> tuple[float, list[tuple[int, int]]]:
     """Mutual information of candidates of probability `weight` and outcome, bits, and pairs (i, j) that would be told apart."""
-    rng = np.random.default_rng(seed)
+    rng, draws = np.random.default_rng(4711), 60
     n = len(predictions)
     bits = 0.0
     log_density = np.empty((n, n, draws))  # of outcomes drawn from candidate i, under candidate j

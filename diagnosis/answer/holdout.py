@@ -14,7 +14,7 @@ import numpy as np
 from model.effects.design import design_from_columns
 
 from ..arrays import Array
-from ..data.campaign import Campaign
+from ..data.campaign import Campaign, tips
 from ..data.case import CaseLike, states
 from ..data.levels import SPINE_GAP, levels
 from ..errors import BadCase, BadHoldout
@@ -81,8 +81,5 @@ def _tip_errors(p: Prepared, own: Campaign, theta: Array) -> Array:
     forward = p.forward.on(design_from_columns(p.robot, table_columns(own)))
     fitted = dict(zip(p.problem.parameters.names, theta, strict=True))
     predicted = forward.predict(np.array([fitted.get(i.name, 0.0) if i.lasts else 0.0 for i in forward.parameters]))
-    tip = np.full((len(own), 3), np.nan)
-    for axis, name in enumerate("xyz"):
-        rows = forward.observations.channel == name
-        tip[forward.observations.row[rows], axis] = predicted[rows]
+    tip = tips(len(own), forward.observations.row, forward.observations.channel, predicted)
     return np.asarray(np.linalg.norm(own.tip - tip, axis=1))

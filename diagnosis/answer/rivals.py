@@ -27,6 +27,7 @@ from model.errors import ModelError
 
 from ..arrays import Array, Ints
 from ..criticism.gaussian import Gaussian
+from ..data.campaign import tips
 from ..inference.candidate import Candidate
 from ..inference.discrepancy import settings, smooth_errors
 from ..inference.evidence import Hypothesis
@@ -72,12 +73,8 @@ class RivalForecast:
     def tip(self) -> tuple[Array, Array]:
         """Tip (states, 3) and standard deviation of each coordinate, m; NaN where it is not measured."""
         states = int(self.row.max(initial=-1)) + 1
-        at, sd = np.full((states, 3), np.nan), np.full((states, 3), np.nan)
         spread = np.sqrt((self.factor**2).sum(axis=1))
-        for axis, name in enumerate("xyz"):
-            own = self.channel == name
-            at[self.row[own], axis], sd[self.row[own], axis] = self.mean[own], spread[own]
-        return at, sd
+        return tips(states, self.row, self.channel, self.mean), tips(states, self.row, self.channel, spread)
 
 
 @dataclass(frozen=True)

@@ -67,12 +67,15 @@ class Size:
 def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     """The parameters of the effects that a hypothesis names; none for no effect."""
     parameters = p.problem.parameters
-    if not c.named:
-        return ()
     mean, sd = c.weighed.averaged_mean * parameters.scale, SIZE_SD_FACTOR * c.weighed.averaged_sd * parameters.scale
     seen = c.weighed.averaged_sd < UNDETERMINED_SHARE
-    found = zip(np.flatnonzero(parameters.of_effect).tolist(), mean.tolist(), sd.tolist(), seen.tolist(), strict=True)
-    return tuple(_size(p, i, *own) for i, *own in found if parameters.effects[i] in c.named)
+    of_effects, out = (info for info in parameters.infos if info.group == "effect"), list[Size]()
+    for info, m, s, determined in zip(of_effects, mean.tolist(), sd.tolist(), seen.tolist(), strict=True):
+        if info.source in c.named:
+            low, high = float(info.low), float(info.high)
+            low90, median, high90 = (cut_quantile(m, s, low, high, q) for q in (0.05, 0.5, 0.95))
+            out.append(Size(info.name, info.unit, median, m, s, low, high, low90, high90, determined, info.role, info.least))
+    return tuple(out)
 
 
 def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size, ...]:
@@ -82,7 +85,7 @@ def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size,
 
 def _at(s: Size, v: Value) -> Size:
     sd = max(s.sd, v.sd)
-    low90, high90 = (float(np.clip(cut_quantile(v.value, sd, s.low, s.high, q), s.low, s.high)) for q in (0.05, 0.95))
+    low90, high90 = (cut_quantile(v.value, sd, s.low, s.high, q) for q in (0.05, 0.95))
     low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
     return replace(s, median=v.value, mean=v.value, sd=sd, low90=low90, high90=high90, determined=s.determined and v.determined)
 
@@ -144,14 +147,6 @@ def by_actuator(robot: Robot, spec: EffectSpec, sizes: Mapping[str, Value], cova
     return ByActuator(spec.id, tuple(factor[0].tolist()), spread, tuple(factor[1:].std(axis=0).tolist()))
 
 
-def _size(p: Prepared, i: int, mean: float, sd: float, seen: bool) -> Size:
-    parameters = p.problem.parameters
-    low, high = float(parameters.lower[i]), float(parameters.upper[i])
-    low90, median, high90 = (float(np.clip(cut_quantile(mean, sd, low, high, q), low, high)) for q in (0.05, 0.5, 0.95))
-    info = parameters.infos[i]
-    return Size(info.name, info.unit, median, mean, sd, low, high, low90, high90, seen, info.role, info.least)
-
-
 def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) -> float:
     """Quantile of a normal that is cut at `low` and `high`; `share` is the probability below it.
 
@@ -162,4 +157,4 @@ def cut_quantile(mean: float, sd: float, low: float, high: float, share: float) 
     side = -1.0 if a > 0 else 1.0
     a, b, share = (a, b, share) if side > 0 else (-b, -a, 1 - share)
     log_below = np.logaddexp(np.log1p(-share) + log_ndtr(a), np.log(share) + log_ndtr(b))
-    return float(mean + side * sd * ndtri_exp(log_below))
+    return float(np.clip(mean + side * sd * ndtri_exp(log_below), low, high))

@@ -82,7 +82,7 @@ class HeldOut:
 
     def __init__(self, p: Prepared, part: Ints, how: str, executor: Executor = SINGLE_THREAD) -> None:
         """`part` (states,) is left out together; `how` names it."""
-        self.how, self.executor, self._p = how, executor, p
+        self.how, self._p = how, p
         self._parts = CrossValidation(p.problem, part[p.labels.state], executor)
 
     @classmethod
@@ -143,7 +143,7 @@ def waterfall(f: Attribution, held_out: HeldOut, before: Array, after: Array) ->
     `SMOOTH_SIZES`, and a model of each subset of the named causes without tolerances.
     """
     p, named = f.prepared, f.decision.effects
-    with_tolerances = candidate_model(p, f.best if named else f.none)
+    with_tolerances = candidate_model(p, f.best if named else f.posterior.candidates[NONE])
     subsets = [s for k in range(1, len(named) + 1) for s in itertools.combinations(named, k)]
     tolerant_is_known = bool(named) or f.best.named == NONE
     smooth = []

@@ -11,7 +11,8 @@ import numpy as np
 from model.cause import Cause
 
 from .. import judgement
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, scattered
+from ..criticism.stage_errors import gains_of
 from ..errors import BadCase
 from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import NONE, Hypothesis
@@ -80,9 +81,7 @@ class Built:
 
     def by_row_and_output(self, values: Array) -> Array:
         """(rows, outputs) of values (n,); NaN where not measured."""
-        out = np.full(self.table.measured.shape, np.nan)
-        out[self.table.kept] = values
-        return out
+        return scattered(self.table.measured.shape, self.table.kept, values)
 
     def functions(self, fitted: Fit) -> dict[str, Array]:
         """(values, m) smooth functions of the inputs, the place in the group, and the predicted outputs and their change."""
@@ -96,8 +95,7 @@ class Built:
 
     def with_noise(self, estimate: NoiseEstimate) -> Built:
         """The same with other noise."""
-        block, place = blocks(self.table)
-        noise = estimate.noise(block[self.row], place[self.row], self.output)
+        noise = estimate.noise(self.table, self.row, self.output)
         return replace(self, estimate=estimate, problem=replace(self.problem, noise=noise))
 
 
@@ -138,9 +136,8 @@ def build(predict: Predict, table: Table, causes: Sequence[Cause], every: tuple[
     estimate = replace(estimate, sd=sd, floor=sd)
     of_made = model.by(made)
     parameters = FitParameters(made, np.array([p.sd for p in made]))
-    block, place = blocks(table)
     no_errors = SmoothErrors(np.zeros((len(row), 0)), output, len(sd), np.zeros(len(row)))
-    noise = estimate.noise(block[row], place[row], output)
+    noise = estimate.noise(table, row, output)
     problem = Problem(of_made, parameters, table.measured[table.kept], noise, no_errors)
     calibrated = fit_alone(problem, NONE, np.zeros_like(parameters.sd), FREE_ROUNDS)
     built = Built(
@@ -322,7 +319,8 @@ def _with_sizes(b: Built) -> Built:
         across = gram[:, active] * scale
         taken = across @ np.linalg.inv(np.eye(len(scale)) + scale[:, None] * across[active])
         left, apart = gram - taken @ across.T, pulled - taken @ (scale * pulled[active])
-        gains = {(e, s): _gain(left[np.ix_(own[e], own[e])], apart[own[e]], s) for e in left_out for s in TIMES_PLAUSIBLE}
+        of_each = {e: gains_of(left[np.ix_(own[e], own[e])], apart[own[e]], TIMES_PLAUSIBLE) for e in left_out}
+        gains = {(e, s): gain for e, of_sizes in of_each.items() for s, gain in zip(TIMES_PLAUSIBLE, of_sizes, strict=True)}
         effect, times = max(gains, key=lambda key: gains[key])
         if gains[effect, times] < judgement.SEPARATED_EVIDENCE:
             break
@@ -331,14 +329,6 @@ def _with_sizes(b: Built) -> Built:
         left_out.remove(effect)
         active = active | own[effect]
     return replace(b, problem=replace(b.problem, parameters=replace(p, sd=sd)))
-
-
-def _gain(left: Array, pulled: Array, times: float) -> float:
-    """Log evidence gained by a cause of `times` its plausible sizes (m,): left = C^T K^-1 C and pulled = C^T K^-1 y of its
-    columns C, at plausible sizes, and the data's covariance K and deviations y."""
-    value, vector = np.linalg.eigh(left)
-    value, square = np.maximum(value, 0.0), times**2
-    return 0.5 * float(((vector.T @ pulled) ** 2 * square / (1 + square * value)).sum() - np.log1p(square * value).sum())
 
 
 def _with_discrepancy(b: Built) -> Built:

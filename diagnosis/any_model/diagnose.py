@@ -132,15 +132,14 @@ class _Diagnosis:
         best = w.search.found[w.best.named].log_evidence if w.best.named in w.search.found else w.best.log_evidence
         as_well = alike(among, decision.effects, best)
         why = self._doubts(decision, before[0], corrected[0], as_well)
-        if decision.verdict == "effect":
-            decision = doubted(decision, why, 0)
-            if why and closed is not None and closed < decision.probability:  # no more probable than what of the gap it closes
-                closing = replace(decision, probability=closed, outside=1 - closed, limited=False)
-                decision = closing if closed >= judgement.EXPLAINS else outside_at_most(decision, 1 - closed)
-        elif decision.verdict == "none":
+        if decision.verdict != "unknown":
             decision = doubted(decision, why, 0)
         elif why:
             decision = outside_at_most(decision, decision.probability)
+        if decision.verdict == "effect" and why and closed is not None and closed < decision.probability:
+            # no more probable than what of the gap it closes
+            closing = replace(decision, probability=closed, outside=1 - closed, limited=False)
+            decision = closing if closed >= judgement.EXPLAINS else outside_at_most(decision, 1 - closed)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], decision.outside / max(1 - decision.outside, 1e-9))
         fitted = self._fitted(decision.effects)
         at_fit = b.model.values(fitted.theta)

@@ -99,17 +99,18 @@ def odds_unnamed(free_form: float, excess_scatter: float) -> float:
 
 
 def free_form_gain(g: Gaussian, columns: Array) -> float:
-    """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m), with B diagonal: see the module's docstring."""
+    """log of the mean of Z(s) over `STAGE_ERROR_SIZES`, columns C (n, m): see the module's docstring."""
     columns = columns[:, (columns**2).sum(axis=0) > 1e-12]
     if not columns.shape[1]:
         return 0.0
-    value, vector = np.linalg.eigh(g.inner(columns))
-    value = np.maximum(value, 0.0)
-    along = (vector.T @ (columns.T @ g.residual)) ** 2
-    gains = [
-        0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in judgement.STAGE_ERROR_SIZES
-    ]
-    return _mean(gains)
+    return _mean(gains_of(g.inner(columns), columns.T @ g.residual, judgement.STAGE_ERROR_SIZES))
+
+
+def gains_of(inner: Array, pulled: Array, sizes: Sequence[float]) -> list[float]:
+    """log Z(s) of each size s, from B (m, m) and b (m,), with B diagonal: see the module's docstring."""
+    value, vector = np.linalg.eigh(inner)
+    value, along = np.maximum(value, 0.0), (vector.T @ pulled) ** 2
+    return [0.5 * float((along * s**2 / (1 + s**2 * value)).sum() - np.log1p(s**2 * value).sum()) for s in sizes]
 
 
 def smooth_functions(spine_length: Array, pressure: Array, branch: Array, time: Array, robot_length: float) -> dict[str, Array]:

@@ -12,7 +12,7 @@ from model.condition import States, conditions
 from model.robot import Robot
 from recordings.trials import Table
 
-from ..arrays import Array, Ints, Mask, rows_by
+from ..arrays import Array, Ints, Mask, rows_by, scattered
 
 
 @dataclass(frozen=True)
@@ -163,6 +163,12 @@ def kinds_of(channel: NDArray[np.str_]) -> Ints:
     return np.select([turn, marker, channel == "force"], [1, 2, 3], 0).astype(np.int64)
 
 
+def tips(states: int, row: Ints, channel: NDArray[np.str_], values: Array) -> Array:
+    """(states, 3) the tip among values (n,), each of a state `row` and a channel; NaN where there is none."""
+    of_axes = [channel == axis for axis in "xyz"]
+    return np.column_stack([scattered((states,), row[own], values[own]) for own in of_axes])
+
+
 @dataclass(frozen=True)
 class Labels:
     """What each of n measured values is."""
@@ -174,6 +180,3 @@ class Labels:
     """(n,) 0 tip, 1 orientation, 2 marker, 3 force."""
     axis: Ints
     """(n,) which of its kind's three axes; 0 for forces."""
-    trial: Ints
-    experiment: Ints
-    """(n,) kind of experiment, see `Campaign.kind`."""

@@ -103,15 +103,15 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         f"{tips.place(worst)}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
         f"{robot.length:g} m long ({far.sum()} of {len(tips)} states)"
     )
-    unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
-    if unit is None:
+    units = units_near(float(np.median(distance)) / robot.length, LENGTH_UNITS, 1.6)
+    if not units:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
             return f"{head}: tips lie up to {apart:.3g} m apart: check unit (m) and `scale` first", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
-    in_m = tips.replaced({axis: tips.get(axis) / unit.per_si for axis in "xyz"})
-    return f"{head}: looks like {unit.name}; positions are in m: {unit.remedy}", in_m
+    in_m = tips.replaced({axis: tips.get(axis) / units[0].per_si for axis in "xyz"})
+    return f"{head}: looks like {units[0].name}; positions are in m: {units[0].remedy}", in_m
 
 
 def _highest(robot: Robot, tips: Table) -> str:
@@ -121,7 +121,8 @@ def _highest(robot: Robot, tips: Table) -> str:
         return ""
     unit, pascal, looks = robot.actuators.words.unit, robot.actuators.words.pascal, ""
     if robot.chambers is not None:
-        units = units_near((robot.max_pressure or USUAL_PRESSURE) / size[state, column], PRESSURE_UNITS, 3.0)
+        ratio = (robot.max_pressure or USUAL_PRESSURE) / size[state, column]
+        units = units_near(ratio, PRESSURE_UNITS, 3.0) or units_near(ratio, PRESSURE_UNITS, math.inf)[:1]
         unit, pascal = "Pa gauge", 1.0
         looks = f", it looks like Pa read as {' or '.join(f'{u.name} (divide by {1 / u.per_si:.4g})' for u in units)}"
     return (
@@ -203,16 +204,6 @@ def require_plausible_pushes(robot: Robot, pushes: Table) -> None:
 
 
 def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
-    """All units whose `per_si` is within a factor of a ratio of numbers found to numbers expected; the nearest, even if it is
-    not, comes first."""
-    distance = {unit: abs(math.log(ratio / unit.per_si)) for unit in units}
-    first, *others = sorted(units, key=distance.__getitem__)
-    return [first, *(unit for unit in others if distance[unit] < math.log(within))]
-
-
-def nearest(ratio: float, units: Sequence[Unit], within: float) -> Unit | None:
-    """The unit whose `per_si` is nearest to a ratio; None beyond a factor `within`."""
-    if not ratio > 0:
-        return None
-    best = units_near(ratio, units, within)[0]
-    return best if abs(math.log(ratio / best.per_si)) < math.log(within) else None
+    """All units whose `per_si` is within a factor of a ratio of numbers found to numbers expected, the nearest first."""
+    distance = {unit: abs(math.log(ratio / unit.per_si)) if ratio > 0 else math.inf for unit in units}
+    return sorted((unit for unit in units if distance[unit] < math.log(within)), key=distance.__getitem__)

@@ -247,8 +247,10 @@ class _Carrying:
         """c_e (d, e) in m and in noise floors, at draws of the parameters `size` (d, p) in units of the effects' scales."""
         p = self._problem.parameters
         at = fit.theta[p.of_effect] / p.scale
+        if id(fit) not in self._of_fit:
+            self._of_fit[id(fit)] = fit, self._squares(fit)
         by_part = []
-        for squares in self._squares(fit):
+        for squares in self._of_fit[id(fit)][1]:
             columns = []
             for effect in p.ids:
                 mask = p.mask((effect,))
@@ -260,14 +262,9 @@ class _Carrying:
 
     def _squares(self, fit: Fit) -> list[dict[str, Array]]:
         """For tips and for forces: effect -> M (m + 1, m + 1) in m^2, with which c_e^2 = x^T M x for x = (change of its m
-        parameters since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration."""
-        if id(fit) not in self._of_fit:
-            self._of_fit[id(fit)] = (fit, self._products(fit))
-        return self._of_fit[id(fit)][1]
-
-    def _products(self, fit: Fit) -> list[dict[str, Array]]:
-        """See `_squares`. The change by an effect at the fit is its slope times its size; where that exceeds `LEAST_NAMED_FLOORS`
-        noise floors, it is the difference of the model with and without the effect."""
+        parameters since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration. d_e is the effect's
+        slope times its size; where that exceeds `LEAST_NAMED_FLOORS` noise floors, the difference of the model with and without
+        the effect."""
         p = self._problem.parameters
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
         slope = fit.derivatives(self._problem).every

@@ -82,11 +82,7 @@ class OnBaseline:
 
     def predict(self, theta: Array, trial: bool = False, whole: bool = False) -> Array:
         """(observations,) at parameters (k,)."""
-        return np.asarray(self.forward.predict(theta, trial, whole) + self._beside(theta))
-
-    def _beside(self, theta: Array) -> Array:
-        """(observations,) the part that the rod alone does not predict."""
-        return np.asarray((1.0 - theta[self._share]) * self._apart(theta))
+        return np.asarray(self.forward.predict(theta, trial, whole) + (1.0 - theta[self._share]) * self._apart(theta))
 
     def _apart(self, theta: Array) -> Array:
         """(observations,) simulator minus rod at these parameters."""
@@ -99,12 +95,12 @@ class OnBaseline:
         """Prediction, and its derivatives (observations, k)."""
         predicted, slope = self.forward.linearise(theta, columns)
         wanted = list(range(slope.shape[1])) if columns is None else list(columns)
-        kept = 1.0 - theta[self._share]
-        beside = {k: kept * excess for k, excess in self.varied.items()} | {self._share: -self._apart(theta)}
+        kept, apart = 1.0 - theta[self._share], self._apart(theta)
+        beside = {k: kept * excess for k, excess in self.varied.items()} | {self._share: -apart}
         for k, excess in beside.items():
             if k in wanted:
                 slope[:, wanted.index(k)] += excess
-        return predicted + self._beside(theta), slope
+        return predicted + kept * apart, slope
 
     def near(self, theta: Array) -> OnBaseline:
         """The same, made quicker close to parameters (k,)."""

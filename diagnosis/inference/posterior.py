@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from math import comb, exp, inf, log
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
 from ..judgement import CREDIBLE_SHARE, LARGEST_ODDS, PRIOR_OF_MORE, PRIOR_OF_NUMBER, RELATIVE_ODDS, TEMPERATURE
@@ -75,9 +75,7 @@ def odds_of_relatives(tried: Sequence[Candidate], weights: Sequence[float], effe
 
 def shares(candidates: Sequence[Candidate], effects: int) -> Array:
     """Probabilities of candidates that exclude each other, within a catalogue of `effects` effects."""
-    weight = np.array([log_weight(c.named, c.log_evidence, effects) for c in candidates])
-    share = np.exp(weight - weight.max())
-    return np.asarray(share / share.sum())
+    return np.asarray(softmax([log_weight(c.named, c.log_evidence, effects) for c in candidates]))
 
 
 def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:

@@ -19,7 +19,7 @@ from model.effects.spec import EffectSpec
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot
 
-from ..arrays import Array, Mask
+from ..arrays import Array, Mask, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise_components import NoiseComponents
 from ..edits.order import leave_out
@@ -88,11 +88,10 @@ class Prepared:
         if not self.pushes_only and self.baseline is None:
             own = self.labels.kind == 0
             bent = ~self.states.pushed
-            tip = np.full((len(self.states), 3), np.nan)
             robot, states = self.described or (self.robot, self.states)
             without_residual = robot.model_copy(update={"residual": None})
-            tip[bent] = predict_campaign(without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
-            tip += self.states.tip - states.tip
+            predicted = predict_campaign(without_residual, table_columns(states.take(bent)), self.forward.catalogue).tip
+            tip = scattered((len(self.states), 3), bent, predicted) + (self.states.tip - states.tip)
             out[own] = tip[self.labels.state[own], self.labels.axis[own]]
         return out
 
@@ -102,18 +101,13 @@ class Prepared:
 
     def places(self, values: Array, own: Mask) -> Array:
         """(states, 3) of those among values (n,) that are `own` (n,), of one point; NaN where not measured."""
-        out = np.full((len(self.states), 3), np.nan)
-        out[self.labels.state[own], self.labels.axis[own]] = values[own]
-        return out
+        return scattered((len(self.states), 3), (self.labels.state[own], self.labels.axis[own]), values[own])
 
     def deflection(self, values: Array) -> Array:
         """(states,) m: forces among values (n,) as deflections of each specimen under them, NaN elsewhere."""
-        out = np.full(len(self.states), np.nan)
-        if self.pushes is not None:
-            own = self.labels.kind == 3
-            state = self.labels.state[own]
-            out[state] = values[own] / self.pushes.stiffness[state]
-        return out
+        own = self.labels.kind == 3
+        force = scattered((len(self.states),), self.labels.state[own], values[own])
+        return force if self.pushes is None else force / self.pushes.stiffness
 
     def gap(self, values: Array) -> Array:
         """(states, 3) m where the gap is looked for: tips, or, of stiffness trials alone, the deflection along x."""
@@ -155,7 +149,9 @@ def prepare(
     kept = np.isfinite(observed) & np.isfinite(predicted)
     if not kept.any():
         raise BadCase("the rod model has no equilibrium at any measured state: check robot.yaml's stiffness and area factor")
-    labels = _labels(forward, states, kept)
+    row, channel = forward.observations.row[kept], forward.observations.channel[kept].astype(np.str_)
+    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
+    labels = Labels(row, channel, kinds_of(channel), axis)
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     slope = slope.rows(kept)
@@ -235,13 +231,6 @@ def parameters(infos: tuple[ParameterInfo, ...]) -> FitParameters:
     every = (FitParameter(**{name: getattr(info, name) for name in names}) for info in infos)
     own = tuple(replace(p, group="calibration") if p.name == SHARE else p for p in every)
     return FitParameters(own, np.array([p.sd for p in own]))
-
-
-def _labels(forward: ForwardModel, states: Campaign, kept: Mask) -> Labels:
-    row = forward.observations.row[kept]
-    channel = forward.observations.channel[kept].astype(np.str_)
-    axis = np.array([max("xyz".find(name[-1]), 0) for name in channel], np.int64)
-    return Labels(row, channel, kinds_of(channel), axis, states.trial[row], states.kind[row])
 
 
 def least_sizes(made: FitParameters, labels: Labels, slope: Columns, floor: float) -> tuple[float, ...]:

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from model.condition import States
+from model.condition import TIP, States
 from model.effects.forward import ForwardModel
 from model.effects.observation import Observations
 from model.effects.parameters import ParameterInfo
 from model.effects.scales import STANDARD
 
-from ..arrays import Array, Ints, Mask, rows_by
+from ..arrays import Array, Ints, Mask, rows_by, scattered
 from ..data.campaign import Campaign, Labels, kinds_of
 from ..data.noise import Lasting, Noise, blocks
 from ..data.noise_components import PRESSURE, NoiseComponents, Repeated, Scatter, reading_rms
@@ -29,7 +30,6 @@ from ..judgement import MEMORY
 from .jacobian import Columns
 from .problem import FitParameters
 
-TIP = ("x", "y", "z")
 KINDS = ("tip", "turn", "marker", "force")
 DEFAULT_NOISE = {"tip": 0.3e-3, "turn": np.radians(0.3), "marker": 0.3e-3}
 """Default white noise of a reading: m, rad, m."""
@@ -87,7 +87,8 @@ def stiffness_trials(
     """Noise and stiffness of a campaign's stiffness trials, from the baseline's residuals `missed` (n,) of all values and their
     derivatives `slope` (n, k), of which the forces are used."""
     rows = np.flatnonzero(labels.kind == 3)
-    state, trial = labels.state[rows], labels.trial[rows]
+    state = labels.state[rows]
+    trial = states.trial[state]
     by_source = {
         source: slope.along(np.array([float(p.source == source) for p in infos]))[rows]
         for source in dict.fromkeys(p.source for p in infos if p.trial is not None)
@@ -114,15 +115,10 @@ def stiffness_trials(
     total_sd = np.sqrt(reading_sd**2 + sum((noise.trial[k] * by_source[k]) ** 2 for k in by_source))
     from_repeats = reading_rms(replace(data, residual=data.residual / stiffness[:, None]), np.ones(1, bool))
     noise_floor = from_repeats if np.isfinite(from_repeats) else float(np.sqrt(np.mean((total_sd / stiffness) ** 2)))
-
-    def by_state(values: Array) -> Array:
-        out = np.full(len(states), np.nan)
-        out[state] = values
-        return out
-
     trials = set(trial.tolist())
     names = frozenset(p.name for p in infos if p.trial in trials)
-    return StiffnessTrials(noise, noise_floor, by_state(stiffness), by_state(total_sd), names)
+    of_state = partial(scattered, (len(states),), state)
+    return StiffnessTrials(noise, noise_floor, of_state(stiffness), of_state(total_sd), names)
 
 
 def noise_of(states: Campaign, labels: Labels, noise: NoiseComponents, pushes: StiffnessTrials | None, response: Array) -> Noise:
@@ -200,9 +196,7 @@ def floor_of(
 
     def grid(values: Array) -> Array:
         """Values (n, ..) of the robot by state and channel (states, channels, ..); NaN where there was no reading."""
-        out = np.full((len(states), len(names), *values.shape[1:]), np.nan)
-        out[labels.state[of_robot], column] = values[of_robot]
-        return out
+        return scattered((len(states), len(names), *values.shape[1:]), (labels.state[of_robot], column), values[of_robot])
 
     residual = grid(missed)
     complete = np.flatnonzero(np.isfinite(residual).all(axis=1))
