@@ -26,7 +26,7 @@ from scipy.special import ndtri
 
 from ..arrays import Array, Ints, Mask
 from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
-from .candidate import Candidate
+from .candidate import LEAST_DRAWN, Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .executor import Executor
 from .fit import Fit
@@ -134,7 +134,7 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
     least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
     draws: list[tuple[Any, ...]] = []
     for c, w in zip(candidates, weights, strict=True):
-        if w < 1e-3:
+        if w < LEAST_DRAWN:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
         in_metres, in_floors = carry.of(c.fit, drawn)

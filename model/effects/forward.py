@@ -103,11 +103,12 @@ class _Varied:
     """Whether any of them changes what is read of the same rods."""
 
     def through(self, by_column: Array, columns: Sequence[int]) -> Array:
-        """(v, full, c) derivatives by parameters of what has derivatives `by_column` (full, a, c) by a columns of the rods."""
-        out = np.zeros((len(self.by_row), len(by_column), by_column.shape[-1]))
+        """(v, full, c) derivatives by parameters of what has derivatives `by_column` (a, c, full) by a columns of the rods."""
+        out = np.zeros((len(self.by_row), *by_column.shape[1:]))
         for column, (variants, change) in self.change.items():
-            out[variants] += change[..., None] * by_column[:, columns.index(column)]
-        return out
+            for variant, of_states in zip(variants, change, strict=True):
+                out[variant] += of_states * by_column[columns.index(column)]
+        return out.swapaxes(1, 2)
 
 
 class ForwardModel:
@@ -339,12 +340,13 @@ class ForwardModel:
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         here = self._differentiable(theta, slots)
-        of_row = self._table.of_row[list(slots)][:, self.observations.row]
+        of_row = self._table.of_row[list(slots)]
         column_of = np.full(len(self.parameters) + 1, -1)
         column_of[wanted] = np.arange(len(wanted))
         slopes = self.observations.pick(self._slopes(here, slots, self.observations.every))
-        steep = np.abs(slopes) * self._sd[of_row] > STEEP * self.robot.length
-        return self.observations.of(here.readings)[0], np.where(steep, 0.0, slopes), column_of[of_row]
+        for slope, parameter in zip(slopes, of_row, strict=True):
+            slope[np.abs(slope) * self._sd[parameter][self.observations.row] > STEEP * self.robot.length] = 0.0
+        return self.observations.of(here.readings)[0], slopes, column_of[of_row][:, self.observations.row]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
@@ -539,34 +541,33 @@ class ForwardModel:
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
         return _Varied(spread, by_row, q, built, change_of, moves, remembers, reads)
 
-    def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> list[Array]:
+    def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> Iterator[Array]:
         """(v, full, channels) of each batch: derivatives of readings through the rods' rows alone, in the parameters' units."""
         rest_slopes = self._rest_slopes(here, batches)
         columns = sorted(
             {c for b in batches for c in b.change} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # by columns of a rod's row
+        by_column = np.zeros((len(columns), every(here.readings).shape[-1], len(self._full)))  # by columns of a rod's row
         if columns:
 
             def read(results: Array) -> Array:
                 return every(self._readings(here.quantities, results, here.spread))[:, self._moved_rows]
 
-            by_column[self._moved_rows] = _by_columns(here.final, columns, read)
-        out = []
+            by_column[..., self._moved_rows] = _by_columns(here.final, columns, read)
+        of_rest = np.moveaxis(by_column[[columns.index(c) for c in self._rest_columns if c in columns]], 2, 0)
         for b, rest_slope in zip(batches, rest_slopes, strict=True):
             slope = b.through(by_column, columns)
             if rest_slope is not None:
-                slope += (rest_slope @ by_column[:, [columns.index(c) for c in self._rest_columns]]).swapaxes(0, 1)
-            out.append(slope)
-        return out
+                slope += (rest_slope @ of_rest).swapaxes(0, 1)
+            yield slope
 
     def _rest_slopes(self, here: _At, batches: Sequence[_Varied]) -> list[Array | None]:
         """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`; None where it adds the same."""
         columns = sorted({c for b in batches for c in b.change})
-        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
+        by_column = np.zeros((len(columns), DRIVES, len(self._full)))  # by columns of a rod's row
         if here.remembers and columns:
             slopes = _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
-            by_column[self._in_bare] = np.nan_to_num(slopes)
+            by_column[..., self._in_bare] = np.nan_to_num(slopes)
         lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
@@ -601,7 +602,7 @@ class ForwardModel:
 
 
 def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
-    """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
+    """(a, outputs, n) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
     made = made_of(nudged(solved, NUDGE))
     by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)
-    return np.asarray(differentiate(solved, directions(solved.layout, changed)) @ by_motion)
+    return np.moveaxis(differentiate(solved, directions(solved.layout, changed), by_motion), 0, 2)
