@@ -99,9 +99,7 @@ def _promised(p: Prepared, forward: ForwardModel, c: Candidate) -> Iterator[tupl
         size = None if there.effect_size is None else np.append(there.effect_size, np.zeros(len(added)))
         extended = replace(there, effects=np.hstack([there.effects, white]), effect_size=size)
         alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in ids)])
-        yield beside, alone.log_evidence + offset, {
-            r: w.log_evidence + offset for r, w in zip(ids, with_relative, strict=True)
-        }
+        yield beside, alone.log_evidence + offset, {r: w.log_evidence + offset for r, w in zip(ids, with_relative, strict=True)}
 
 
 def _log_weight(r: Related, effects: int) -> float:

@@ -83,7 +83,7 @@ class Noise:
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        return self._applied(white, lambda b: np.linalg.inv(b.white))
+        return self._applied(white, lambda b: np.asarray(np.linalg.inv(b.white), float))
 
     @property
     def covariance(self) -> Array:

@@ -25,8 +25,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..arrays import Array, Ints, Mask
-from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
-from .candidate import LEAST_DRAWN, Candidate
+from ..judgement import COMPARABLE, LEAST_DRAWN, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
+from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .executor import Executor
 from .fit import Fit

@@ -11,10 +11,6 @@ from .linear import Linear, SizePrior
 from .problem import FitParameters, Problem
 
 
-LEAST_DRAWN = 1e-3
-"""Least probability of a candidate of which draws of what effects carry are taken (`budget`)."""
-
-
 @dataclass(frozen=True)
 class Candidate:
     """A hypothesis with its evidence, and the fit around which it was weighed."""
@@ -70,11 +66,5 @@ def complete(c: Candidate, bases: Bases) -> Candidate:
     return c if slope is None or slope.left is None else _with(c, replace(slope, base=bases[slope.left], left=None))
 
 
-def without_derivatives(c: Candidate, few: int) -> Candidate:
-    """The same if it has no more than a few derivatives of its own; else without any."""
-    slope = c.fit.slope
-    return c if slope is None or slope.at.size <= few else _with(c, None)
-
-
-def _with(c: Candidate, slope: Jacobian | None) -> Candidate:
+def _with(c: Candidate, slope: Jacobian) -> Candidate:
     return replace(c, fit=replace(c.fit, slope=slope))

@@ -27,7 +27,7 @@ from scipy.special import logsumexp
 
 from .. import judgement
 from ..arrays import Array
-from .candidate import LEAST_DRAWN, Bases, Candidate, complete, light, without_derivatives
+from .candidate import Bases, Candidate, complete, light
 from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
@@ -207,15 +207,15 @@ class Search:
         return chosen
 
     def _forget_derivatives(self) -> None:
-        """Drop the derivatives of what has ended or is behind, if they are few only where no draw of the budget will need them, and
-        what was made of others: in a large campaign they take most memory."""
+        """Drop the derivatives of what has ended or is behind, a few only where no draw of the budget will need them, and what is
+        made of others: in a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
         in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
         for key, c in ((key, c) for key, c in self._tried.items() if id(c) not in waiting):
             behind = self._standing.best - c.log_evidence - self._log_prior(c.named)
-            few = 8 if behind < -judgement.TEMPERATURE * np.log(LEAST_DRAWN) else -1
-            if c.ended or behind > judgement.SEARCH_MARGIN:
-                self._tried[key] = c = without_derivatives(c, few)
+            few = 8 if behind < -judgement.TEMPERATURE * np.log(judgement.LEAST_DRAWN) else -1
+            if (c.ended or behind > judgement.SEARCH_MARGIN) and c.fit.slope is not None and c.fit.slope.at.size > few:
+                self._tried[key] = c = replace(c, fit=replace(c.fit, slope=None))
             for slope in (c.fit.slope, c.base):
                 if slope is not None and id(slope) not in in_use:
                     slope.made.clear()

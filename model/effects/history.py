@@ -34,6 +34,8 @@ SHORTEST = 1e-4
 DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
 OF_PART = DRIVES // 2
+READ = (col.LENGTH, col.BEND, col.STRETCH + 2)
+"""Columns of each element that are read of rods."""
 
 USUAL_PAUSE = 20.0
 """Paces of the campaign between trials whose times are not known."""
@@ -177,10 +179,6 @@ class History:
         drive, covered = _spread(self.drive, v, n, DRIVES), _spread(covered, v, n, CELLS)
         rates = _spread(rate[:, 0], v)
         return self.path.extremes(drive, covered, q.design.roll, rates, USUAL_PAUSE * q.scales.time)
-
-    def sliding(self, drive: Array, yields: Array) -> Array:
-        """(v, n, c) mean state of sliding elements."""
-        return self.path.sliding(drive, yields)
 
 
 def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> History:

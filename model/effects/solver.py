@@ -28,8 +28,6 @@ STRAIN_POINTS = 3
 """An element; strains change little along it."""
 FAR = math.cos(0.5 * 0.8)
 """Cosine of half the angle (0.8 rad) by which its tip may have turned since."""
-AT_ONCE = 512
-"""Rows of which derivatives are held at once."""
 PARTS = (2, 6)
 """Stretches in which the way from a known rod to a new one is gone, where one does not do."""
 
@@ -224,25 +222,20 @@ def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDA
     return rows[_unsolved(found)]
 
 
-def differentiate(solved: SolvedRods, directions: Array, by_motion: Array) -> Array:
-    """(n, a, outputs) derivatives along `directions` (a, layout.width) of the rows of what has derivatives `by_motion` (n, motions,
-    outputs), some rows at a time.
+def differentiate(solved: SolvedRods, directions: Array) -> Array:
+    """(n, a, motions) derivatives of the results along `directions` (a, layout.width) of the rows.
 
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
     and the strains, in this order.
     """
     rods = sprung_rods(solved.layout, solved.rows)
-    own, out = int(solved.inside), np.empty((len(rods), len(directions), by_motion.shape[2]))
-    places, shares = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:], _shares(solved.layout, rods).swapaxes(1, 2)
-    for part in (slice(first, first + AT_ONCE) for first in range(0, len(rods), AT_ONCE)):
-        method, solution = replace(METHOD, steps=solved.steps[part]), solved.solution.take(part)
-        d = rod.sensitivities(
-            rods[part], solution, directions[None], method, arc_lengths=places[part], strain=solved.inside, attached=own
-        )
-        marked = d.position[:, :, own:].reshape(*d.values.shape[:2], 3 * len(solved.arcs))
-        within = (d.base_rotation, d.turn[:, :, 0], d.strain @ shares[part]) if solved.inside else ()
-        out[part] = np.concatenate([d.tip, d.rotation, marked, *within], axis=-1) @ by_motion[part]
-    return out
+    own = int(solved.inside)
+    places = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:]
+    method = replace(METHOD, steps=solved.steps)
+    d = rod.sensitivities(rods, solved.solution, directions[None], method, arc_lengths=places, strain=solved.inside, attached=own)
+    marked = d.position[:, :, own:].reshape(len(rods), len(directions), 3 * len(solved.arcs))
+    within = (d.base_rotation, d.turn[:, :, 0], d.strain @ _shares(solved.layout, rods).swapaxes(1, 2)) if solved.inside else ()
+    return np.concatenate([d.tip, d.rotation, marked, *within], axis=-1)
 
 
 def nudged(solved: SolvedRods, step: float) -> Array:
