@@ -17,7 +17,7 @@ from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, with_own_rest, with_rest
-from model.effects.history import DRIVES, READ, by_element, drive, history_of, loading_path, ramps, rest_columns
+from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
 from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
@@ -80,8 +80,7 @@ class InputChange:
 
     def behind(self, more: int) -> InputChange:
         """The same behind `more` that change nothing."""
-        wide = [np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in (self.pressure, self.spine_length, self.by)]
-        return InputChange(*wide)
+        return InputChange(*(np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in vars(self).values()))
 
 
 NO_CHANGE = InputChange(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
@@ -96,7 +95,7 @@ class _Varied:
     """(v, full) their steps, in the parameters' units; 1 where a row has no such parameter."""
     quantities: Quantities
     built: RodColumns
-    """The columns that memory reads."""
+    """Lengths and stiffnesses of the elements, which memory reads."""
     change: Mapping[int, tuple[Ints, Array]]
     """By column of the rods that changes: the variants that do, and (k, full) by how much, per unit of the parameter."""
     remembers: bool
@@ -527,21 +526,19 @@ class ForwardModel:
 
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
         """Variants of `here`: for each slot one in which it is a step away, and one for each change."""
-        v, full = len(slots), len(self._full)
         spread = self._table.variants(here.spread, here.theta + step, slots, len(change.by))
-        by_row = np.empty((v + len(change.by), full))
-        by_row[:v], by_row[v:] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
+        steps = np.append(step, 1.0)[self._table.of_row[list(slots)]]
+        by_row = np.vstack([steps, np.tile(change.by[:, None], len(self._full))])
         laws = [self._table.source_of(k).spec.law for k in slots]
         q, built = here.quantities, here.built
         moves = len(change.by) > 0 or any(law.before is not None for law in laws)
         if moves:
-            q = self._quantities(spread, change.behind(v) if change.by.size else change)
+            q = self._quantities(spread, change.behind(len(slots)) if change.by.size else change)
             built = rod_columns(q, self._shear)
-        change_of = built.changes(here.built, by_row)
         remembers = (here.remembers and moves) or any(law.path is not None for law in laws)
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
-        of_memory = built.only(element + c for element in self._layout.elements for c in READ)
-        return _Varied(spread, by_row, q, of_memory, change_of, remembers, reads)
+        read = (element + c for element in self._layout.elements for c in (col.LENGTH, col.BEND, col.STRETCH + 2))
+        return _Varied(spread, by_row, q, built.only(read), built.changes(here.built, by_row), remembers, reads)
 
     def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> Iterator[Array]:
         """(v, full, channels) of each batch: derivatives of readings through the rods' rows alone, in the parameters' units."""
@@ -551,11 +548,9 @@ class ForwardModel:
         )
         by_column = np.zeros((len(columns), every(here.readings).shape[-1], len(self._full)))  # by columns of a rod's row
         if columns:
-
-            def read(results: Array) -> Array:
-                return every(self._readings(here.quantities, results, here.spread))[:, self._moved_rows]
-
-            by_column[..., self._moved_rows] = _by_columns(here.final, columns, read)
+            by_column[..., self._moved_rows] = _by_columns(
+                here.final, columns, lambda r: every(self._readings(here.quantities, r, here.spread))[:, self._moved_rows]
+            )
         of_rest = np.moveaxis(by_column[[columns.index(c) for c in self._rest_columns if c in columns]], 2, 0)
         for b, rest_slope in zip(batches, rest_slopes, strict=True):
             slope = b.through(by_column, columns)

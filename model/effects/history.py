@@ -34,8 +34,6 @@ SHORTEST = 1e-4
 DRIVES = 8
 """Curvature x, y, z (1/m) and axial strain of the part with spine, then of the part beyond it."""
 OF_PART = DRIVES // 2
-READ = (col.LENGTH, col.BEND, col.STRETCH + 2)
-"""Columns of each element that are read of rods."""
 
 USUAL_PAUSE = 20.0
 """Paces of the campaign between trials whose times are not known."""

@@ -78,8 +78,7 @@ class Spread:
         """(v, n), or (1, n) where no variant has another value."""
         if self.stepped is None or k not in self.chosen:
             return self.values[self.of_row[k]][None]
-        out = np.empty((len(self.chosen), self.of_row.shape[1]))
-        out[:] = self.values[self.of_row[k]]
+        out = np.repeat(self.values[self.of_row[k]][None], len(self.chosen), axis=0)
         variant = self.chosen.index(k)
         out[variant] = self.stepped[variant]
         return out
