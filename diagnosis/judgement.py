@@ -129,6 +129,8 @@ FAR_START = 10.0
 """Times the squared residual of none above which the robot is calibrated anew at a start."""
 
 # ------------------------------------------------------------------ posterior and budget
+LEAST_DRAWN = 1e-3
+"""Least probability of a candidate of which draws of what effects carry are taken."""
 TEMPERATURE = 4.0
 """Divisor of log evidence: laws of another form make readings less independent than the likelihood says. Chosen on the practice
 robots."""

@@ -94,12 +94,13 @@ def misfit_diagnostics(
     if answer.linear(problem).form_error.shape[1]:
         by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
         law_error_gain = float(by_share[-1] - by_share[0])
+    lack_of_fit = Gaussian(linear, prior, 0.0, law_error).misfit_per_dof()
     predictive, trials = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), law_error), np.unique(trial)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)
     worst = int(np.argmin(probability))
     return MisfitDiagnostics(
-        lack_of_fit=Gaussian(linear, prior, 0.0, law_error).misfit_per_dof(),
+        lack_of_fit=lack_of_fit,
         excess_scatter=excess_scatter,
         outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
         outlier_surprise=float(surprise[worst] / value_count[worst]),

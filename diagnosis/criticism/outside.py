@@ -13,8 +13,9 @@ Log evidence is divided by the temperature, as everywhere.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -65,23 +66,9 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
         return max(log_evidence - reached.get(beside, math.inf), 0.0)
 
     for c in candidates:
-        wider, white = _relatives(p, forward, c)
-        added = wider.infos[len(p.problem.parameters.infos) :]
-        ids = tuple(dict.fromkeys(i.source for i, column in zip(added, white.T, strict=True) if column.any()))
-        linear = c.linear(p.problem)
-        offset = c.log_evidence - weigh(linear, KNOWN, p.problem.parameters, [c.named])[0].log_evidence
-        one_less = [(tuple(e for e in c.named if e != one), c.fit.without_law(one).linear(p.problem)) for one in c.named]
-        for beside, linear_there in one_less or [(c.named, linear)]:
-            size = linear_there.effect_size
-            extended = replace(
-                linear_there,
-                effects=np.hstack([linear_there.effects, white]),
-                effect_size=None if size is None else np.append(size, np.zeros(len(added))),
-            )
-            alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in ids)])
-            excess = above(beside, alone.log_evidence + offset)
-            for r, w in zip(ids, with_relative, strict=True):
-                z = w.log_evidence + offset - excess
+        for beside, alone, with_relative in _promised(p, forward, c):
+            for r, log_evidence in with_relative.items():
+                z = log_evidence - above(beside, alone)
                 if z > promised.get((r, beside), (-math.inf, c))[0]:
                     promised[r, beside] = z, c
 
@@ -97,6 +84,22 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
         if unfitted and weight(max(fitted, key=weight)) > weight(unfitted[0]):
             break
     return tuple(sorted((*fitted, *unfitted), key=weight, reverse=True))
+
+
+def _promised(p: Prepared, forward: ForwardModel, c: Candidate) -> Iterator[tuple[Hypothesis, float, dict[str, float]]]:
+    """What stands beside a relative in a candidate, its log evidence, and that with each relative in place of one effect, in the
+    linear problem of the candidate."""
+    wider, white = _relatives(p, forward, c)
+    added = wider.infos[len(p.problem.parameters.infos) :]
+    ids = tuple(dict.fromkeys(i.source for i, column in zip(added, white.T, strict=True) if column.any()))
+    offset = c.log_evidence - weigh(c.linear(p.problem), KNOWN, p.problem.parameters, [c.named])[0].log_evidence
+    for one in c.named or ("",):
+        beside = tuple(e for e in c.named if e != one)
+        there = (c.fit.without_law(one) if c.named else c.fit).linear(p.problem)
+        size = None if there.effect_size is None else np.append(there.effect_size, np.zeros(len(added)))
+        extended = replace(there, effects=np.hstack([there.effects, white]), effect_size=size)
+        alone, *with_relative = weigh(extended, KNOWN, wider, [beside, *((*beside, r) for r in ids)])
+        yield beside, alone.log_evidence + offset, {r: w.log_evidence + offset for r, w in zip(ids, with_relative, strict=True)}
 
 
 def _log_weight(r: Related, effects: int) -> float:
@@ -147,17 +150,19 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     """The problem's parameters with those of the relatives that `forward` has beside the catalogue, as further effects, and the
     derivatives of the values by these at a candidate's fit, whitened, by one prior standard deviation of each."""
     problem, shown = p.problem, forward.catalogue.keys() - p.forward.catalogue.keys()
-    known = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
-    theta = np.array([known.get(info.name, 0.0) for info in forward.parameters])
+    fitted = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
+    theta = np.array([fitted.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
     slope = linearise(forward, theta, own)[1][_measured(p, forward)]
     infos = parameters(tuple(forward.parameters[i] for i in own)).infos
     sd = np.array([i.sd for i in infos])
-    whole = c.fit.derivatives(problem).every.then(Columns.of(slope))
-    wider = replace(problem.parameters, infos=problem.parameters.infos + infos, sd=np.append(problem.parameters.sd, sd))
-    least = least_sizes(wider, p.labels, whole, p.noise_floor)[len(problem.parameters.sd) :]
-    least = problem.parameters.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))
-    return replace(wider, least=least), problem.noise.whiten(slope * sd)
+    known, free = problem.parameters, problem.parameters.calibration
+    calibrated = replace(known, infos=(*itertools.compress(known.infos, free), *infos), sd=np.append(known.sd[free], sd))
+    columns = c.fit.derivatives(problem).every.take(free).then(Columns.of(slope))
+    least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
+    least = known.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))
+    wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=least)
+    return wider, problem.noise.whiten(slope * sd)
 
 
 def _measured(p: Prepared, forward: ForwardModel) -> Mask:

@@ -83,7 +83,7 @@ class Noise:
 
     def colour(self, white: Array) -> Array:
         """The inverse of `whiten`."""
-        return self._applied(white, lambda b: b.root)
+        return self._applied(white, lambda b: np.asarray(np.linalg.inv(b.white), float))
 
     @property
     def covariance(self) -> Array:
@@ -131,9 +131,9 @@ class Noise:
         columns = values.reshape(len(values), -1)
         out = np.empty(columns.shape) if into is None else into
         for b in self._blocks:
-            at_once = max(1, AT_ONCE // (b.rows.shape[1] * columns.shape[1] or 1))
+            at_once, of_block = max(1, AT_ONCE // (b.rows.shape[1] * columns.shape[1] or 1)), matrix(b)
             for first in range(0, len(b.rows), at_once):
-                rows, of = b.rows[first : first + at_once], matrix(b)[first : first + at_once]
+                rows, of = b.rows[first : first + at_once], of_block[first : first + at_once]
                 out[rows] = of @ columns[rows] if of.shape[1] > 1 else of * columns[rows]
         return out.reshape(values.shape)
 
@@ -171,8 +171,6 @@ class _Blocks:
     """(b, s) indices of their values."""
     white: Array
     """(b, s, s) C^-1/2: makes them independent, of standard deviation 1."""
-    root: Array
-    """(b, s, s) C^1/2, the inverse."""
     log_sd: float
     """Half the log determinant of their covariance."""
 
@@ -182,10 +180,8 @@ class _Blocks:
         value, vector = np.linalg.eigh(covariance / sd[:, :, None] / sd[:, None, :])
         # rounding errors of a zero eigenvalue
         value = np.maximum(value, 1e-9)
-        turned = vector.swapaxes(1, 2)
-        white = (vector / np.sqrt(value)[:, None, :]) @ turned / sd[:, None, :]
-        root = sd[:, :, None] * ((vector * np.sqrt(value)[:, None, :]) @ turned)
-        return _Blocks(rows, white, root, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
+        white = (vector / np.sqrt(value)[:, None, :]) @ vector.swapaxes(1, 2) / sd[:, None, :]
+        return _Blocks(rows, white, float(np.log(sd).sum() + 0.5 * np.log(value).sum()))
 
 
 def blocks(trial: Ints, time: Array, longest: int) -> Ints:

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..arrays import Array, Ints, Mask
-from ..judgement import COMPARABLE, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
+from ..judgement import COMPARABLE, LEAST_DRAWN, LEAST_NAMED_FLOORS, LEAST_NAMED_SIZE, LEAST_SECOND, OUTSTANDING_FLOORS, TOGETHER
 from .candidate import Candidate
 from .evidence import KNOWN, NONE, Hypothesis, Weighed
 from .executor import Executor
@@ -134,7 +134,7 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
     least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
     draws: list[tuple[Any, ...]] = []
     for c, w in zip(candidates, weights, strict=True):
-        if w < 1e-3:
+        if w < LEAST_DRAWN:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
         in_metres, in_floors = carry.of(c.fit, drawn)
@@ -265,36 +265,27 @@ class _Carrying:
         parameters since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration. d_e is the effect's
         slope times its size; where that exceeds `LEAST_NAMED_FLOORS` noise floors, the difference of the model with and without
         the effect."""
-        p = self._problem.parameters
+        p, problem = self._problem.parameters, self._problem
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
-        slope = fit.derivatives(self._problem).every
-        of_effects, place = slope.take(p.of_effect).whole, np.cumsum(p.of_effect) - 1
-        slots = {e: [i for i, x in enumerate(p.effects) if x == e] for e in p.ids}
-        own = {e: of_effects[:, place[i]] for e, i in slots.items()}
-        at_fit = {e: responses.get(e, own[e] @ fit.theta[i]) for e, i in slots.items()}
-        columns = {e: np.column_stack([own[e] * p.sd[i], at_fit[e]]) for e, i in slots.items()}
-        products = self._left(slope, columns)
-        asked_anew: dict[str, Array] = {}
+        slope, theta = fit.derivatives(problem).every, fit.theta[p.of_effect]
+        of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
+        sized = after_calibration(problem, self._parts, slope, of_effects * p.scale)
+        products: list[dict[str, Array]] = [{} for _ in self._parts]
+
+        def fill(changes: Mapping[str, Array]) -> None:
+            changed = after_calibration(problem, self._parts, slope, np.column_stack(list(changes.values())))
+            for squares, part, by_size, by_effect in zip(products, self._parts, sized, changed, strict=True):
+                for effect, change in zip(changes, by_effect.T, strict=True):
+                    x = np.column_stack([by_size[:, slots[effect]], change])
+                    squares[effect] = x.T @ x / part.states
+
+        fill({e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()})
         for effect in p.ids:
             if effect not in responses and any(
                 m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
             ):
                 # Even a soft stop holds the tip: its effect is not its slope times its size.
-                response = self._problem.response(fit.theta, fit.predicted, effect)
+                response = problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(response).all():
-                    asked_anew[effect] = np.column_stack([columns[effect][:, :-1], response])
-        for squares, of_asked in zip(products, self._left(slope, asked_anew), strict=True):
-            squares.update(of_asked)
+                    fill({effect: response})
         return products
-
-    def _left(self, slope: Columns, columns: Mapping[str, Array]) -> list[dict[str, Array]]:
-        """For tips and for forces: effect -> products in m^2, mean over the states, of columns after calibration."""
-        if not columns:
-            return [{} for _ in self._parts]
-        ends = np.cumsum([c.shape[1] for c in columns.values()])[:-1]
-        return [
-            {e: x.T @ x / part.states for e, x in zip(columns, np.split(left, ends, axis=1), strict=True)}
-            for part, left in zip(
-                self._parts, after_calibration(self._problem, self._parts, slope, np.hstack(list(columns.values()))), strict=True
-            )
-        ]

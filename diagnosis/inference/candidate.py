@@ -66,11 +66,5 @@ def complete(c: Candidate, bases: Bases) -> Candidate:
     return c if slope is None or slope.left is None else _with(c, replace(slope, base=bases[slope.left], left=None))
 
 
-def without_derivatives(c: Candidate) -> Candidate:
-    """The same if it has few derivatives of its own; else without any."""
-    slope = c.fit.slope
-    return c if slope is None or slope.at.size <= 8 else _with(c, None)
-
-
-def _with(c: Candidate, slope: Jacobian | None) -> Candidate:
+def _with(c: Candidate, slope: Jacobian) -> Candidate:
     return replace(c, fit=replace(c.fit, slope=slope))

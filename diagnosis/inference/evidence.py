@@ -109,7 +109,8 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     first, second = np.empty((2, *masks.shape, *log_weights.shape))
     present = masks.any(axis=0) | bool((grid.spikes > 0).any())  # without tolerances what is not named is absent
     used = np.flatnonzero(present) if present.any() else np.zeros(1, np.int64)  # one at least, absent too
-    reduced = replace(linear, effects=linear.effects[:, used]).reductions(grid.sizes, grid.form_errors)
+    of_these = linear if present.all() else replace(linear, effects=linear.effects[:, used])
+    reduced = of_these.reductions(grid.sizes, grid.form_errors)
     mean, covariance = np.zeros_like(means), np.zeros_like(covariances)
     for i, spike in enumerate(grid.spikes):
         prior = parameters.prior(masks, float(spike), linear.effect_size)

@@ -143,6 +143,7 @@ class _Descent:
             if step is None:
                 break
             theta, cost, level = step
+            local.slope.made.clear()  # as large as the derivatives, and not asked for again
             self._forward = self._forward.near(theta)
             predicted, slope = self._linearised(theta)
             if not np.isfinite(predicted).all():  # a trial mistook a state for one in equilibrium

@@ -50,18 +50,18 @@ class Columns:
     def of_copies(cls, slope: Array, column: Ints, count: int) -> Columns:
         """From slopes (s, n), each of the column (s, n) that its row takes, -1 for none, of `count` columns."""
         single = (column == column[:, :1]).all(axis=1) & (column >= 0).any(axis=1)  # slots that have one column in all rows
-        one, shared = column[single, :1].ravel(), np.ascontiguousarray(slope[single].T)
-        slope, column = slope[~single], column[~single]
+        one, shared, slope, column = column[single, :1].ravel(), slope[single], slope[~single], column[~single]
         few = np.bincount(column[column >= 0], minlength=count) < FEW * slope.shape[1]
         few[one] = False
         at, rest, place = np.setdiff1d(np.flatnonzero(~few), one), np.flatnonzero(few), np.empty(count, np.int64)
         place[at], place[rest] = np.arange(at.size), np.arange(rest.size)
-        of_few, many = few[column] & (column >= 0), np.zeros((slope.shape[1], at.size))
+        of_few, dense = few[column] & (column >= 0), np.zeros((slope.shape[1], one.size + at.size))
+        dense[:, : one.size] = shared.T
         slot, row = np.nonzero(~of_few & (column >= 0))
-        many[row, place[column[slot, row]]] = slope[slot, row]
+        dense[row, one.size + place[column[slot, row]]] = slope[slot, row]
         slot, row = np.nonzero(of_few & (slope != 0))
         sparse = csr_array((slope[slot, row], (row, place[column[slot, row]])), shape=(slope.shape[1], rest.size))
-        return cls(np.hstack([shared, many]), np.concatenate([one, at]), sparse, rest)
+        return cls(dense, np.concatenate([one, at]), sparse, rest)
 
     @classmethod
     def nothing(cls, rows: int, count: int) -> Columns:
@@ -75,7 +75,9 @@ class Columns:
 
     @property
     def whole(self) -> Array:
-        """(n, c)."""
+        """(n, c); not to be changed."""
+        if not self.rest.size and (np.diff(self.at) > 0).all():
+            return self.dense
         out = np.empty(self.shape)
         out[:, self.at], out[:, self.rest] = self.dense, self.sparse.toarray()
         return out
@@ -104,14 +106,17 @@ class Columns:
         return Arrow(at, shared, self.rest, across, with_diagonal(sparse @ self.sparse))
 
     def take(self, chosen: Mask) -> Columns:
-        """Those of the columns that are chosen (c,)."""
+        """Those of the columns that are chosen (c,); neighbours are not copied."""
         place = np.cumsum(chosen) - 1
-        dense, sparse = chosen[self.at], chosen[self.rest]
+        dense, sparse = np.flatnonzero(chosen[self.at]), chosen[self.rest]
+        run = slice(dense[0], dense[-1] + 1) if dense.size and (np.diff(dense) == 1).all() else dense
         kept = self.sparse[:, np.flatnonzero(sparse)]
-        return Columns(self.dense[:, dense], place[self.at[dense]], kept, place[self.rest[sparse]])
+        return Columns(self.dense[:, run], place[self.at[dense]], kept, place[self.rest[sparse]])
 
     def rows(self, chosen: Mask | Ints) -> Columns:
         """Some of the rows, marked (n,) or by their indices (r,)."""
+        if chosen.dtype == bool and chosen.all():
+            return self
         return Columns(self.dense[chosen], self.at, self.sparse[np.arange(len(self.dense))[chosen]], self.rest)
 
     def then(self, other: Columns) -> Columns:
@@ -132,8 +137,8 @@ class Columns:
 
     def whitened(self, noise: Noise, scale: Array) -> Columns:
         """The same times `scale` (c,), as they would look with independent noise of standard deviation 1."""
-        dense = noise.whiten(self.dense * scale[self.at])
-        return Columns(dense, self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
+        dense = self.dense * scale[self.at]
+        return Columns(noise.whiten(dense, into=dense), self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
 
 
 Whiten = Callable[[Columns, Ints], Columns]
@@ -170,7 +175,7 @@ class Jacobian:
     @property
     def flat(self) -> Jacobian:
         """The same as a base for others: all columns its own."""
-        return Jacobian(self.parameters, np.arange(self.parameters), self.every)
+        return self if self.at.size == self.parameters else Jacobian.of(self.every)
 
     @property
     def shared(self) -> Jacobian:
@@ -223,6 +228,8 @@ class Jacobian:
 
     def _filled(self, known: Columns | None, own: Columns) -> Columns:
         """(n, k) assembled from processed columns of the base and its own."""
+        if self.at.size == self.parameters:
+            return own
         return (known or Columns.nothing(own.shape[0], self.parameters)).replaced(self.at, own)
 
 

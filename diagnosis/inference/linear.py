@@ -96,18 +96,18 @@ class Linear:
     def _products(self) -> tuple[Array, Array, Array, float]:
         """X^T X, E^T X and E^T E of X = [A y] and the error columns E = [D F], less what the nuisances N explain, and half the
         log determinant of those: all that is needed of the n values."""
-        x, errors = np.column_stack([self.effects, self.observed]), (self.discrepancy, self.form_error)
-        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], x.shape[1]
+        x, errors = (self.effects, self.observed[:, None]), (self.discrepancy, self.form_error)
+        m, r, c = self.discrepancy.shape[1], self.form_error.shape[1], self.effects.shape[1] + 1
         error_gram = np.empty((m + r, m + r))  # E^T E
         error_gram[:m, :m] = self.discrepancy.T @ self.discrepancy if self.gram is None else self.gram
         error_gram[m:, :m] = self.form_error.T @ self.discrepancy
         error_gram[:m, m:] = error_gram[m:, :m].T
         error_gram[m:, m:] = self.form_error.T @ self.form_error
-        along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (x, *errors)])
-        nuisance = self.nuisance.normal(np.zeros((len(x), 0))).plus(np.ones(len(along_nuisance))).factorised()
+        along_nuisance = np.hstack([self.nuisance.against(columns) for columns in (*x, *errors)])
+        nuisance = self.nuisance.normal(np.zeros((len(self.observed), 0))).plus(np.ones(len(along_nuisance))).factorised()
         taken = nuisance.quadratic(along_nuisance)
-        errors_by_x = np.vstack([columns.T @ x for columns in errors]) - taken[c:, :c]
-        return x.T @ x - taken[:c, :c], errors_by_x, error_gram - taken[c:, c:], nuisance.half_log_det
+        x_gram, errors_by_x = (np.block([[left.T @ right for right in x] for left in of]) for of in (x, errors))
+        return x_gram - taken[:c, :c], errors_by_x - taken[c:, :c], error_gram - taken[c:, c:], nuisance.half_log_det
 
     def reduced(self, size: float, form_error: float) -> Reduced:
         """The same for one size each."""

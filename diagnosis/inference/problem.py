@@ -339,7 +339,7 @@ class Problem:
         p = self.parameters
         tolerated = [e not in named for e in p.ids]
         share = np.array([p.law_error[e] for e in p.ids])
-        white = (((linear.effects * (theta[p.of_effect] / p.scale)) @ p.members) * share)[:, tolerated]
+        white = linear.effects @ ((theta[p.of_effect] / p.scale)[:, None] * p.members * share)[:, tolerated]
         # Any rotation of the effects' contributions has the same joint errors.
         return leading(np.hstack([np.zeros((len(white), 0)), *map(self.form_error_of, self.noise.colour(leading(white)).T)]))
 

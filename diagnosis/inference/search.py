@@ -27,7 +27,7 @@ from scipy.special import logsumexp
 
 from .. import judgement
 from ..arrays import Array
-from .candidate import Bases, Candidate, complete, light, without_derivatives
+from .candidate import Bases, Candidate, complete, light
 from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit
@@ -207,16 +207,18 @@ class Search:
         return chosen
 
     def _forget_derivatives(self) -> None:
-        """Drop the derivatives of what has ended or is far behind: in a large campaign they take most memory."""
+        """Drop the derivatives of what has ended or is behind, a few only where no draw of the budget will need them, and what is
+        made of others: in a large campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
-        for key, c in self._tried.items():
-            behind = c.log_evidence + self._log_prior(c.named) < self._standing.best - judgement.SEARCH_MARGIN
-            if (behind or c.ended) and id(c) not in waiting:
-                self._tried[key] = without_derivatives(c)
         in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
-        for base in (c.base for c in self._tried.values()):
-            if base is not None and id(base) not in in_use:
-                base.made.clear()
+        for key, c in ((key, c) for key, c in self._tried.items() if id(c) not in waiting):
+            behind = self._standing.best - c.log_evidence - self._log_prior(c.named)
+            few = 8 if behind < -judgement.TEMPERATURE * np.log(judgement.LEAST_DRAWN) else -1
+            if (c.ended or behind > judgement.SEARCH_MARGIN) and c.fit.slope is not None and c.fit.slope.at.size > few:
+                self._tried[key] = c = replace(c, fit=replace(c.fit, slope=None))
+            for slope in (c.fit.slope, c.base):
+                if slope is not None and id(slope) not in in_use:
+                    slope.made.clear()
 
     # ------------------------------------------------------------------ one point
 
@@ -355,12 +357,11 @@ class Search:
 
     def _as_reference(self, f: Fit) -> Fit:
         """A fit that lends its derivatives and the model-form error of what is not named to hypotheses around it."""
-        form_error = f.form_error
+        form_error, base = f.form_error, f.derivatives(self.problem).flat
         assert form_error is not None
         # with no response of the named effects, only columns for the laws of the others are made
-        of_others = replace(f, form_error=FormError(form_error.named, {})).linear(self.problem).form_error
-        base = replace(f.derivatives(self.problem).flat, tolerated=of_others)
-        return replace(f, slope=base.shared, form_error=replace(form_error, shared=True))
+        of_others = replace(f, slope=base, form_error=FormError(form_error.named, {})).linear(self.problem).form_error
+        return replace(f, slope=replace(base, tolerated=of_others).shared, form_error=replace(form_error, shared=True))
 
     def around(self, f: Fit, named: Sequence[Hypothesis], with_tolerances: bool, linear: Linear | None = None) -> list[Candidate]:
         """Hypotheses in the linear problem of a fit that may have been made for another, `linear` where it is made already."""

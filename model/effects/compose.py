@@ -7,7 +7,7 @@ Equation numbers are those of docs/explanations/model.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,12 @@ class RodColumns:
     def add(self, column: int, values: Array) -> None:
         """Add to a column, never in place: arrays are shared with the quantities."""
         self._of[column] = self[column] + values
+
+    def only(self, columns: Iterable[int]) -> RodColumns:
+        """Some of the columns; of many variants all of them take much memory."""
+        out = RodColumns(self.layout)
+        out._of = {column: self._of[column] for column in columns if column in self._of}
+        return out
 
     def rows(self, states: int, variants: int = 1) -> Array:
         """(variants * states, layout.width), one variant after the other."""

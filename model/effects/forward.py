@@ -36,6 +36,8 @@ NUDGE = 1e-5
 """By which assembly and history are differenced, in prior widths, and readings, in m and rad."""
 STEEP = 1e3
 """Robot lengths (rad) by which a plausible size may move a reading; a rod that snaps there would move by more."""
+AT_ONCE = 512
+"""Rods of which derivatives by all motions are held at once."""
 HARD_KEPT = 8
 """Points of which equilibria are kept that were hard to find."""
 
@@ -76,12 +78,12 @@ class InputChange:
     by: Array
     """(v,) what derivatives by them are counted per."""
 
-    def behind(self, more: int) -> InputChange | None:
-        """The same behind `more` that change nothing; None where there is no change."""
-        if not self.by.size:
-            return None
-        wide = [np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in (self.pressure, self.spine_length, self.by)]
-        return InputChange(*wide)
+    def behind(self, more: int) -> InputChange:
+        """The same behind `more` that change nothing."""
+        return InputChange(*(np.pad(x, [(more, 0)] + [(0, 0)] * (x.ndim - 1)) for x in vars(self).values()))
+
+
+NO_CHANGE = InputChange(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -93,21 +95,21 @@ class _Varied:
     """(v, full) their steps, in the parameters' units; 1 where a row has no such parameter."""
     quantities: Quantities
     built: RodColumns
+    """Lengths and stiffnesses of the elements, which memory reads."""
     change: Mapping[int, tuple[Ints, Array]]
     """By column of the rods that changes: the variants that do, and (k, full) by how much, per unit of the parameter."""
-    moves: bool
-    """Whether any of them changes quantities before the rod."""
     remembers: bool
-    """Whether any of them adds memory of its own."""
+    """Whether any of them changes what memory adds."""
     reads: bool
     """Whether any of them changes what is read of the same rods."""
 
     def through(self, by_column: Array, columns: Sequence[int]) -> Array:
-        """(v, full, c) derivatives by parameters of what has derivatives `by_column` (full, a, c) by a columns of the rods."""
-        out = np.zeros((len(self.by_row), len(by_column), by_column.shape[-1]))
+        """(v, full, c) derivatives by parameters of what has derivatives `by_column` (a, c, full) by a columns of the rods."""
+        out = np.zeros((len(self.by_row), *by_column.shape[1:]))
         for column, (variants, change) in self.change.items():
-            out[variants] += change[..., None] * by_column[:, columns.index(column)]
-        return out
+            for variant, of_states in zip(variants, change, strict=True):
+                out[variant] += of_states * by_column[columns.index(column)]
+        return out.swapaxes(1, 2)
 
 
 class ForwardModel:
@@ -263,7 +265,7 @@ class ForwardModel:
 
     def index(self, source: str) -> list[int]:
         """Indices of the parameters of an effect, tolerance or calibration by its id."""
-        indices = self._table.of_effect(source)
+        indices = [i for i, p in enumerate(self.parameters) if p.source == source]
         if not indices:
             sources = sorted({p.source for p in self.parameters})
             raise BadCondition(f"parameter source {source!r}: not in this model, which has {', '.join(sources)}")
@@ -281,17 +283,17 @@ class ForwardModel:
         """What instruments read of the design's rows at parameters (p,); NaN where a state has no equilibrium."""
         return self._solved(self._checked(theta)).readings.first(len(self.design))
 
-    def motions(self, theta: Array, quantities: Sequence[str], change: InputChange | None = None) -> tuple[Readings, Array]:
+    def motions(self, theta: Array, quantities: Sequence[str], change: InputChange) -> tuple[Readings, Array]:
         """What `read` gives, and its derivatives (k + v, n, `channels`), turns counted from where the tip is: by each of k
         quantities (its copies together, 0 for one that there is not), then by changes."""
         slots = {p.quantity: p.slot for p in self.parameters}
         wanted = tuple(slots[name] for name in quantities if name in slots)
         here = self._differentiable(self._checked(theta), wanted)
         every = partial(channels, reference=here.readings.orientation[0])
-        slopes = self._slopes(here, wanted, every, change)[:, : len(self.design)]
-        exists = [name in slots for name in quantities] + [True] * (0 if change is None else len(change.by))
-        out = np.zeros((len(exists), *slopes.shape[1:]))
-        out[exists] = slopes
+        places = np.flatnonzero([name in slots for name in quantities] + [True] * len(change.by))
+        out = np.zeros((len(quantities) + len(change.by), len(self.design), every(here.readings).shape[-1]))
+        for of, slope in self._slopes(here, wanted, every, change):
+            out[places[of]] = slope[:, : len(self.design)]
         return here.readings.first(len(self.design)), out
 
     def near(self, theta: Array) -> ForwardModel:
@@ -339,12 +341,15 @@ class ForwardModel:
         wanted = list(range(len(self.parameters))) if columns is None else list(columns)
         slots = tuple(sorted({self.parameters[k].slot for k in wanted}))
         here = self._differentiable(theta, slots)
-        of_row = self._table.of_row[list(slots)][:, self.observations.row]
+        of_row = self._table.of_row[list(slots)]
         column_of = np.full(len(self.parameters) + 1, -1)
         column_of[wanted] = np.arange(len(wanted))
-        slopes = self.observations.pick(self._slopes(here, slots, self.observations.every))
-        steep = np.abs(slopes) * self._sd[of_row] > STEEP * self.robot.length
-        return self.observations.of(here.readings)[0], np.where(steep, 0.0, slopes), column_of[of_row]
+        slopes = np.empty((len(slots), len(self)))
+        for of, by_state in self._slopes(here, slots, self.observations.every):
+            slopes[of] = self.observations.pick(by_state)
+        for slope, parameter in zip(slopes, of_row, strict=True):
+            slope[np.abs(slope) * self._sd[parameter][self.observations.row] > STEEP * self.robot.length] = 0.0
+        return self.observations.of(here.readings)[0], slopes, column_of[of_row][:, self.observations.row]
 
     def _differentiable(self, theta: Array, slots: tuple[int, ...]) -> _At:
         """The point at values of the laws' parameters, with all that derivatives by slots need."""
@@ -388,10 +393,10 @@ class ForwardModel:
             elif self._every_law or known in spread.applied:
                 yield do, self._table.values(known, spread)
 
-    def _quantities(self, spread: Spread, change: InputChange | None = None) -> Quantities:
+    def _quantities(self, spread: Spread, change: InputChange = NO_CHANGE) -> Quantities:
         """All laws before the rod."""
         q = copy.copy(self._baseline)
-        if change is not None:
+        if change.by.size:
             pressure = np.repeat(q.pressure, len(change.by), axis=0)
             pressure[:, : len(self.design)] += change.pressure
             q.pressure = pressure
@@ -490,28 +495,25 @@ class ForwardModel:
         return by_element(history, built)
 
     def _slopes(
-        self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: InputChange | None = None
-    ) -> Array:
-        """(slots + changes, full, channels) derivatives of the channels that `every` makes of readings, in the parameters' units.
+        self, here: _At, slots: tuple[int, ...], every: Callable[[Readings], Array], change: InputChange = NO_CHANGE
+    ) -> Iterator[tuple[list[int], Array]]:
+        """Places among slots and changes, and derivatives (places, full, channels) by these of the channels that `every` makes of
+        readings, in the parameters' units.
 
         By the chain rule: rows of rods by parameters and readings by equilibria are differenced, equilibria by rows are solved
         for. Slots that enter at the same stage are varied together: what none of them changes is computed once.
         """
         step = NUDGE * self._sd * np.where(here.theta + NUDGE * self._sd <= self._high, 1.0, -1.0)
-        no_change = InputChange(np.zeros((0, 1, 1)), np.zeros((0, 1)), np.zeros(0))
-        groups = [(of_stage, no_change) for of_stage in self._by_stage(slots)]
-        if change is not None:
+        groups = [(of_stage, NO_CHANGE) for of_stage in self._by_stage(slots)]
+        if change.by.size:
             # Of single states all together: what changes is one number for all states.
             groups = [(slots, change)] if self._steps is None else [*groups, ((), change)]
         batches = [self._varied(here, step, *group) for group in groups]
-        read = every(here.readings)
-        out = np.empty((len(slots) + (0 if change is None else len(change.by)), *read.shape[1:]))
         for (of_stage, inputs), b, slope in zip(groups, batches, self._through_rods(here, batches, every), strict=True):
             if b.reads:
                 varied_read = every(self._readings(b.quantities, here.final.result[None], b.spread))
-                slope = slope + (varied_read - read) / b.by_row[..., None]
-            out[[slots.index(k) for k in of_stage] + [len(slots) + k for k in range(len(inputs.by))]] = slope
-        return out
+                slope = slope + (varied_read - every(here.readings)) / b.by_row[..., None]
+            yield [slots.index(k) for k in of_stage] + [len(slots) + k for k in range(len(inputs.by))], slope
 
     def _by_stage(self, slots: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Slots that enter at the same stage; those that change readings alone by themselves."""
@@ -524,49 +526,46 @@ class ForwardModel:
 
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
         """Variants of `here`: for each slot one in which it is a step away, and one for each change."""
-        v, full = len(slots), len(self._full)
         spread = self._table.variants(here.spread, here.theta + step, slots, len(change.by))
-        by_row = np.empty((v + len(change.by), full))
-        by_row[:v], by_row[v:] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
+        steps = np.append(step, 1.0)[self._table.of_row[list(slots)]]
+        by_row = np.vstack([steps, np.tile(change.by[:, None], len(self._full))])
         laws = [self._table.source_of(k).spec.law for k in slots]
         q, built = here.quantities, here.built
         moves = len(change.by) > 0 or any(law.before is not None for law in laws)
         if moves:
-            q = self._quantities(spread, change.behind(v))
+            q = self._quantities(spread, change.behind(len(slots)) if change.by.size else change)
             built = rod_columns(q, self._shear)
-        change_of = built.changes(here.built, by_row)
-        remembers = any(law.path is not None for law in laws)
+        remembers = (here.remembers and moves) or any(law.path is not None for law in laws)
         reads = bool(self.design.stiffness.any()) or any(law.after is not None for law in laws)
-        return _Varied(spread, by_row, q, built, change_of, moves, remembers, reads)
+        read = (element + c for element in self._layout.elements for c in (col.LENGTH, col.BEND, col.STRETCH + 2))
+        return _Varied(spread, by_row, q, built.only(read), built.changes(here.built, by_row), remembers, reads)
 
-    def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> list[Array]:
+    def _through_rods(self, here: _At, batches: Sequence[_Varied], every: Callable[[Readings], Array]) -> Iterator[Array]:
         """(v, full, channels) of each batch: derivatives of readings through the rods' rows alone, in the parameters' units."""
         rest_slopes = self._rest_slopes(here, batches)
         columns = sorted(
             {c for b in batches for c in b.change} | {c for r in rest_slopes if r is not None for c in self._rest_columns}
         )
-        by_column = np.zeros((len(self._full), len(columns), every(here.readings).shape[-1]))  # by columns of a rod's row
+        by_column = np.zeros((len(columns), every(here.readings).shape[-1], len(self._full)))  # by columns of a rod's row
         if columns:
-
-            def read(results: Array) -> Array:
-                return every(self._readings(here.quantities, results, here.spread))[:, self._moved_rows]
-
-            by_column[self._moved_rows] = _by_columns(here.final, columns, read)
-        out = []
+            by_column[..., self._moved_rows] = _by_columns(
+                here.final, columns, lambda r: every(self._readings(here.quantities, r, here.spread))[:, self._moved_rows]
+            )
+        of_rest = np.moveaxis(by_column[[columns.index(c) for c in self._rest_columns if c in columns]], 2, 0)
         for b, rest_slope in zip(batches, rest_slopes, strict=True):
             slope = b.through(by_column, columns)
             if rest_slope is not None:
-                slope += (rest_slope @ by_column[:, [columns.index(c) for c in self._rest_columns]]).swapaxes(0, 1)
-            out.append(slope)
-        return out
+                slope += (rest_slope @ of_rest).swapaxes(0, 1)
+            yield slope
 
     def _rest_slopes(self, here: _At, batches: Sequence[_Varied]) -> list[Array | None]:
         """(full, v, columns) of each batch: derivatives of what memory adds to `rest_columns`; None where it adds the same."""
         columns = sorted({c for b in batches for c in b.change})
-        by_column = np.zeros((len(self._full), len(columns), DRIVES))  # by columns of a rod's row
+        by_column = np.zeros((len(columns), DRIVES, len(self._full)))  # by columns of a rod's row
         if here.remembers and columns:
-            slopes = _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
-            by_column[self._in_bare] = np.nan_to_num(slopes)
+            by_column[..., self._in_bare] = np.nan_to_num(
+                _by_columns(here.bare, columns, lambda results: self._drive(here.built, results)[:, self._in_bare])
+            )
         lengths = {element + col.LENGTH for element in self._layout.elements}  # the drive depends on these directly, too
         out: list[Array | None] = []
         for b in batches:
@@ -576,7 +575,7 @@ class ForwardModel:
                     driven = self._drive(b.built, here.bare.result[None])
                 # of the variants, to first order
                 driven = driven + b.by_row[..., None] * b.through(by_column, columns)
-            elif not b.remembers and not (here.remembers and b.moves):
+            elif not b.remembers:
                 out.append(None)
                 continue
             rest = self._memory(b.quantities, b.built, driven, b.spread)
@@ -601,7 +600,9 @@ class ForwardModel:
 
 
 def _by_columns(solved: SolvedRods, changed: Sequence[int], made_of: Callable[[Array], Array]) -> Array:
-    """(n, a, outputs) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
+    """(a, outputs, n) derivatives by `changed` columns (a) of the rods of what is made of results (v, n, columns)."""
     made = made_of(nudged(solved, NUDGE))
-    by_motion = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1)
-    return np.asarray(differentiate(solved, directions(solved.layout, changed)) @ by_motion)
+    by_motion, asked = ((made[1:] - made[0]) / NUDGE).swapaxes(0, 1), directions(solved.layout, changed)
+    parts = [slice(first, first + AT_ONCE) for first in range(0, max(len(solved.rows), 1), AT_ONCE)]
+    of_parts = (differentiate(replace(solved.take(part), inside=solved.inside), asked) @ by_motion[part] for part in parts)
+    return np.concatenate([np.moveaxis(of_part, 0, 2) for of_part in of_parts], axis=2)

@@ -178,10 +178,6 @@ class History:
         rates = _spread(rate[:, 0], v)
         return self.path.extremes(drive, covered, q.design.roll, rates, USUAL_PAUSE * q.scales.time)
 
-    def sliding(self, drive: Array, yields: Array) -> Array:
-        """(v, n, c) mean state of sliding elements."""
-        return self.path.sliding(drive, yields)
-
 
 def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> History:
     """What laws with memory see of rods of n states that are driven so (v, n, DRIVES); nothing is remembered yet."""

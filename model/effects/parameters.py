@@ -63,8 +63,10 @@ class ParameterInfo:
 class Spread:
     """Values of all slots at all rows, in one or many variants."""
 
-    base: Array
-    """(slots, n)."""
+    values: Array
+    """(p + 1,) of the parameters, then 0."""
+    of_row: Ints
+    """As in `ParameterTable`."""
     applied: frozenset[int]
     """The sources whose laws are applied: those of which some size is not zero, and those that were asked for."""
     stepped: Array | None = None
@@ -75,9 +77,8 @@ class Spread:
     def slot(self, k: int) -> Array:
         """(v, n), or (1, n) where no variant has another value."""
         if self.stepped is None or k not in self.chosen:
-            return self.base[k][None]
-        out = np.empty((len(self.chosen), self.base.shape[1]))
-        out[:] = self.base[k]
+            return self.values[self.of_row[k]][None]
+        out = np.repeat(self.values[self.of_row[k]][None], len(self.chosen), axis=0)
         variant = self.chosen.index(k)
         out[variant] = self.stepped[variant]
         return out
@@ -94,12 +95,12 @@ class ParameterTable:
 
     def at(self, theta: Array, asked: frozenset[int] = frozenset()) -> Spread:
         """One variant: these parameters; laws of size zero change nothing and are left out, but for those `asked` for."""
-        return Spread(np.append(theta, 0.0)[self.of_row], asked.union(self._sized[theta != 0].tolist()) - {-1})
+        return Spread(np.append(theta, 0.0), self.of_row, asked.union(self._sized[theta != 0].tolist()) - {-1})
 
     def variants(self, spread: Spread, stepped: Array, slots: tuple[int, ...], more: int) -> Spread:
         """One variant for each of `slots`, in which the slot takes its value of `stepped` (p,); then `more` as `spread`."""
         values = np.append(stepped, 0.0)[self.of_row[list(slots)]]
-        return Spread(spread.base, spread.applied, values, (*slots, *(-1,) * more))
+        return Spread(spread.values, self.of_row, spread.applied, values, (*slots, *(-1,) * more))
 
     def values(self, source: int, spread: Spread) -> Values:
         """The values of one source by its own parameter names, (v, n) each."""
@@ -119,10 +120,6 @@ class ParameterTable:
     def source_index(self) -> list[int]:
         """(slots,) place of each slot's source among `sources`."""
         return [i for i, s in enumerate(self.sources) for _ in s.spec.parameters]
-
-    def of_effect(self, id: str) -> list[int]:
-        """Indices of the parameters of one effect (or tolerance) by its id."""
-        return [i for i, info in enumerate(self.infos) if info.source == id]
 
 
 def parameter_table(design: States, sources: tuple[VariationSource, ...]) -> ParameterTable:

@@ -29,8 +29,8 @@ def _spine_slip(h: History, v: Values) -> None:
     yields = HALF_SPENT / robot.length * np.exp(v["stroke"][:, :1]) * YIELDS
     length, grip = h.quantities.spine_length, GRIP * robot.outer_radius
     built_up = np.where(length > grip, 1 - grip / (2 * np.maximum(length, grip)), length / (2 * grip))
-    bend_state = h.sliding(h.drive[..., 0:2], yields)
-    pull_state = h.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
+    bend_state = h.path.sliding(h.drive[..., 0:2], yields)
+    pull_state = h.path.sliding(h.drive[..., 3:4], yields * robot.spine.radius)
     moment = v["moment"] * built_up
     curvature = -(moment / h.bend_stiffness[..., 0])[..., None] * bend_state
     strain = -(moment / robot.spine.radius / h.axial_stiffness[..., 0]) * pull_state[..., 0]

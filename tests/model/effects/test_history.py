@@ -65,9 +65,9 @@ def test_what_follows_late_lags_a_ramp_by_its_closed_form(paper_robot: Robot) ->
 def test_a_sliding_element_yields_at_its_stroke_and_needs_twice_that_to_yield_back(paper_robot: Robot) -> None:
     columns = campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3))
     h = history(paper_robot, columns, [0.0, 0.5, 3.0, 4.0, 3.0, 2.0, 0.0])
-    state = h.sliding(h.drive[..., :2], np.array([[1.0]]))[0, :, 0]
+    state = h.path.sliding(h.drive[..., :2], np.array([[1.0]]))[0, :, 0]
     assert state == pytest.approx([0.0, 0.5, 1.0, 1.0, 0.0, -1.0, -1.0])
-    parallel = h.sliding(h.drive[..., :2], np.array([[1.0, 4.0]]))[0, :, 0]
+    parallel = h.path.sliding(h.drive[..., :2], np.array([[1.0, 4.0]]))[0, :, 0]
     assert parallel[1] == pytest.approx(0.5 * (0.5 + 0.125))
 
 
