@@ -107,6 +107,15 @@ class Faults:
     extra: dict[str, object] = field(default_factory=dict)
     """Faults of one instrument, by name (its module lists them)."""
 
+    def disturbed(self, answer: bytes, random: random.Random) -> bytes:
+        """The bytes that arrive of an answer, for any line: empty where it is silent, else corrupt, cut or behind garbage."""
+        if self.corrupt and answer:
+            i = random.randrange(len(answer))
+            answer = answer[:i] + bytes([answer[i] ^ (1 << random.randrange(7))]) + answer[i + 1 :]
+        if self.truncate:
+            answer = answer[: len(answer) // 2]
+        return b"" if self.silent else self.garbage + answer
+
 
 class Device:
     """State and physics of one instrument, without any wire."""
@@ -214,12 +223,7 @@ class PtyFake(timing.Thread):
             self._last_answer = answer
         if f.delay:
             timing.sleep(f.delay)
-        if f.corrupt and answer:
-            i = self.random.randrange(len(answer))
-            answer = answer[:i] + bytes([answer[i] ^ (1 << self.random.randrange(7))]) + answer[i + 1 :]
-        if f.truncate:
-            answer = answer[: len(answer) // 2]
-        answer = f.garbage + answer
+        answer = f.disturbed(answer, self.random)
         if line_time:
             timing.sleep(len(answer) * self.byte_time)
         pieces = [answer[: len(answer) // 2], answer[len(answer) // 2 :]] if f.split else [answer]
