@@ -146,7 +146,7 @@ class DriverOnFake:
 
         `place` counts the characters back from the end of what the checksum covers. With `one`, only answers to the first
         request are changed, so that nothing but its checksum tells, where the fake notes its requests."""
-        covered = next((part.checked for part in self.parts if getattr(part, "checked", None)), None)
+        covered = next((part.checked for part in self.disturbed if getattr(part, "checked", None)), None)
         if covered is None:
             pytest.skip(
                 "its fake declares no checksum; if answers carry one, set `checked` of its part to the bytes that it covers, "

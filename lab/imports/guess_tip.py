@@ -260,9 +260,9 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     if points is not None and _clear(lack[best], lack[points]):
         g.doubt(
             "frame.z",
-            f"at rest the tip lies along the file's {points} from the first marker, but it moves as if the base's z were the file's "
-            f"{best}. The file's {z} is proposed ({compared}). Check whether two {robot.actuators.words.actuators} are exchanged, "
-            "and whether m1 is where robot.yaml states its marker",
+            f"at rest the tip lies along the file's {points} from the first marker, but it moves as if the base's z were its "
+            f"{best}. The file's {z} is proposed ({compared}). Check whether two {robot.actuators.words.actuators} are exchanged, and "
+            "whether m1 is where robot.yaml states its marker",
         )
     elif points is None and lies not in (None, z):
         g.doubt(
@@ -277,11 +277,8 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     bends = f"the tip bends {sense} (agreement with the model {agreement:.2f} of 1)"
     if agreement < AGREES and driven.pressures.shape[1]:
         columns = " Two columns of the tip or of the actuators may be swapped." if _clear(swapped[z], lack[z]) else ""
-        columns += (
-            f" Or the origin is not at the base, and its z is the file's {best}."
-            if not points and _clear(lack[best], lack[z])
-            else ""
-        )
+        elsewhere = points is None and _clear(lack[best], lack[z])
+        columns += f" Or the origin is not at the base, and its z is the file's {best}." if elsewhere else ""
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {x} and its y along the file's {y} {bends}. This is the best "
             f"turn about the base's z, but the data do not force it.{columns} If base and cameras have not moved since an "
