@@ -261,8 +261,8 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
         g.doubt(
             "frame.z",
             f"at rest the tip lies along the file's {points} from the first marker, but it moves as if the base's z were its "
-            f"{best}. The file's {z} is proposed ({compared}). Check whether two {robot.actuators.words.actuators} are exchanged, and "
-            "whether m1 is where robot.yaml states its marker",
+            f"{best}. The file's {z} is proposed ({compared}). Check whether {robot.actuators.words.actuators} are exchanged, "
+            "and whether m1 is where robot.yaml states its marker",
         )
     elif points is None and lies not in (None, z):
         g.doubt(
