@@ -379,7 +379,7 @@ def _straight_along(line: Array, arc: float) -> str | None:
     """The axis of the file along which a line, (3,) m, spans an arc of this length, m, of the body; None where it does not."""
     axis = _axis(line)
     across = np.linalg.norm(np.cross(line, AXES[axis]))
-    return axis if abs(np.linalg.norm(line) / arc - 1) < AT_BASE and across <= 0.5 * arc else None
+    return axis if abs(np.linalg.norm(line) - arc) < AT_BASE * arc and across <= 0.5 * arc else None
 
 
 def _axis(place: Array) -> str:

@@ -1,13 +1,13 @@
 """What a driver refuses before anything is connected, and at opening: named, with what to do."""
 
 import socket
-import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.configs import RegulatorsConfig, known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
@@ -96,7 +96,7 @@ def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
 
     accepted: list[socket.socket] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
-        greeter = threading.Thread(target=greet)
+        greeter = timing.Thread(target=greet)
         line = SerialLine("valve", f"socket://127.0.0.1:{server.getsockname()[1]}", 19200, 5.0, settle=0.1)
         greeter.start()
         line.open()
