@@ -75,11 +75,7 @@ class SerialPort:
         self.lost = ""
         """Why the port was lost; empty while it is open and after it was closed on purpose."""
         self._serial: serial.Serial | None = None
-
-    @property
-    def is_socket(self) -> bool:
-        """Whether the port is a TCP connection, on which nothing is older than its opening."""
-        return self.port.startswith("socket:")
+        self._is_socket = port.startswith("socket:")  # on which nothing is older than its opening
 
     @property
     def is_open(self) -> bool:
@@ -99,7 +95,7 @@ class SerialPort:
                     exclusive=True,
                     do_not_open=True,
                 )
-                if self.is_socket:  # pyserial would discard a greeting while it opens
+                if self._is_socket:  # pyserial would discard a greeting while it opens
                     port.reset_input_buffer = lambda: None  # type: ignore[method-assign]
                 port.open()
                 vars(port).pop("reset_input_buffer", None)
@@ -186,9 +182,7 @@ class SerialLine(SerialPort):
                 return
             super().open()
             timing.sleep(self._settle)
-            self._buffer.clear()
-            if not self.is_socket:
-                self.flush()
+            (self._buffer.clear if self._is_socket else self.flush)()
             self._silent = False
 
     def _leads_elsewhere(self, port: serial.Serial) -> bool:

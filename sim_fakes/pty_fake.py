@@ -1,8 +1,7 @@
 """A fake instrument on a serial line, whose other end the real client library opens (see `lines`).
 
-A fake is a
-device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured baud rate.
-Faults are set through `faults`, from a test or through the back door.
+A fake is a device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured
+baud rate. Faults are set through `faults`, from a test or through the back door.
 """
 
 from __future__ import annotations
@@ -217,10 +216,7 @@ class PtyFake(timing.Thread):
         f = self.faults
         if f.silent or timing.now() < self._quiet_until:
             return
-        if f.replay:
-            answer, self._last_answer = self._last_answer, answer
-        else:
-            self._last_answer = answer
+        answer, self._last_answer = self._last_answer if f.replay else answer, answer
         if f.delay:
             timing.sleep(f.delay)
         answer = f.disturbed(answer, self.random)

@@ -7,7 +7,7 @@ frame is the cosine between both movements from rest, over all rows; it is free 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -245,7 +245,7 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     # of frames with another hand: two columns of the tip or of the actuators are swapped
     swapped = {z: 1 - max(_agreement(likeness, y, x, z) for x, y in _turned(z)) for z in turns}
     least = {z: min(lack[z], swapped[z]) for z in turns}
-    best = _least(swapped if _clear(min(swapped.values()), min(lack.values())) else lack)
+    best = min(lack, key=(swapped if _clear(min(swapped.values()), min(lack.values())) else lack).__getitem__)
     model = driven.predicted(robot, _some(rest))
     lies, points = _lies_along(at_rest, markers, robot), _points_along(at_rest, markers, robot, model)
     z = best if likeness.any() else _axis(at_rest)
@@ -255,7 +255,7 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     elif lies is not None and not _clear(least[best], least[lies]):  # swapped columns would explain the movement, too
         z = lies if exact or not _clear(lack[best], lack[lies]) else best
     (x, y), agreement = turns[z], 1 - lack[z]
-    rival = _least({other: value for other, value in lack.items() if other != z})
+    rival = min((other for other in lack if other != z), key=lack.__getitem__)
     compared = f"movement and model agree to {agreement:.2f} of 1, along {rival} to {1 - lack[rival]:.2f}"
     if points is not None and _clear(lack[best], lack[points]):
         g.doubt(
@@ -343,10 +343,6 @@ def _some(rows: Mask) -> Ints:
 def _clear(lack: float, other: float) -> bool:
     """Whether a frame agrees clearly better than another."""
     return CLEAR * (lack + OF_MODEL) < other + OF_MODEL
-
-
-def _least(values: Mapping[str, float]) -> str:
-    return min(values, key=lambda name: values[name])
 
 
 def _turned(z: str) -> list[tuple[str, str]]:
