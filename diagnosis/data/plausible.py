@@ -110,8 +110,9 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         f"{tips.place(worst)}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
         f"{robot.length:g} m long ({far.sum()} of {len(tips)} states)"
     )
-    unit = nearest(float(np.median(distance)) / robot.length, LENGTH_UNITS, within=1.6)
-    if unit is None:
+    ratio = max(float(np.median(distance)) / robot.length, 1e-9)
+    unit = units_near(ratio, LENGTH_UNITS, 1.6)[0]
+    if not 1 / 1.6 < ratio / unit.per_si < 1.6:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
@@ -225,11 +226,3 @@ def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]
     distance = {unit: abs(math.log(ratio / unit.per_si)) for unit in units}
     first, *others = sorted(units, key=distance.__getitem__)
     return [first, *(unit for unit in others if distance[unit] < math.log(within))]
-
-
-def nearest(ratio: float, units: Sequence[Unit], within: float) -> Unit | None:
-    """The unit whose `per_si` is nearest to a ratio; None beyond a factor `within`."""
-    if not ratio > 0:
-        return None
-    best = units_near(ratio, units, within)[0]
-    return best if abs(math.log(ratio / best.per_si)) < math.log(within) else None
