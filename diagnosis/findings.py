@@ -55,7 +55,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "stiffness_far_off": (
             "the fit needs a body {stiffness:.2g} times as stiff as robot.yaml's, or {pressures} {pressure_ratio:.2g} times as "
             "high. Check youngs_modulus, outer_radius, path_radius and area_factor of robot.yaml, and the unit of the "
-            "{pressures} (psi and kPa differ by 6.9, lbf and N by 4.4); until then no cause is reported as certain"
+            "{pressures}{units}; until then no cause is reported as certain"
         ),
         "unconfirmed_guesses": (
             "{count} guesses of the map are unconfirmed ({guesses}): check and correct each in {path}, remove it from "
@@ -206,7 +206,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "scale_far_off": (
             "the tip moves {factor:.2g} times as far as robot.yaml predicts for these {pressures}: check the unit and scale of "
-            "the {pressures}, the moduli, radii and path_radius"
+            "the {pressures}{units}, the moduli, radii and path_radius"
         ),
         "axis_stretched": (
             "along {axis} the tip moves {factor:.2g} times as far as robot.yaml's model can be brought to, {mm:.3g} mm (sd): "

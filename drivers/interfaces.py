@@ -157,7 +157,12 @@ class Instrument(Protocol):
 
 
 class PressureRegulators(Instrument, Protocol):
-    """N pressure channels."""
+    """N pressure channels.
+
+    While the unit latches a fault (its emergency button), `set` raises `DeviceFault`, `vent` succeeds, and `read` returns the
+    measurement, by which a landing confirms the safe state; `read` may raise the fault once, to end a run. `take_notices` names
+    the cause; `open` may reset it.
+    """
 
     channels: int
 

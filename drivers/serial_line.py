@@ -75,6 +75,7 @@ class SerialPort:
         self.lost = ""
         """Why the port was lost; empty while it is open and after it was closed on purpose."""
         self._serial: serial.Serial | None = None
+        self._is_socket = port.startswith("socket:")  # on which nothing is older than its opening
 
     @property
     def is_open(self) -> bool:
@@ -86,13 +87,19 @@ class SerialPort:
         with self.lock:
             self.close()
             try:
-                self._serial = serial.serial_for_url(
+                port = serial.serial_for_url(
                     known_port(self.port),
                     self.baud,
                     timeout=min(self.longest_read, self.timeout),
                     write_timeout=max(WRITE_WITHIN, self.timeout),
                     exclusive=True,
+                    do_not_open=True,
                 )
+                if self._is_socket:  # pyserial would discard a greeting while it opens
+                    port.reset_input_buffer = lambda: None  # type: ignore[method-assign]
+                port.open()
+                vars(port).pop("reset_input_buffer", None)
+                self._serial = port
             except (OSError, ValueError, termios.error) as e:
                 raise Unreachable(
                     self.name,
@@ -167,14 +174,15 @@ class SerialLine(SerialPort):
     def open(self) -> None:
         """Open the port for this process alone; raises `Unreachable`.
 
-        Does nothing when the port is open and answers; a silent line gets a new handle.
+        Does nothing when the port is open and answers; a silent line gets a new handle. Discards what a
+        device has sent, but keeps what a unit on socket:// sends on connecting: read this greeting by `read_until` before `ask`.
         """
         with self.lock:
             if self._serial is not None and not self._silent and not self._leads_elsewhere(self._serial):
                 return
             super().open()
             timing.sleep(self._settle)
-            self.flush()
+            (self._buffer.clear if self._is_socket else self.flush)()
             self._silent = False
 
     def _leads_elsewhere(self, port: serial.Serial) -> bool:

@@ -49,6 +49,7 @@ AGO = 1000.0
 """Host seconds since the rig's clock began: its time is neither that since the start of a driver nor the host's."""
 ASKED = 20e3
 """Pa."""
+OFFER = "give its part `faults = Faults()` of sim_fakes.pty_fake, and send each whole answer by its `send`, through the faults"
 CALLS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "pressure": (lambda d: d.read(), lambda d: d.set((0.0,) * d.channels), lambda d: d.vent()),
     "spine": (lambda d: d.read(), lambda d: d.home(), lambda d: d.stop(), lambda d: d.move_to(0.1, 0.01)),
@@ -128,6 +129,10 @@ class DriverOnFake:
         """The parts whose line can be disturbed."""
         return [part for part in self.parts if isinstance(getattr(part, "faults", None), Faults)]
 
+    def lines(self) -> list[Any]:
+        """The same; skips the test where there is none."""
+        return self.disturbed or pytest.skip(f"no line of its fake can be disturbed: {OFFER}")
+
     def silence(self) -> None:
         """Let nothing come from the instrument any more."""
         for line in self.disturbed:
@@ -141,11 +146,11 @@ class DriverOnFake:
 
         `place` counts the characters back from the end of what the checksum covers. With `one`, only answers to the first
         request are changed, so that nothing but its checksum tells, where the fake notes its requests."""
-        covered = next((part.checked for part in self.parts if isinstance(part, PtyFake) and part.checked), None)
+        covered = next((part.checked for part in self.disturbed if getattr(part, "checked", None)), None)
         if covered is None:
             pytest.skip(
-                "its fake declares no checksum; if answers carry one, set `checked` of its PtyFake to the bytes that it "
-                "covers, such as slice(0, -3)"
+                "its fake declares no checksum; if answers carry one, set `checked` of its part to the bytes that it covers, "
+                "such as slice(0, -3)"
             )
         first: list[bytes] = []
 
@@ -157,19 +162,19 @@ class DriverOnFake:
 
     @contextlib.contextmanager
     def rewritten(self, change: Callable[[bytes, bytes], bytes]) -> Iterator[list[bytes]]:
-        """Change all that the fake sends on its serial lines; gives what arrives instead where it differs.
+        """Change all that the fake's parts send by `send`; gives what arrives instead where it differs.
 
         `change` takes an answer and the newest request that its line has noted, empty where there is none."""
         changed: list[bytes] = []
-        lines = [part for part in self.parts if isinstance(part, PtyFake)]
+        lines = [part for part in self.disturbed if hasattr(part, "send")]
         if not lines:
-            pytest.skip("its fake has no serial line")
+            pytest.skip(f"no part of its fake sends its answers by `send`: {OFFER}")
 
-        def through(line: PtyFake, send: Callable[..., None], answer: bytes, line_time: bool = True) -> None:
-            after = change(answer, line.requests[-1] if line.requests else b"")
+        def through(line: Any, send: Callable[..., None], answer: bytes, *more: Any, **named: Any) -> None:
+            after = change(answer, line.requests[-1] if getattr(line, "requests", ()) else b"")
             if after != answer:
                 changed.append(after)
-            send(after, line_time)
+            send(after, *more, **named)
 
         with pytest.MonkeyPatch.context() as patch:
             for line in lines:
@@ -265,16 +270,14 @@ def test_a_port_that_is_not_there_is_unreachable(unit: DriverOnFake) -> None:
 @units()
 @pytest.mark.parametrize("fault", ["silent", "corrupt", "truncate", "garbage"])
 def test_a_disturbed_line_is_told_as_an_instrument_error_or_overcome(unit: DriverOnFake, fault: str) -> None:
-    if not unit.disturbed:
-        pytest.skip("its fake has no line that can be disturbed")
-    quick = unit.hasty()
+    lines, quick = unit.lines(), unit.hasty()
     assert until(lambda: answers(quick.open))
-    for line in unit.disturbed:
+    for line in lines:
         setattr(line.faults, fault, b"\x00#\x7f!" if fault == "garbage" else True)
     for call in CALLS[unit.role]:
         if isinstance(error := outcome(call, quick), InstrumentError):
             assert error.instrument == "it" and error.message
-    for line in unit.disturbed:
+    for line in lines:
         line.faults = Faults()
     quick.close()
 
@@ -338,6 +341,7 @@ def must_not_open(driver: Any, line: str, remedy: str, sent: Sequence[bytes] = (
 
 @units()
 def test_it_does_not_open_on_a_silent_line(unit: DriverOnFake) -> None:
+    unit.lines()
     unit.silence()
     must_not_open(unit.driver, "a silent line", "wait for an answer up to the time-out, then raise Unreachable")
 
@@ -378,14 +382,14 @@ def test_no_call_returns_on_an_answer_whose_checksum_is_wrong(unit: DriverOnFake
 @units()
 def test_it_does_not_open_another_device(unit: DriverOnFake) -> None:
     remedy = "compare the answer with the instrument that the driver is for, then raise WrongDevice"
-    disguised = [part for part in unit.parts if isinstance(part, PtyFake) and "wrong_id" in part.own_faults]
+    disguised = [part for part in unit.disturbed if "wrong_id" in getattr(part, "own_faults", ())]
     for part in disguised:
         name, value = part.own_faults["wrong_id"]
         part.faults.extra[name] = value
     if disguised:
         must_not_open(unit.driver, "a line with another device", remedy)
         return
-    assert not any(isinstance(part, PtyFake) and part.checked for part in unit.parts), (
+    assert not any(getattr(part, "checked", None) for part in unit.parts), (
         "answers of this fake carry a checksum, so that another maker put into them is refused for the checksum alone: declare "
         "own_faults = {'wrong_id': (NAME, VALUE)}, and answer as another device, checksum included, while faults.extra[NAME] is "
         "VALUE"
@@ -608,10 +612,9 @@ def test_vent_and_close_leave_nothing_inflated(unit: DriverOnFake) -> None:
 
 @units("pressure")
 def test_connect_is_enough_to_vent(unit: DriverOnFake) -> None:
+    line, asked = unit.lines()[0], (ASKED,) * unit.driver.channels
     unit.driver.open()
-    asked = (ASKED,) * unit.driver.channels
     assert until(lambda: near(unit.driver.set(asked), asked))
-    (line, *_) = unit.disturbed
     line.faults.silent = True  # so that closing cannot vent it
     unit.driver.close()
     line.faults = Faults()

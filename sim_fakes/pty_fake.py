@@ -1,8 +1,7 @@
 """A fake instrument on a serial line, whose other end the real client library opens (see `lines`).
 
-A fake is a
-device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured baud rate.
-Faults are set through `faults`, from a test or through the back door.
+A fake is a device (state and physics, `process(dt)`) plus a wire interface (`feed`). Line time is simulated at the configured
+baud rate. Faults are set through `faults`, from a test or through the back door.
 """
 
 from __future__ import annotations
@@ -107,6 +106,15 @@ class Faults:
     extra: dict[str, object] = field(default_factory=dict)
     """Faults of one instrument, by name (its module lists them)."""
 
+    def disturbed(self, answer: bytes, random: random.Random) -> bytes:
+        """The bytes that arrive of an answer, for any line: empty where it is silent, else corrupt, cut or behind garbage."""
+        if self.corrupt and answer:
+            i = random.randrange(len(answer))
+            answer = answer[:i] + bytes([answer[i] ^ (1 << random.randrange(7))]) + answer[i + 1 :]
+        if self.truncate:
+            answer = answer[: len(answer) // 2]
+        return b"" if self.silent else self.garbage + answer
+
 
 class Device:
     """State and physics of one instrument, without any wire."""
@@ -208,18 +216,10 @@ class PtyFake(timing.Thread):
         f = self.faults
         if f.silent or timing.now() < self._quiet_until:
             return
-        if f.replay:
-            answer, self._last_answer = self._last_answer, answer
-        else:
-            self._last_answer = answer
+        answer, self._last_answer = self._last_answer if f.replay else answer, answer
         if f.delay:
             timing.sleep(f.delay)
-        if f.corrupt and answer:
-            i = self.random.randrange(len(answer))
-            answer = answer[:i] + bytes([answer[i] ^ (1 << self.random.randrange(7))]) + answer[i + 1 :]
-        if f.truncate:
-            answer = answer[: len(answer) // 2]
-        answer = f.garbage + answer
+        answer = f.disturbed(answer, self.random)
         if line_time:
             timing.sleep(len(answer) * self.byte_time)
         pieces = [answer[: len(answer) // 2], answer[len(answer) // 2 :]] if f.split else [answer]

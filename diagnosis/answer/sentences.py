@@ -14,6 +14,7 @@ from model.robot import Robot
 from .. import judgement
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
+from ..data.plausible import differ_by
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
@@ -258,7 +259,8 @@ def _in_percent(value: float, unit: str) -> tuple[float, str]:
 def far_off(stiffness: float, words: Words) -> Iterator[Finding]:
     """A finding if the calibrated body is `stiffness` times as stiff as robot.yaml's, which only a wrong unit explains."""
     if not 1 / judgement.OTHER_UNIT < stiffness < judgement.OTHER_UNIT:
-        yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness)
+        units = differ_by(stiffness, words)
+        yield finding("stiffness_far_off", words, stiffness=stiffness, pressure_ratio=1 / stiffness, units=units)
 
 
 def against(

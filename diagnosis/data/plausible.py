@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from model.actuators import Words
 from model.condition import HIGHEST_PRESSURE
 from model.robot import Robot
 from model.section import body_area
@@ -57,6 +58,12 @@ PRESSURE_UNITS = (
     Unit("mbar", 1e-2), Unit("kPa", 1e-3), Unit("psi", 1 / 6895.0), Unit("bar", 1e-5), Unit("MPa", 1e-6),
 )  # fmt: skip
 FORCE_UNITS = (Unit("mN", 1000.0), Unit("gram-force", 1000 / 9.80665))
+NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
+PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
+                   for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
+"""Unit -> its size in SI, of columns of tensions, pressures and positions."""
+SAME_RATIO = 1.25
+"""Factor by which a found ratio may differ from that of two units which explain it: as well as a modulus is known."""
 
 
 def require_plausible(robot: Robot, table: Table) -> None:
@@ -201,6 +208,16 @@ def require_plausible_pushes(robot: Robot, pushes: Table) -> None:
             f"{pushes.place(i)}: deflection {deflection[i]:g} m of a cantilever of {length[i]:g} m; beam theory holds up to "
             f"{MOST_DEFLECTION:g} of its length: {looks}, or leave the row out"
         )
+
+
+def differ_by(factor: float, words: Words) -> str:
+    """Name in brackets the units that differ from that of pressures or tensions by about a factor, nearest first; "" for none."""
+    sizes = NEWTONS if words.unit in NEWTONS else PASCALS
+    ratios = {unit: max(size / sizes[words.unit], sizes[words.unit] / size) for unit, size in sizes.items() if unit != words.unit}
+    off = {unit: abs(math.log(max(factor, 1 / factor) / ratio)) for unit, ratio in ratios.items()}
+    near = [unit for unit in sorted(off, key=off.__getitem__) if off[unit] < math.log(SAME_RATIO)]
+    found = ", ".join(f"{unit} and {words.unit} differ by {ratios[unit]:.4g}" for unit in near)
+    return f" ({found})" if found else ""
 
 
 def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:

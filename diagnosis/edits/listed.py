@@ -25,7 +25,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, FORCE_UNITS, LENGTH_UNITS, PRESSURE_UNITS, USUAL_PRESSURE
+from ..data.plausible import FARTHEST, LENGTH_UNITS, NEWTONS, PASCALS, PRESSURE_UNITS, USUAL_PRESSURE
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import swapped
@@ -35,11 +35,7 @@ EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 PRESSURES, LENGTHS = ({round(1 / u.per_si, 6): u.name for u in units} | {u.per_si: f"{si} read as {u.name}" for u in units}
                       for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
 """Factor by which columns of pressure, and positions, are too small -> their unit."""
-NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
 TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
-PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
-                   for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
-"""Unit -> its size in SI, of columns of tensions, pressures and positions."""
 GAINS = (2.0, 6.895, 1e2, 1e3, 6895.0, 1 / 6.895, 1e-2, 1e-3, 1 / 6895.0)
 """Factors at which fits of one column's scale begin."""
 SMALL, LARGE = 20e3, 500e3

@@ -17,10 +17,10 @@ from model.rotation import CONJUGATE, multiply
 from recordings.trials import Table
 
 from ..arrays import Array, Mask
-from ..data.plausible import PRESSURE_UNITS, Unit
+from ..data.plausible import METRES, PRESSURE_UNITS, Unit
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
-from .listed import FRAMES, METRES, MIRROR, axes_say, gravity_says
+from .listed import FRAMES, MIRROR, axes_say, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03

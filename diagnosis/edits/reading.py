@@ -103,7 +103,7 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
     if (stretched := _stretched(sample, fit)) is not None:
         findings = [stretched]
     elif not findings and scaled and rms <= gross:
-        findings.append(finding("scale_far_off", words, factor=ratio))
+        findings.append(finding("scale_far_off", words, factor=ratio, units=plausible.differ_by(ratio, words)))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length

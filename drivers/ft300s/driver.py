@@ -222,7 +222,8 @@ class FT300S:
                 raise Unreachable(self.name, f"cannot open {self.config.port}; check that no other program has it open")
             firmware = self._registers(client, REG_FIRMWARE, 3)
             serial = self._registers(client, REG_SERIAL, 5)
-            letters = [_letters(block) for block in (firmware, serial)]
+            # three characters at the head of each
+            letters = [bytes((a >> 8, a & 255, b >> 8)).decode("ascii", "replace") for a, b, *_ in (firmware, serial)]
             if not letters[0].startswith("F"):
                 raise WrongDevice(
                     self.name,
@@ -300,11 +301,6 @@ class FT300S:
             raise self._broken
         if not self._running:
             raise NotReady(self.name, "is not open; call open() first")
-
-
-def _letters(registers: list[int]) -> str:
-    """The three characters at the head of the firmware's and of the serial number's registers."""
-    return bytes((registers[0] >> 8, registers[0] & 255, registers[1] >> 8)).decode("ascii", "replace")
 
 
 DRIVER = Driver("force", Config, FT300S)

@@ -72,10 +72,6 @@ class Transform(BaseModel):
 
         return NOWHERE if body is None else apply(self.position, self._rotation, body.position)
 
-    def tracked_place(self, body: RigidBody | None) -> Vector3:
-        """The same, NaN also where it must not be used."""
-        return self.place(body if usable(body) else None)
-
     def turn(self, body: RigidBody | None) -> Quaternion:
         """Orientation in the base frame, w, x, y, z with w >= 0; NatNet has x, y, z, w. Identity where there is none."""
         from ..frames import compose

@@ -406,6 +406,7 @@ class NatNetMocap:
             why = f"Motive has {' and '.join(map(repr, shared))} at the same place: tell their patterns of markers apart"
         if not_live := self._not_live(frame):
             why = not_live
+        tracked = {name: each for name, each in bodies.items() if usable(each) and name not in shared and not not_live}
         sample = BodySample(
             t=self._clock.now(),
             device_time=frame.stamp,
@@ -414,7 +415,7 @@ class NatNetMocap:
             orientation=to_base.turn(body),
             marker_error=math.nan if body is None else body.error,
             valid=not (why or self._doubt),
-            markers=tuple(to_base.tracked_place(None if n in shared or not_live else bodies[n]) for n in self._config.markers),
+            markers=tuple(to_base.place(tracked.get(name)) for name in self._config.markers),
         )
         now = timing.now()
         if not self._order.take(sample, now):

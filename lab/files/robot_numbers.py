@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from diagnosis.data.plausible import differ_by
 from model.robot import Robot
 from model.section import body_mass
 from recordings.trials import Table
@@ -63,7 +64,7 @@ def _above(robot: Robot, table: Table) -> Iterator[str]:
         column, shown, limit = int(np.argmax(pressures.max(axis=0))) + 1, words.number(highest), words.number(most)
         yield (
             f"column p{column}: {shown} {words.unit}, {highest / most:.2g} times the max_{words.pressure} of {limit} "
-            f"{words.unit} of robot.yaml: check the unit (psi and kPa differ by 6.9, lbf and N by 4.4), or max_{words.pressure}"
+            f"{words.unit} of robot.yaml: check the unit{differ_by(highest / most, words)}, or max_{words.pressure}"
         )
 
 

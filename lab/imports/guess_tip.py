@@ -7,7 +7,7 @@ frame is the cosine between both movements from rest, over all rows; it is free 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from diagnosis.data.campaign import spread_over
 from model.arrays import Array, Ints, Mask
 from model.condition import HIGHEST_PRESSURE
-from model.prediction import Predictor
+from model.prediction import Prediction, Predictor
 from model.robot import Robot
 from recordings.trials import AXES
 
@@ -71,12 +71,12 @@ class Driven:
     mass: float | None
     """kg that hang there at rest, where the file says so."""
 
-    def tips(self, robot: Robot, rows: Ints, size: float = 1.0) -> Array:
-        """(m, 3) m where the model has the tip, with pressures of another size; NaN where it has no equilibrium."""
+    def predicted(self, robot: Robot, rows: Ints, size: float = 1.0) -> Prediction:
+        """Where the model has tip and markers in m rows, with pressures of another size."""
         known = self.pressures if self.pressures.shape[1] else np.zeros((len(self.pressures), len(robot.actuators.azimuths_deg)))
         pressures = np.clip(size * known[rows], 0.0, HIGHEST_PRESSURE)
         unlimited = robot.model_copy(update={"max_pressure": None})  # of which nothing is asked here
-        return Predictor(unlimited)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows])).tip
+        return Predictor(unlimited)(pressures, tip_mass=self.mass, roll=np.radians(self.roll[rows]))
 
 
 def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot) -> Tip:
@@ -130,8 +130,9 @@ def guess_tip(g: Guess, series: Series, headings: Sequence[Heading], robot: Robo
     # as many other places as robot.yaml has markers are these markers: the less one moves, the nearer it is to the base
     markers = {t: _xyz(series, t, rest, tip_unit) - base for t in other_places} if len(other_places) == len(robot.markers) else {}
     markers = dict(sorted(markers.items(), key=lambda place: _spread(place[1])))
+    moves = _spread(from_base)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a marker that is never seen at rest
-        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in markers.values()]
+        resting = [np.nanmean(m[rest], axis=0) * KINDS["m"][unit] for m in markers.values() if _spread(m) < moves]
     in_m = from_base * KINDS["m"][unit]
     own = pressures if pressures.shape[1] == len(robot.actuators.azimuths_deg) else pressures[:, :0]
     driven = Driven(own - np.nanmin(own, axis=0, initial=np.inf), _roll(series, headings), _mass_at_rest(series, rest))
@@ -230,8 +231,9 @@ def changes_throughout(angle: Array) -> bool:
 # ------------------------------------------------------------------ frame
 def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], robot: Robot, rests: bool, driven: Driven) -> None:
     """Propose the frame, right-handed, and `straight: at rest` where the tip rests elsewhere than the model; doubt what is not
-    clear. z: the axis of the file that fits the movement best; that along which the body lies from the origin, unless the
-    movement clearly contradicts. x, y: as the movement has them.
+    clear. z: the axis of the file along which the resting tip lies from the first marker; without one, that along which the
+    body lies from the origin, unless the movement clearly contradicts, else that which fits the movement best. x, y: as the
+    movement has them.
 
     `tip`: (n, 3) m; `rest`: (n,) rows with the lowest pressures, in which the robot `rests`; `markers`: (3,) m of those of
     robot.yaml in these rows."""
@@ -242,39 +244,51 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     # of frames with another hand: two columns of the tip or of the actuators are swapped
     swapped = {z: 1 - max(_agreement(likeness, y, x, z) for x, y in _turned(z)) for z in turns}
     least = {z: min(lack[z], swapped[z]) for z in turns}
-    best = _least(swapped if _clear(min(swapped.values()), min(lack.values())) else lack)
-    lies, stands = _lies_along(at_rest, markers, robot), driven.tips(robot, _some(rest))
+    best = min(lack, key=(swapped if _clear(min(swapped.values()), min(lack.values())) else lack).__getitem__)
+    model = driven.predicted(robot, _some(rest))
+    lies, points = _lies_along(at_rest, markers, robot), _points_along(at_rest, markers, robot, model)
     z = best if likeness.any() else _axis(at_rest)
-    exact = abs(np.linalg.norm(at_rest) - np.linalg.norm(stands, axis=1).mean()) < EXACT * robot.length
-    if lies is not None and not _clear(least[best], least[lies]):  # swapped columns would explain the movement, too
+    exact = abs(np.linalg.norm(at_rest) - np.linalg.norm(model.tip, axis=1).mean()) < EXACT * robot.length
+    if points is not None and lies != best:  # a body that is bent at rest may point elsewhere
+        z = points
+    elif lies is not None and not _clear(least[best], least[lies]):  # swapped columns would explain the movement, too
         z = lies if exact or not _clear(lack[best], lack[lies]) else best
     (x, y), agreement = turns[z], 1 - lack[z]
-    rival = _least({other: value for other, value in lack.items() if other != z})
+    rival = min((other for other in lack if other != z), key=lack.__getitem__)
     compared = f"movement and model agree to {agreement:.2f} of 1, along {rival} to {1 - lack[rival]:.2f}"
-    if lies not in (None, z):
+    if points is not None and _clear(lack[best], lack[points]):
+        g.doubt(
+            "frame.z",
+            f"at rest the tip lies along the file's {points} from the first marker, but it moves as if the base's z were its "
+            f"{best}. The file's {z} is proposed ({compared}). Check whether {robot.actuators.words.actuators} are exchanged, "
+            "and whether m1 is where robot.yaml states its marker",
+        )
+    elif points is None and lies not in (None, z):
         g.doubt(
             "frame.z",
             f"the resting tip lies along the file's {lies} from the origin, but the tip moves as if the base's z were its {z} "
             f"({compared}): the origin is taken to be elsewhere than the base",
         )
-    elif not (lies and exact) and not _clear(lack[z], lack[rival]):
+    elif not (points or lies and exact) and not _clear(lack[z], lack[rival]):
         text = "neither the resting tip nor its movement determines which axis points from base to tip"
         g.doubt("frame.z", f"{text}. The file's {z} fits best ({compared})")
     sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
     bends = f"the tip bends {sense} (agreement with the model {agreement:.2f} of 1)"
     if agreement < AGREES and driven.pressures.shape[1]:
         columns = " Two columns of the tip or of the actuators may be swapped." if _clear(swapped[z], lack[z]) else ""
-        columns += f" Or the origin is not at the base, and its z is the file's {best}." if _clear(lack[best], lack[z]) else ""
+        elsewhere = points is None and _clear(lack[best], lack[z])
+        columns += f" Or the origin is not at the base, and its z is the file's {best}." if elsewhere else ""
         g.doubts.append(
             f"frame.x, frame.y: with the base's x along the file's {x} and its y along the file's {y} {bends}. This is the best "
             f"turn about the base's z, but the data do not force it.{columns} If base and cameras have not moved since an "
             "earlier table, copy the frame from its map"
         )
     if (x, y, z) != ("x", "y", "z"):
-        shown_by = "the resting body lies there from the origin" if lies == z else "the tip moves so"
+        start = "the first marker" if points == z else "the origin" if lies == z else ""
+        shown_by = f"the resting tip lies there from {start}" if start else "the tip moves so"
         why = f"{AXES_OF_BASE}. Its z is the file's {z}, as {shown_by}; with these x and y {bends}"
         g.say("frame", {"x": x, "y": y, "z": z}, why)
-    _straight(g, Frame(x=x, y=y, z=z).matrix @ at_rest, stands, robot, rests)
+    _straight(g, Frame(x=x, y=y, z=z).matrix @ at_rest, model.tip, robot, rests)
 
 
 def _straight(g: Guess, at_rest: Array, stands: Array, robot: Robot, rests: bool) -> None:
@@ -303,9 +317,9 @@ def _likeness(tip: Array, rest: Mask, robot: Robot, driven: Driven) -> Array:
     rows, still, size = _some(known & ~rest), _some(known & rest), 1.0
     if not (driven.pressures.shape[1] and rows.size and still.size):
         return np.zeros((3, 3))
-    moved, resting = tip[rows] - tip[still].mean(axis=0), driven.tips(robot, still).mean(axis=0)
+    moved, resting = tip[rows] - tip[still].mean(axis=0), driven.predicted(robot, still).tip.mean(axis=0)
     for _ in range(3):
-        predicted = np.nan_to_num(driven.tips(robot, rows, size) - resting)
+        predicted = np.nan_to_num(driven.predicted(robot, rows, size).tip - resting)
         solved = predicted.any(axis=1)
         far, predicted_far = (float(np.linalg.norm(movement[solved])) for movement in (moved, predicted))
         if not far * predicted_far > 0:
@@ -330,10 +344,6 @@ def _clear(lack: float, other: float) -> bool:
     return CLEAR * (lack + OF_MODEL) < other + OF_MODEL
 
 
-def _least(values: Mapping[str, float]) -> str:
-    return min(values, key=lambda name: values[name])
-
-
 def _turned(z: str) -> list[tuple[str, str]]:
     """x and y of the four right-handed frames with this z."""
     along = "xyz".index(z[-1])
@@ -346,13 +356,25 @@ def _turned(z: str) -> list[tuple[str, str]]:
 def _lies_along(at_rest: Array, markers: Sequence[Array], robot: Robot) -> str | None:
     """The axis of the file along which the body rests from the origin; None where this is not at the base."""
     # it sags least at its base, so the first marker shows it best
-    places = [(markers[0], robot.markers[0])] if markers else []
-    for place, arc in (*places, (at_rest, robot.length)):
-        axis = _axis(place)
-        along = float(place @ AXES[axis])
-        if abs(np.linalg.norm(place) / arc - 1) < AT_BASE and np.linalg.norm(place) ** 2 - along**2 <= (0.5 * arc) ** 2:
-            return axis
-    return None
+    first = _straight_along(markers[0], robot.markers[0]) if markers else None
+    return first or _straight_along(at_rest, robot.length)
+
+
+def _points_along(at_rest: Array, markers: Sequence[Array], robot: Robot, model: Prediction) -> str | None:
+    """The axis of the file along which the tip rests from the first marker; None where their distance or that of the model,
+    or the model's direction, is not that of a straight body."""
+    if not markers:
+        return None
+    arc, lines = robot.length - robot.markers[0], (at_rest - markers[0], (model.tip - model.shape[:, 0]).mean(axis=0))
+    seen, expected = (_straight_along(line, arc) for line in lines)
+    return seen if expected == "z" else None
+
+
+def _straight_along(line: Array, arc: float) -> str | None:
+    """The axis of the file along which a line, (3,) m, spans an arc of this length, m, of the body; None where it does not."""
+    axis = _axis(line)
+    across = np.linalg.norm(np.cross(line, AXES[axis]))
+    return axis if abs(np.linalg.norm(line) - arc) < AT_BASE * arc and across <= 0.5 * arc else None
 
 
 def _axis(place: Array) -> str:

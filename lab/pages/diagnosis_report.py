@@ -408,20 +408,15 @@ def _next(s: PageSection, d: Diagnosis, protocols: Path | None) -> None:
     shown = d.next_experiment[:FIRST]
     if not any(p.separates for p in shown):
         s.text(f"{_rivals(d)} Each experiment tests the answer in new states.")
-    by_rig = d.words.by_rig
+    by_rig, named = d.words.by_rig, lambda one: hypothesis([] if one == "none" else one.split(" + "), d)
     if protocols is None:
         s.text(f"With the option --protocols next, lab diagnose writes these {'protocols' if by_rig else 'states'} to files.")
     rows = [
-        [p.do, "; ".join([f"{p.expected_bits:.2f}", *(f"separates {_pair(x, d)}" for x in p.separates[:3])]),
+        [p.do, "; ".join([f"{p.expected_bits:.2f}", *(f"separates {' from '.join(map(named, x))}" for x in p.separates[:3])]),
          f"{p.cost_min:.0f}", CommandCell(command(p, protocols)) if by_rig else to_apply(p.protocol, d.words)]
         for p in shown
     ]  # fmt: skip
     s.table(("experiment", "bits", "minutes", "command" if by_rig else "states to apply"), rows)
-
-
-def _pair(pair: Sequence[str], d: Diagnosis) -> str:
-    """Two hypotheses that an experiment separates, as the answer has them: effects joined by +."""
-    return " from ".join(hypothesis([] if one == "none" else one.split(" + "), d) for one in pair)
 
 
 def _rivals(d: Diagnosis) -> str:

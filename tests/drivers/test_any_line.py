@@ -1,11 +1,13 @@
 """What a serial line may do to any driver, beyond `lab.driver_contract`: half an answer, two pieces, an echo, a stranger."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 import timing
 from drivers.errors import BadReply, InstrumentError, NoReply, Unreachable, WrongDevice
+from lab import driver_contract
 from lab.driver_contract import POLLED, SPEED, DriverOnFake, answers, unit, units, until
 from lab.verbs.fakes import found_fakes
 from sim_fakes.instrument import Site
@@ -39,6 +41,13 @@ def test_half_an_answer_or_none_is_no_reading_and_the_next_whole_one_is(unit: Dr
         line.faults = Faults()
     assert until(lambda: answers(quick.read))
     quick.close()
+
+
+@units("pressure")
+def test_a_fake_without_a_line_that_can_be_disturbed_is_skipped_with_what_to_offer(unit: DriverOnFake) -> None:
+    for test in (driver_contract.test_connect_is_enough_to_vent, driver_contract.test_it_does_not_open_on_a_silent_line):
+        with pytest.raises(pytest.skip.Exception, match=r"`faults = Faults\(\)` .* `send`"):
+            test(replace(unit, parts=[]))
 
 
 @units(*READ)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+import timing
 from drivers.configs import RegulatorsConfig, known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
@@ -89,11 +90,19 @@ def test_ports_of_terminal_servers_are_known() -> None:
 
 
 def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
+    def greet() -> None:
+        accepted.append(server.accept()[0])
+        accepted[0].sendall(b"PQ-4\r")
+
+    accepted: list[socket.socket] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
-        line = SerialLine("valve", f"socket://127.0.0.1:{server.getsockname()[1]}", 19200, 5.0)
+        greeter = timing.Thread(target=greet)
+        line = SerialLine("valve", f"socket://127.0.0.1:{server.getsockname()[1]}", 19200, 5.0, settle=0.1)
+        greeter.start()
         line.open()
-        device, _ = server.accept()
-        with device:
+        greeter.join()
+        with accepted[0] as device:
+            assert line.read_until(b"\r") == b"PQ-4"  # the greeting, that is there when the line is open
             line.write(b"A\r")
             assert device.recv(10) == b"A\r"
             device.sendall(b"yes\r")

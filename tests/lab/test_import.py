@@ -401,15 +401,23 @@ FRAME = {"x": "x", "y": "-z", "z": "y"}
 """y of the cameras points down along the robot."""
 
 
-def seen(path: Path, away: Sequence[float] = (0, 0, 0), levels: Sequence[float] = (0, 40, 80, 40, 0), chambers: int = 3) -> Path:
-    """Where the model's tip is when chambers are inflated in turn to levels (kPa), with the base `away` (robot lengths, base's
-    axes) from the cameras' origin."""
+def seen(
+    path: Path,
+    away: Sequence[float] = (0, 0, 0),
+    levels: Sequence[float] = (0, 40, 80, 40, 0),
+    chambers: int = 3,
+    markers: Sequence[float] = (),
+) -> Path:
+    """Where the model's tip and points at `markers` (m from the base) are when chambers are inflated in turn to levels (kPa),
+    with the base `away` (robot lengths, base's axes) from the cameras' origin."""
     robot, scatter = lab.load_robot(ROBOT), np.random.default_rng(1)
     inflated = np.array([level * np.eye(3)[k] for k in range(chambers) for level in levels])
-    base = lab.predict(robot, 1e3 * inflated).tip + robot.length * np.array(away) + scatter.normal(0, 1e-4, (len(inflated), 3))
-    rows = np.column_stack([inflated, 1e3 * base @ Frame(**FRAME).matrix])
-    lines = ["P1 [kPa],P2 [kPa],P3 [kPa],Tip X [mm],Tip Y [mm],Tip Z [mm]", *(",".join(f"{v:.3f}" for v in row) for row in rows)]
-    path.write_text("\n".join(lines))
+    found = lab.predict(robot, 1e3 * inflated, arcs=markers)
+    places = np.concatenate([found.tip[:, None], found.shape], axis=1) + robot.length * np.array(away)
+    places += scatter.normal(0, 1e-4, places.shape)
+    rows = np.column_stack([inflated, 1e3 * (places @ Frame(**FRAME).matrix).reshape(len(inflated), -1)])
+    names = [f"{name} {axis} [mm]" for name in ("Tip", *"ABCD"[: len(markers)]) for axis in "XYZ"]
+    pandas.DataFrame(rows, columns=[*(f"P{k} [kPa]" for k in (1, 2, 3)), *names]).to_csv(path, index=False, float_format="%.3f")
     return path
 
 
@@ -453,11 +461,15 @@ def test_a_turn_that_nothing_recorded_shows_is_named_with_what_to_measure(across
 
 
 def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -> None:
-    for away in ((0, 0, 0), (3, -1, 2)):
-        file = seen(tmp_path / "table.csv", away)
+    gentle = (0, 20, 40, 20, 0)  # the movement alone fits a base that is upside down
+    for away, levels, markers in (((0, 0, 0), (0, 40, 80), ()), ((3, -1, 2), (0, 40, 80), ()), ((3, -1, 2), gentle, (0.05, 0.1))):
+        file = seen(tmp_path / "table.csv", away, levels, markers=markers)
+        assert (proposed := yaml.safe_load(guessed(cli, file).read_text()))["frame"] == FRAME
+        assert "frame" not in str(proposed.get("unconfirmed"))
         file.write_text(file.read_text().replace("P2 [kPa],P3", "P3 [kPa],P2", 1))
         proposed = yaml.safe_load(guessed(cli, file).read_text())
         assert proposed["frame"]["z"] == "y" and "Two columns of the tip or of the actuators" in str(proposed["unconfirmed"])
+        assert ("whether chambers are exchanged" in str(proposed["unconfirmed"])) == bool(markers)
 
 
 @pytest.mark.parametrize(

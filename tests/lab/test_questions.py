@@ -34,8 +34,9 @@ def test_a_shear_modulus_that_no_material_has_is_asked_about(shear: float, asked
 
 @pytest.mark.parametrize(
     ("stiffness", "says"),
-    [(10.0, "10 times as stiff"), (0.1, "0.1 times as stiff"), (6.8, "psi"), (1 / 6.9, "psi"), (2.9, ""), (0.3, "")],
-)
+    [(10.4, "pressures (mbar and kPa differ by 10)"), (0.1, "0.1 times as stiff"), (6.8, "psi and kPa differ by 6.895"),
+     (1 / 6.9, "psi"), (2.9, ""), (0.3, ""), (8.4, "kPa differ by 10, psi and kPa differ"), (30.0, "pressures; until")],
+)  # fmt: skip
 def test_a_body_as_stiff_as_no_tolerance_makes_it_is_asked_about(stiffness: float, says: str) -> None:
     said = " ".join(f.text for f in far_off(stiffness, Chambers.words))
     assert says in said and bool(said) == bool(says)

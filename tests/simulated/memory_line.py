@@ -27,9 +27,11 @@ def _opened(port: str, *how: Any, **options: Any) -> Any:
         return _of_pyserial(port, *how, **options)
     from .protocol_memory import Serial
 
+    closed = options.pop("do_not_open", False)
     line = Serial(None, *how, **options)
     line.port = port
-    line.open()
+    if not closed:
+        line.open()
     return line
 
 

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.configs import ArmConfig
-from drivers.errors import DeviceFault, InstrumentError, LimitExceeded, NotReady, WrongDevice
+from drivers.errors import BadReply, DeviceFault, InstrumentError, LimitExceeded, NotReady, WrongDevice
 from drivers.interfaces import ArmSample, Identity
 from drivers.registry import Driver
 from timing import Clock
@@ -35,7 +35,7 @@ class BenchArm:
             raise NotReady(self.name, "is open; close it first")
         self._line.open()
         words = self._line.ask("ID")
-        if words[:1] != ["ID"]:
+        if words != ["ID", "bench-arm"]:
             self._line.close()
             raise WrongDevice(self.name, f"what answers at {self._config.host} is no bench arm; check the address")
         return Identity("Bench", words[1])
@@ -49,22 +49,23 @@ class BenchArm:
 
     def moving(self) -> bool:
         """True until the last motion has ended."""
-        return self._line.ask("POSE")[9] == "1"
+        return state(self._line)[8] == 1
 
     def stop(self) -> None:
         """Stop now."""
-        self._line.ask("STOP")
+        if (answer := self._line.ask("STOP")) != ["OK"]:
+            raise BadReply(self.name, f"answers STOP by {' '.join(answer)!r}, needed OK; check the cable")
 
     def standing(self) -> bool:
         """By its speed."""
-        return float(self._line.ask("POSE")[8]) < 1e-4
+        return state(self._line)[7] < 1e-4
 
     def glance(self) -> bool:
         """The same, over a connection of its own."""
         line = Line(self.name, self._config.host, ARM_PORT, self._config.timeout)
         line.open()
         try:
-            return float(line.ask("POSE")[8]) < 1e-4
+            return state(line)[7] < 1e-4
         finally:
             line.close()
 
@@ -88,6 +89,18 @@ class BenchArm:
                 raise LimitExceeded(self.name, f"{what} {value:g} {unit} must be above 0 and at most {highest:g}")
 
 
+def state(line: Line) -> list[float]:
+    """Stamp, pose (6), speed and whether it moves."""
+    return told(line, line.ask("POSE"))
+
+
+def told(line: Line, words: list[str]) -> list[float]:
+    """The numbers of a POSE line; raises BadReply."""
+    if len(words) != 10 or words[0] != "POSE":
+        raise BadReply(line.name, f"sends {' '.join(words)!r}, needed POSE and 9 numbers; check the cable")
+    return line.numbers(words[1:])
+
+
 class BenchArmState(LineStream):
     """The stream of its state."""
 
@@ -97,7 +110,7 @@ class BenchArmState(LineStream):
 
     def sample(self, words: list[str]) -> ArmSample:
         """A POSE line; the arm tells no joint angles, and of its speed the magnitude alone."""
-        stamp, x, y, z, rx, ry, rz, speed = (float(word) for word in words[1:9])
+        stamp, x, y, z, rx, ry, rz, speed, _ = told(self._line, words)
         nothing = (0.0, 0.0, 0.0, 0.0, 0.0)
         return ArmSample(self._clock.now(), stamp, (0.0, *nothing), (x, y, z, rx, ry, rz), (speed, *nothing), 1, True)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pydantic import Field
 
 from drivers.configs import MocapConfig
+from drivers.errors import BadReply
 from drivers.interfaces import BodySample
 from drivers.registry import Driver
 from timing import Clock
@@ -33,11 +34,11 @@ class BenchCameras(LineStream):
 
     def sample(self, words: list[str]) -> BodySample:
         """One frame."""
-        x, y, z, qw, qx, qy, qz, *more = (float(word) for word in words[3:])
+        if len(words) < 10 or len(words) % 3 != 1:
+            raise BadReply(self.name, f"sends {len(words)} numbers, needed 10 and 3 a marker; check the cable")
+        stamp, frame, seen, x, y, z, qw, qx, qy, qz, *more = self._line.numbers(words)
         markers = tuple((more[i], more[i + 1], more[i + 2]) for i in range(0, len(more), 3))
-        return BodySample(
-            self._clock.now(), float(words[0]), int(words[1]), (x, y, z), (qw, qx, qy, qz), 0.0, words[2] == "1", markers
-        )
+        return BodySample(self._clock.now(), stamp, round(frame), (x, y, z), (qw, qx, qy, qz), 0.0, seen == 1, markers)
 
     def usable(self, sample: BodySample) -> bool:
         """Only where the tip was tracked."""

@@ -1,6 +1,7 @@
 """The fakes: TCP servers on the rig's own loopback address."""
 
 import contextlib
+import random
 import socketserver
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import timing
 from sim_fakes.instrument import Fake, Site
+from sim_fakes.pty_fake import Faults
 
 from . import ARM_PORT, CAMERA_PORT
 
@@ -20,10 +22,11 @@ NOISE = 1e-4
 
 
 class LineServer:
-    """A TCP server each of whose connections is handled in a thread of its own."""
+    """A TCP server each of whose connections is handled in a thread of its own; the driver contract disturbs its lines."""
 
     def __init__(self, site: Site, port: int) -> None:
         self.site, server = site, self
+        self.faults, self.random = Faults(), random.Random(site.seed)
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
@@ -40,6 +43,10 @@ class LineServer:
     def serve(self, connection: socketserver.StreamRequestHandler) -> None:
         """One connection, to its end."""
         raise NotImplementedError
+
+    def send(self, answer: bytes, connection: socketserver.StreamRequestHandler) -> None:
+        """Send a whole answer, through the faults."""
+        connection.wfile.write(self.faults.disturbed(answer, self.random))
 
     def start(self) -> None:
         """Accept connections."""
@@ -84,10 +91,10 @@ class ArmFake(LineServer):
             words = line.decode().split()
             if words == ["STREAM"]:
                 while self.running:
-                    connection.wfile.write(self._told())
+                    self.send(self._told(), connection)
                     timing.sleep(PERIOD)
                 return
-            connection.wfile.write(self._answer(words))
+            self.send(self._answer(words), connection)
 
     def _answer(self, words: list[str]) -> bytes:
         if words == ["ID"]:
@@ -137,7 +144,7 @@ class CamerasFake(LineServer):
                 x, y, z, w = Rotation.from_matrix(plant.tip_rotation).as_quat()
                 numbers = [*random.normal(plant.tip_position, NOISE), w, x, y, z, *plant.markers.ravel()]
                 head = f"{self.site.clock.now():.9g} {frame} {int(plant.tip_visible)}"
-            connection.wfile.write(f"{head} {' '.join(f'{n:.9g}' for n in numbers)}\n".encode())
+            self.send(f"{head} {' '.join(f'{n:.9g}' for n in numbers)}\n".encode(), connection)
             timing.sleep(PERIOD / 2)
 
 

@@ -3,7 +3,7 @@
 import contextlib
 import socket
 
-from drivers.errors import NoReply, NotReady, Unreachable
+from drivers.errors import BadReply, NoReply, NotReady, Unreachable
 
 
 class Line:
@@ -58,6 +58,13 @@ class Line:
         """Send a line, read the answer's words."""
         self.send(text)
         return self.read()
+
+    def numbers(self, words: list[str]) -> list[float]:
+        """The numbers that the words of an answer are; raises BadReply."""
+        try:
+            return [float(word) for word in words]
+        except ValueError as error:
+            raise BadReply(self.name, f"sends {' '.join(words)!r}, needed numbers; check the cable") from error
 
     def _opened(self) -> socket.socket:
         if self._socket is None:

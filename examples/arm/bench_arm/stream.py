@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import timing
-from drivers.errors import InstrumentError, NotReady, StaleReading
+from drivers.errors import BadReply, InstrumentError, NotReady, StaleReading
 from drivers.interfaces import Identity
 
 from .line import Line
@@ -22,7 +22,7 @@ class LineStream:
         self._stopping = timing.Event()
 
     def sample(self, words: list[str]) -> Any:
-        """One line as a sample."""
+        """One line as a sample; raises BadReply."""
         raise NotImplementedError
 
     def usable(self, sample: Any) -> bool:
@@ -33,9 +33,13 @@ class LineStream:
         """Connect, and begin to read."""
         self.close()
         self._line.open()
-        if self._request:
-            self._line.send(self._request)
-        self._take()
+        try:
+            if self._request:
+                self._line.send(self._request)
+            self._take()
+        except InstrumentError:
+            self._line.close()
+            raise
         self._stopping.clear()
         self._thread = timing.Thread(target=self._run, name=self.name, daemon=True)
         self._thread.start()
@@ -67,5 +71,7 @@ class LineStream:
         while not self._stopping.is_set():
             try:
                 self._take()
+            except BadReply:
+                self.lost += 1
             except InstrumentError:
                 return  # `latest` tells that nothing comes
