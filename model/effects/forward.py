@@ -527,8 +527,8 @@ class ForwardModel:
     def _varied(self, here: _At, step: Array, slots: tuple[int, ...], change: InputChange) -> _Varied:
         """Variants of `here`: for each slot one in which it is a step away, and one for each change."""
         spread = self._table.variants(here.spread, here.theta + step, slots, len(change.by))
-        steps = np.append(step, 1.0)[self._table.of_row[list(slots)]]
-        by_row = np.vstack([steps, np.tile(change.by[:, None], len(self._full))])
+        by_row = np.empty((len(slots) + len(change.by), len(self._full)))
+        by_row[: len(slots)], by_row[len(slots) :] = np.append(step, 1.0)[self._table.of_row[list(slots)]], change.by[:, None]
         laws = [self._table.source_of(k).spec.law for k in slots]
         q, built = here.quantities, here.built
         moves = len(change.by) > 0 or any(law.before is not None for law in laws)
