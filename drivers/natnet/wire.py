@@ -25,7 +25,11 @@ class NatNetServer:
         """
         self._address = socket.gethostbyname(server)
         self._ports, self._elsewhere = ports, elsewhere
-        self._local = local or _interface_towards(self._address, ports[0])
+        if not local:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # sends nothing
+                probe.connect((self._address, ports[0]))
+                local = str(probe.getsockname()[0])
+        self._local = local
         self._kept_alive = -math.inf
         self._group: socket.socket | None = None
         # without SO_REUSEADDR: nobody may bind the same port and take the frames away
@@ -98,10 +102,3 @@ def _bound(place: tuple[str, int], shared: bool) -> socket.socket:
         raise
     sock.setblocking(False)
     return sock
-
-
-def _interface_towards(address: str, port: int) -> str:
-    """The local address from which datagrams to `address` leave; sends nothing."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect((address, port))
-        return str(probe.getsockname()[0])

@@ -178,7 +178,7 @@ class UR5:
             return True
         distance = ur5_motion.distance_between(sample.tcp_pose, move.goal)
         turn = ur5_motion.turn_between(sample.tcp_pose, move.goal)
-        if distance <= self.config.position_tolerance and turn <= self.config.turn_tolerance and _still(sample):
+        if distance <= self.config.position_tolerance and turn <= self.config.turn_tolerance and _slow(sample.tcp_speed):
             self._move = None
             return False
         # The state comes over a connection of its own and may be some cycles behind.
@@ -214,7 +214,7 @@ class UR5:
             sample = self._fresh(control)
             if sample.device_time != last:
                 last = sample.device_time
-                still = still + 1 if _still(sample) else 0
+                still = still + 1 if _slow(sample.tcp_speed) else 0
             if deadline.expired:
                 speed = max(abs(v) for v in sample.tcp_speed[:3])
                 raise DeviceFault(self.name, f"does not stop: still {speed:.3f} m/s; press the emergency stop")
@@ -223,7 +223,7 @@ class UR5:
     def standing(self) -> bool:
         """True when the newest state shows the arm standing, whatever else is wrong. Raises NotReady, NoReply."""
         try:
-            return _still(self._state.latest())
+            return _slow(self._state.latest().tcp_speed)
         except StaleReading as error:
             raise NoReply(self.name, f"{error.message}; check that the arm stands still") from error
 
@@ -345,10 +345,6 @@ class UR5:
             f"motion to {millimetres(move.goal)} not finished after {move.deadline.rig_allowed:.1f} s and was stopped: "
             f"{move.slow.text()}",
         )
-
-
-def _still(sample: ArmSample) -> bool:
-    return _slow(sample.tcp_speed)
 
 
 def _slow(speed: Vector6) -> bool:

@@ -76,7 +76,9 @@ class Guard:
         self.under_force: UnderForce | None = None
         if "arm" in self.own.drivers:
             arm = self.own.drivers["arm"]
-            self.under_force = UnderForce(arm, self.rig.limits, self._begin_motion, self._say_waiting, self.land)
+            self.under_force = UnderForce(
+                arm, self.rig.limits, self._begin_motion, lambda text: self.tell(Event("waiting", text)), self.land
+            )
             self.own.drivers["arm"] = self.under_force
         self.settings = DriverSettings(self.own.drivers)
         self.adapters = Adapters(rig)
@@ -400,9 +402,6 @@ class Guard:
             return motion()
         finally:
             self.own.busy.discard("arm")
-
-    def _say_waiting(self, text: str) -> None:
-        self.tell(Event("waiting", text))
 
     # -- the end
     def finish(self) -> str:

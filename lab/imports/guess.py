@@ -71,7 +71,12 @@ def guess_map(series: Series, robot: Robot) -> Guess:
     _others(g, series, [h for h in headings if h.name not in used], robot)
     _states(g, series, pressures, robot)
     _trials(g, series, counting, pressures, robot)
-    _missing(g, series)
+    in_use = repr({k: v for k, v in g.values.items() if k != "trials"})
+    words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
+    if words:
+        said = list(dict.fromkeys(words))
+        g.say("source.missing", said, "cells of these columns that are not numbers")
+        g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
     if unseen and g.values["columns"].pop(unseen, None) and g.reasons.pop(f"columns.{unseen}"):
         g.say(f"constants.{unseen}", "0 mm", f"one camera: no column of {unseen}")
         g.doubt(f"constants.{unseen}", f"no column of {unseen}: does the robot move in a plane, and is that at 0 mm?")
@@ -92,16 +97,6 @@ def lacks(series: Series, robot: Robot) -> frozenset[str]:
     places = [t for t in triples([h for h in headings if h.name not in turns]) if t.unit in ("", *KINDS["m"])]
     held = {"pressures": _actuators(series, headings, robot), "tip": places}
     return frozenset(what for what, columns in held.items() if not columns)
-
-
-def _missing(g: Guess, series: Series) -> None:
-    """Words of the columns in use that are no numbers."""
-    in_use = repr({k: v for k, v in g.values.items() if k != "trials"})
-    words = [w for name, strange in series.strange.items() if repr(name) in in_use for w in strange.words]
-    if words:
-        said = list(dict.fromkeys(words))
-        g.say("source.missing", said, "cells of these columns that are not numbers")
-        g.doubt("source.missing", f"{', '.join(map(repr, said))} are taken as missing values")
 
 
 # ------------------------------------------------------------------ pressures

@@ -254,7 +254,14 @@ def conclude(
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
-    questions += _undetermined(states.tip, robot)
+    across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
+    if across < ON_LINE * robot.length:
+        questions.append(
+            robot.actuators.words.fill(
+                f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "
+                "the frame's turn about this line; add some in which one {actuator} is {inflated}"
+            )
+        )
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
 
 
@@ -277,16 +284,6 @@ def _contradictions(states: Table, length: float) -> Iterator[str]:
     changed = int((np.abs(np.diff(states.get("tip_mass", 0.0)))[within] > SAME_MASS).sum())
     if changed > within.sum() / 2:
         yield f"tip_mass changes {changed} times between states of one trial: is this column really a mass at the tip?"
-
-
-def _undetermined(tip: Array, robot: Robot) -> Iterator[str]:
-    """Ask for other states where tips, (n, 3) m, lie on one line through the base, about which no turn of the frame shows."""
-    across = float(np.linalg.norm(np.linalg.svd(tip, compute_uv=False)[1:])) / np.sqrt(len(tip))
-    if across < ON_LINE * robot.length:
-        yield robot.actuators.words.fill(
-            f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine the "
-            "frame's turn about this line; add some in which one {actuator} is {inflated}"
-        )
 
 
 def follows_pressure(states: Table, name: str, same: float) -> float:

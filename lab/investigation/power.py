@@ -54,16 +54,12 @@ def run(a: argparse.Namespace) -> Result:
         if more and not states(case)[0].pushed.all():
             screen.say(f"further experiments, part {parts} of {parts}")
             added = additions(case, weighed, seed=a.seed, progress=lambda s: screen.progress((2 + s) / parts, 1.0))
-    return Result(_dict(powers, added, design), partial(_show, _plan(case), powers, added))
-
-
-def _plan(case: Case) -> str:
-    """Describe the plan or the measured case in one line."""
     robot, table, words = case.robot, case.table, case.robot.actuators.words
     highest = float(np.nanmax(table.pressures, initial=0.0))
     open_end = "" if robot.max_pressure is not None else f", and robot.yaml states no max_{words.pressure}"
-    states, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
-    return f"plan: {states} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
+    in_all, trials = counted(len(table), "state"), counted(len(np.unique(table.trial)), "trial")
+    plan = f"plan: {in_all} in {trials}, {words.kind} up to {words.number(highest)} {words.unit}{open_end}"
+    return Result(_dict(powers, added, design), partial(_show, plan, powers, added))
 
 
 def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:

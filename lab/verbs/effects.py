@@ -108,17 +108,14 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
     spine = np.unique(np.asarray(columns["spine_length"], float))
     x = np.asarray(columns["deflection" if how == "stiffness" else "p1"], float).reshape(len(spine), -1)
     axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
-    hidden = _hidden(forward, change) if components == 3 else 0.0
+    hidden = 0.0
+    if components == 3:
+        # A common factor on all areas moves the tips by the sum of what those of the single lengths do.
+        area = forward.linearise(np.zeros(len(forward.parameters)))[1][:, forward.index("area")].sum(axis=1)
+        ok = np.isfinite(change) & np.isfinite(area)
+        total = float(change[ok] @ change[ok]) * float(area[ok] @ area[ok])
+        hidden = float(change[ok] @ area[ok]) ** 2 / total if total > 0 else 0.0
     return Signature(spec, how, spine, x, rows.reshape(len(spine), -1, components), axis, hidden)
-
-
-def _hidden(forward: ForwardModel, change: Array) -> float:
-    _, slope = forward.linearise(np.zeros(len(forward.parameters)))
-    # A common factor on all areas moves the tips by the sum of what those of the single lengths do.
-    area = slope[:, forward.index("area")].sum(axis=1)
-    ok = np.isfinite(change) & np.isfinite(area)
-    total = float(change[ok] @ change[ok]) * float(area[ok] @ area[ok])
-    return float(change[ok] @ area[ok]) ** 2 / total if total > 0 else 0.0
 
 
 def _columns(robot: Robot, spines: Array, how: str) -> Columns:

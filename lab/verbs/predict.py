@@ -304,7 +304,10 @@ def _sheet(
             *(cells[i] for cells in lead.values()),
             *([f"{100 * float(lengths[i]):.1f} cm"] if spine else []),
             *([words.number(p, 1) for p in pressures[i]] if one_by_one else [_inflated(pressures[i], words)]),
-            *_with_half(prediction.tip[i], low[i], high[i]),
+            *(
+                "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
+                for v, l, h in zip(prediction.tip[i], low[i], high[i], strict=True)
+            ),
         )
     return t
 
@@ -316,13 +319,6 @@ def _inflated(pressures: Array, words: Words) -> str:
         if p > 10.0:
             by.setdefault(words.number(p, 1), []).append(str(c))
     return "; ".join(f"{number} ({', '.join(own)})" for number, own in by.items()) or "none"
-
-
-def _with_half(value: Array, low: Array, high: Array) -> list[str]:
-    return [
-        "none" if not np.isfinite(v) else f"{MM * v:.2f}" + (f" ± {MM * (h - l) / 2:.2f}" if h >= l else "")
-        for v, l, h in zip(value, low, high, strict=True)
-    ]
 
 
 def _groups(text: str) -> tuple[tuple[int, ...], ...]:
