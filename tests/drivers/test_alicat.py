@@ -225,8 +225,7 @@ def test_what_a_breakout_box_puts_behind_a_line_costs_no_retry(opened: Make, fak
 # -- who answers
 def test_missing_units_are_all_named_with_those_that_answered(make: Make, fake: AlicatFake) -> None:
     fake.faults.extra["dead"] = "AC"
-    with pytest.raises(Unreachable, match=r"no answer from unit A, C .*answered: B\)"):
-        make().open()
+    raises(Unreachable, r"no answer from unit A, C .*answered: B\)", make().open)
 
 
 @pytest.mark.parametrize("start", ["B@ @", "B@=@"])
@@ -246,8 +245,7 @@ def test_a_force_sensor_that_streams_on_the_port_is_told_at_opening(bench: Bench
     sensor = bench.started(Ft300sFake(bench.plant, bench.clock))
     sensor.device.streaming = True
     start = timing.now()
-    with pytest.raises(WrongDevice, match="check p.*baud rate"):
-        make(port=sensor.port, baud=19200).open()
+    raises(WrongDevice, "check p.*baud rate", make(port=sensor.port, baud=19200).open)
     assert timing.now() - start < 20.0
 
 
@@ -316,8 +314,7 @@ def test_a_wrong_unit_of_measure_or_range_is_caught_before_the_first_pressure_be
     regulators = opened(port=fake.port, unit=told, full_scale=full_scale, max_pressure=min(full_scale, 300e3))
     timing.sleep(0.1)  # no time, no rise: the rate is limited
     wrong = "its range is not" if shows == told else f"does not show {told} but {shows}.*correct unit or full_scale"
-    with pytest.raises(WrongDevice, match=wrong):
-        regulators.set((min(full_scale, 100e3), 0.0, 0.0))
+    raises(WrongDevice, wrong, regulators.set, (min(full_scale, 100e3), 0.0, 0.0))
     assert highest_told(fake) <= 5e3 and fake.device["A"].setpoint == 0
     regulators.vent()
 
@@ -325,8 +322,7 @@ def test_a_wrong_unit_of_measure_or_range_is_caught_before_the_first_pressure_be
 def test_a_unit_that_tells_its_unit_of_measure_is_believed_before_rig_yaml(make: Make, opened: Make, fake: AlicatFake) -> None:
     for unit in fake.device.values():
         unit.unit_code, unit.full_scale = 10, 60 * PA_PER_UNIT[10]
-    with pytest.raises(WrongDevice, match="shows PSI.*set its pressure unit to kPa, or write in rig.yaml which `unit`"):
-        make().open()
+    raises(WrongDevice, "shows PSI.*set its pressure unit to kPa, or write in rig.yaml which `unit`", make().open)
     opened(unit="psi", full_scale=60 * PA_PER_UNIT[10])
     assert not any(request.strip()[1:].isdigit() for request in fake.requests)
 

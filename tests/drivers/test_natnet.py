@@ -131,8 +131,7 @@ def test_a_damaged_frame_is_dropped_and_counted_and_the_stream_goes_on(motive: M
 
 @pytest.mark.parametrize("motive", [{"version": (2, 5)}], indirect=True)
 def test_a_server_too_old_is_the_wrong_device(motive: Motive) -> None:
-    with pytest.raises(WrongDevice, match=r"NatNet 2\.5"):
-        motive.made().open()
+    raises(WrongDevice, r"NatNet 2\.5", motive.made().open)
 
 
 GREETING = b"\x01\x00\x17\x01" + b"Motive".ljust(256, b"\0") + bytes((3, 1, 0, 0, 4, 1, 0, 0)) + bytes(15)
@@ -157,8 +156,7 @@ def test_an_answer_that_is_no_server_s_is_not_taken(said: bytes, elsewhere: bool
         thread = timing.Thread(target=answer)
         thread.start()
         config = Config.model_validate({"server": host, "body": "Tip", "mocap_to_base": IDENTITY, "timeout": 0.5})
-        with pytest.raises(error, match=message.format(liar)):
-            NatNetMocap("mocap", config, RigClock(), lambda _: None, told.append).open()
+        raises(error, message.format(liar), NatNetMocap("mocap", config, RigClock(), lambda _: None, told.append).open)
         thread.join()
     assert len(told) == 1
 

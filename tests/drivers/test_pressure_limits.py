@@ -7,6 +7,7 @@ import pytest
 from drivers.chambers import PAPER_WIRING, ChamberMap
 from drivers.errors import LimitExceeded
 from drivers.pressure_limits import PressureLimits
+from tests.simulated.bench import raises
 
 
 class HandClock:
@@ -67,8 +68,7 @@ def test_a_channel_that_failed_is_judged_from_what_it_last_took(clock: HandClock
     [((0.0, math.nan), "channel 2"), ((0.0, math.inf), "channel 2"), ((0.0, 0.0, 0.0), "3 pressures for 2 channels")],
 )
 def test_what_are_no_pressures_is_refused(limits: PressureLimits, wrong: tuple[float, ...], message: str) -> None:
-    with pytest.raises(LimitExceeded, match=message):
-        limits.allow(wrong)
+    raises(LimitExceeded, message, limits.allow, wrong)
 
 
 NINE = [[i] for i in range(1, 10)]
@@ -98,8 +98,7 @@ ONE_OF_NINE = ChamberMap([[1], [2]], 9)
     ],
 )  # fmt: skip
 def test_pressures_that_the_wiring_cannot_make_are_refused(wiring: ChamberMap, wanted: dict[int, float], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        wiring.setpoints(wanted)
+    raises(ValueError, message, wiring.setpoints, wanted)
 
 
 def test_a_chamber_that_is_not_connected_may_stay_flat() -> None:
@@ -111,8 +110,7 @@ def test_channel_values_are_spread_over_the_chambers_and_unconnected_ones_read_z
 
 
 def test_a_wrong_number_of_channel_values_is_refused() -> None:
-    with pytest.raises(ValueError, match="2 values for 3 channels"):
-        ChamberMap(PAPER_WIRING).by_chamber((1.0, 2.0))
+    raises(ValueError, "2 values for 3 channels", ChamberMap(PAPER_WIRING).by_chamber, (1.0, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -126,5 +124,4 @@ def test_a_wrong_number_of_channel_values_is_refused() -> None:
     ],
 )
 def test_a_wiring_that_cannot_be_is_refused(chambers: list[list[int]], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        ChamberMap(chambers, 9)
+    raises(ValueError, message, ChamberMap, chambers, 9)

@@ -13,6 +13,7 @@ from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
 from lab.driver_contract import DriverOnFake, answers, unit
 from lab.files.rig_file import drivers
+from tests.simulated.bench import raises
 
 __all__ = ["unit"]
 POSE = {"position": (0, 0, 0), "quaternion": (1, 0, 0, 0)}
@@ -48,16 +49,14 @@ TABLES: dict[str, dict[str, Any]] = {
 def test_a_table_that_cannot_work(driver: str, changes: dict[str, Any], message: str) -> None:
     config, table = drivers()[driver].config, {"driver": driver, **TABLES[driver]}
     config.model_validate(table)
-    with pytest.raises(ValidationError, match=message):
-        config.model_validate(table | changes)
+    raises(ValidationError, message, config.model_validate, table | changes)
 
 
 @pytest.mark.parametrize("changes", [{"max_pressure": 6e5}, {"chambers": ((1,), (1,))}])
 def test_regulators_of_every_driver_stay_within_their_range_and_their_wiring(changes: dict[str, Any]) -> None:
     table = {"chambers": ((1,),), "full_scale": 500e3}
     RegulatorsConfig.model_validate(table)
-    with pytest.raises(ValidationError, match="above the units' full_scale|chamber 1 is listed"):
-        RegulatorsConfig.model_validate(table | changes)
+    raises(ValidationError, "above the units' full_scale|chamber 1 is listed", RegulatorsConfig.model_validate, table | changes)
 
 
 NO_PORTS = [
@@ -79,8 +78,7 @@ def test_a_port_is_a_device_path_or_a_terminal_server(port: str, tmp_path: Path)
         config, table = drivers()[driver].config, {"driver": driver, **TABLES[driver]}
         with pytest.raises(ValidationError, match=f"{key}\n.*is not a port; write the path of a device, .*socket://HOST:PORT"):
             config.model_validate(table | changes)
-    with pytest.raises(Unreachable, match="is not a port; write the path of a device"):
-        SerialPort("valve", port, 19200, 1.0).open()
+    raises(Unreachable, "is not a port; write the path of a device", SerialPort("valve", port, 19200, 1.0).open)
     assert file.read_text() == "data"
 
 
@@ -129,8 +127,7 @@ def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
     indirect=["unit"],
 )
 def test_what_is_not_there(unit: DriverOnFake, changes: dict[str, Any], error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        unit.another(**changes).open()
+    raises(error, message, unit.another(**changes).open)
 
 
 @pytest.mark.parametrize(
@@ -147,6 +144,5 @@ def test_another_model(unit: DriverOnFake, is_: dict[str, Any], message: str) ->
     for name, value in is_.items():
         holder, _, attribute = name.rpartition(".")
         setattr(line.faults if holder else line, attribute, value)
-    with pytest.raises(WrongDevice, match=message):
-        unit.driver.open()
+    raises(WrongDevice, message, unit.driver.open)
     assert not answers(unit.driver.open)

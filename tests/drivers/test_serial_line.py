@@ -114,13 +114,11 @@ def test_a_board_that_resets_when_its_port_opens_is_given_time_and_what_it_says_
 
 
 def test_a_port_that_is_not_there_is_unreachable_and_says_what_to_check() -> None:
-    with pytest.raises(Unreachable, match="cannot open /dev/nothing.*rig.yaml"):
-        SerialLine("gauge", "/dev/nothing", 9600, 0.1).open()
+    raises(Unreachable, "cannot open /dev/nothing.*rig.yaml", SerialLine("gauge", "/dev/nothing", 9600, 0.1).open)
 
 
 def test_a_port_that_another_line_has_is_unreachable(line: SerialLine) -> None:
-    with pytest.raises(Unreachable, match="no other program"):
-        SerialLine("valve", line.port, 9600, 0.1).open()
+    raises(Unreachable, "no other program", SerialLine("valve", line.port, 9600, 0.1).open)
 
 
 class Adapters:

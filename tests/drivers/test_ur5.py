@@ -105,8 +105,7 @@ def test_a_request_beyond_a_limit_is_refused_and_nothing_is_sent(rig: Rig, arm: 
     pose[2] = change.get("z", pose[2])
     pose[3:] = change.get("rotation", pose[3:])
     rig.process.backdoor("forget")
-    with pytest.raises(LimitExceeded, match=message):
-        arm.move_to(pose, change.get("speed", SPEED), change.get("acceleration", ACCELERATION))
+    raises(LimitExceeded, message, arm.move_to, pose, change.get("speed", SPEED), change.get("acceleration", ACCELERATION))
     timing.sleep(0.03)
     assert rig.process.backdoor()["commands"] == []
 

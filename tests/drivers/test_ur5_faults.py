@@ -86,8 +86,7 @@ def test_an_arm_that_cannot_be_used_yet_is_not_opened(
 ) -> None:
     rig.process.backdoor(**wrong)
     try:
-        with pytest.raises(error, match=message.format(rig.host)):
-            UR5("arm", Config(host=rig.host, timeout=0.3), rig.clock).open()
+        raises(error, message.format(rig.host), UR5("arm", Config(host=rig.host, timeout=0.3), rig.clock).open)
     finally:
         rig.process.backdoor(**right)
 

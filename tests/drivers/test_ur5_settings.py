@@ -209,10 +209,8 @@ def test_an_arm_without_a_dashboard_server_is_told_from_one_that_is_off(
     version: str, error: type[Exception], message: str
 ) -> None:
     with a_rig(version=version, dashboard=False) as bare:
-        with pytest.raises(error, match=message):
-            UR5("arm", Config(host=bare.host), RigClock()).open()
-        with pytest.raises(error, match=message):
-            UR5State(UrController("arm state", bare.host, 1.0), RigClock(), discard).open()
+        raises(error, message, UR5("arm", Config(host=bare.host), RigClock()).open)
+        raises(error, message, UR5State(UrController("arm state", bare.host, 1.0), RigClock(), discard).open)
 
 
 def test_an_arm_too_old_to_tell_its_payload_is_opened() -> None:

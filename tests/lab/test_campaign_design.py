@@ -25,6 +25,7 @@ from protocols.errors import Stopped
 from protocols.planned import cycles
 from recordings.errors import BadJournal
 from recordings.trials import Table, TrialRow
+from tests.simulated.bench import raises
 
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE, RIG = ROOT / "examples" / "campaign" / "lengths.yaml", ROOT / "examples" / "rig" / "rig.yaml"
@@ -171,8 +172,7 @@ def test_cycles_are_counted_from_vented() -> None:
     plan = cycles_plan(Cycles(chambers=[[1, 2], [2, 3]], pressures=[50e3, 80e3], cycles=3))
     count, highest = cycles(plan, 4)
     assert count.tolist() == [3, 6, 3, 0] and highest.tolist() == [50e3, 80e3, 80e3, 0.0]
-    with pytest.raises(ValueError, match="2 values for 3 groups"):
-        Cycles(chambers=[[1], [2], [3]], pressures=[50e3, 80e3])
+    raises(ValueError, "2 values for 3 groups", Cycles, chambers=[[1], [2], [3]], pressures=[50e3, 80e3])
 
 
 def test_the_planned_table_is_a_design_with_and_without_pushes(tmp_path: Path) -> None:
@@ -309,15 +309,13 @@ def test_a_person_is_asked_when_the_set_up_changes_and_not_before_every_run() ->
 
 def test_a_journal_tells_what_is_done_although_its_last_line_is_torn(tmp_path: Path) -> None:
     with CampaignJournal.begin(tmp_path, "c", "d", {"specimen": "S"}) as journal:
-        with pytest.raises(ConfigError, match="going on in another process"):
-            CampaignJournal.reopen(tmp_path)
+        raises(ConfigError, "going on in another process", CampaignJournal.reopen, tmp_path)
         journal.began(1)
         journal.ended(1, "completed", 10.0, 5, 2, True)
         journal.began(2)
         journal.ended(2, "failed", 3.0, 1, 0, False)
         journal.began(2)
-    with pytest.raises(ConfigError, match="holds a campaign already"):
-        CampaignJournal.begin(tmp_path, "c", "d", {})
+    raises(ConfigError, "holds a campaign already", CampaignJournal.begin, tmp_path, "c", "d", {})
     with (tmp_path / "campaign.journal").open("a") as file:
         file.write('{"run": 2, "outco')
     done = read(tmp_path / "campaign.journal")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import Cli
+from commands import Cli, refused
 from pydantic import Field
 
 from lab.files.config import ConfigError, FileTable, check, parse_yaml
@@ -19,6 +19,7 @@ from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.numbers import number, whole_number
 from recordings.table_file import read_csv, read_numbers
+from tests.simulated.bench import raises
 
 NO_NUMBERS = [
     "0.0_5", "1_000", "0x10", "0b1", "1e1_0", "\uff11\uff12", "\u0663", "1.\uff15", "1e\uff13", "1,5", "- 1", "--1", "e5", ".",
@@ -44,8 +45,7 @@ def test_what_is_a_number() -> None:
 @pytest.mark.parametrize("text", NO_NUMBERS)
 def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli) -> None:
     for read, said in product((number, whole_number), (text, 100_000 * "1" + "x")):  # a long one at once
-        with pytest.raises(ValueError, match="is not a"):
-            read(said)
+        raises(ValueError, "is not a", read, said)
     for quantity in (text, f"{text} m"):
         with pytest.raises(UnitError):
             to_si(quantity, "m")
@@ -53,19 +53,15 @@ def test_what_is_none_is_refused_everywhere(text: str, tmp_path: Path, cli: Cli)
         for value in (text, f"'{text}'"):
             with pytest.raises(ConfigError, match=rf"{key}|usable number|valid YAML"):
                 check(parse_yaml(f"{key}: {value}\n", "values.yaml"), Values)
-    with pytest.raises(ConfigError, match="lengths"):
-        check(parse_yaml(f"lengths: [0.1, '{text}']\n", "values.yaml"), Values)
+    refused("lengths", check, parse_yaml(f"lengths: [0.1, '{text}']\n", "values.yaml"), Values)
     robot = paper_robot().read_text().replace("area_factor: {0.0:", f"area_factor: {{'{text}':", 1)
-    with pytest.raises(ConfigError, match="area_factor"):
-        check(parse_yaml(robot, "robot.yaml"), Robot)
+    refused("area_factor", check, parse_yaml(robot, "robot.yaml"), Robot)
     table = tmp_path / "table.csv"
     table.write_text(f'p1,x\n0,"{text}"\n')
-    with pytest.raises(BadTable, match="is not a number"):
-        read_numbers(table, ("x",), r"p[0-9]+", "x")
+    raises(BadTable, "is not a number", read_numbers, table, ("x",), r"p[0-9]+", "x")
     trials = tmp_path / "trials.csv"
     trials.write_text(f'trial,step,protocol,repeat,branch,t,spine_length,p1,x,y,z\n1,1,bending,1,load,0,0,"{text}",0,0,0.4\n')
-    with pytest.raises(BadTable, match="p1: .* is not a number"):
-        read_csv(trials)
+    raises(BadTable, "p1: .* is not a number", read_csv, trials)
     if text != "1,5":  # a decimal comma, in a table of another program
         assert math.isnan(float(judge(pd.Series(["1.5", "2.5", text], dtype=str)).values[2]))
     assert "--seed" in cli("fakes", f"--seed={text}", "--list-effects", code=2).err

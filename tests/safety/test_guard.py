@@ -38,6 +38,7 @@ from lab.verbs.fakes import PATIENT
 from protocols.actions import ramp
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
+from tests.simulated.bench import raises
 from timing import RigClock
 
 PROTECTIVE_STOP = 1 << 2
@@ -66,8 +67,7 @@ def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path:
     assert until(lambda: not house.latch.exists())
     assert "the program ended" in journal(house)
     (file,) = tmp_path.glob("*.mcap")
-    with pytest.raises(Exception, match="recover"):
-        Recording.open(file)
+    raises(Exception, "recover", Recording.open, file)
     assert len(Recording.open(file, truncated=True).states) > 0
 
 
@@ -112,8 +112,7 @@ def test_a_watch_of_the_guard_that_fails_lands_the_rig(
     assert small.vented()
     monkeypatch.undo()
     assert until(lambda: "Too many open files" in journal(small))
-    with pytest.raises(RigLanded, match="watch on the program|polling of"):
-        rig.actuators.pressure.set((20e3, 20e3, 20e3))
+    raises(RigLanded, "watch on the program|polling of", rig.actuators.pressure.set, (20e3, 20e3, 20e3))
 
 
 @pytest.mark.real
@@ -279,8 +278,7 @@ def test_a_command_is_the_same_call_in_another_process() -> None:
 def test_a_rig_yaml_that_was_changed_after_it_was_read_is_refused(small: House) -> None:
     rig = load_rig(small.rig)
     small.change(limits={"max_force": 20.0})
-    with pytest.raises(ConfigError, match="rig.yaml: was changed after the command had read it; repeat the command"):
-        Rig(rig)
+    raises(ConfigError, "rig.yaml: was changed after the command had read it; repeat the command", Rig, rig)
     assert owners(names_of_path(small.rig)) == [] and not small.latch.exists()
     with small.opened():
         pass
@@ -337,8 +335,7 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
     with small.opened() as rig:
         inflate(rig, small)
         assert small.vented()
-        with pytest.raises(RigLanded, match="has made no progress"):
-            rig.actuators.pressure.set((0.0, 0.0, 0.0))
+        raises(RigLanded, "has made no progress", rig.actuators.pressure.set, (0.0, 0.0, 0.0))
         rig.actuators.resume()
         rig.actuators.pressure.set((0.0, 0.0, 0.0))
 
@@ -396,8 +393,7 @@ def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
         (host,) = [int(pid) for file in children for pid in file.read_text().split()]
         os.kill(host, signal.SIGSEGV)
         for _ in range(2):  # who asks later hears the cause as well, not that the arm is closed
-            with pytest.raises(InstrumentError, match="SIGSEGV"):
-                rig.actuators.arm.moving()
+            raises(InstrumentError, "SIGSEGV", rig.actuators.arm.moving)
         rig.actuators.valve.set(True)
         report = rig.make_safe()  # the arm is looked at from outside
         assert report.confirmed and {s.instrument for s in report.steps} == {"arm", "pressure", "spine", "valve"}
@@ -412,8 +408,7 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
         ur.backdoor("protective_stop")
         state = rig.streams["arm_state"]
         assert until(lambda: bool(state.latest().safety_bits & PROTECTIVE_STOP) and not state.latest().program_running)
-        with pytest.raises(DeviceFault, match="protective stop"):
-            rig.actuators.resume()
+        raises(DeviceFault, "protective stop", rig.actuators.resume)
         assert rig.make_safe().confirmed and not house.latch.exists()
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from lab.guard.latch import JOURNAL_LIMIT, Latch, RigLocked
+from tests.simulated.bench import raises
 
 
 def test_a_written_latch_locks_and_says_why_and_what_to_do_until_it_is_cleared(tmp_path: Path) -> None:
@@ -13,8 +14,7 @@ def test_a_written_latch_locks_and_says_why_and_what_to_do_until_it_is_cleared(t
     latch.demand_free()
     assert latch.read() is None
     latch.write("the arm does not answer")
-    with pytest.raises(RigLocked, match=r"arm does not answer.*lab safe --clear"):
-        Latch(tmp_path / "rig.yaml").demand_free()
+    raises(RigLocked, r"arm does not answer.*lab safe --clear", Latch(tmp_path / "rig.yaml").demand_free)
     latch.clear()
     latch.clear()
     latch.demand_free()
@@ -40,8 +40,7 @@ def test_a_link_in_the_place_of_the_latch_locks_and_is_never_written_through(tmp
     (tmp_path / "precious").write_text('{"since": "x", "why": "y"}')
     latch = Latch(tmp_path / "rig.yaml")
     latch.path.symlink_to(tmp_path / "precious")
-    with pytest.raises(RigLocked, match="symbolic link"):
-        latch.demand_free()
+    raises(RigLocked, "symbolic link", latch.demand_free)
     latch.write("the arm does not answer")
     assert not latch.path.is_symlink() and "arm" in str(latch.read())
     assert (tmp_path / "precious").read_text() == '{"since": "x", "why": "y"}'
@@ -51,8 +50,7 @@ def test_a_link_in_the_place_of_the_guards_log_is_refused_and_does_not_keep_the_
     (tmp_path / "precious").write_text("as it was")
     latch = Latch(tmp_path / "rig.yaml")
     latch.journal.symlink_to(tmp_path / "precious")
-    with pytest.raises(OSError, match="symbolic link"):
-        latch.begin("owns the rig")
+    raises(OSError, "symbolic link", latch.begin, "owns the rig")
     latch.note("landed")
     assert (tmp_path / "precious").read_text() == "as it was"
 

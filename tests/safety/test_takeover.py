@@ -28,6 +28,7 @@ from lab.guard.instruments import exclusive
 from lab.guard.last_used import forget, recall
 from lab.guard.latch import Latch, RigLocked
 from lab.guard.messages import RigLanded, SafeReport, SafeStep
+from tests.simulated.bench import raises
 from timing import RigClock
 
 REPORT = SafeReport((SafeStep("pressure", True, "highest pressure 0.1 kPa"), SafeStep("arm", False, "moving")))
@@ -72,10 +73,8 @@ def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
 def test_a_name_has_one_owner_and_who_comes_second_is_refused_at_once_by_name() -> None:
     first, second = Door(["a", "b"], Lander(), about="lab run bending"), Door(["b", "c"], Lander())
     first.open()
-    with pytest.raises(RigLocked, match="in use: lab run bending"):
-        second.open(within=3600)
-    with pytest.raises(RigLocked, match="in use: lab run bending"):
-        demand_free(["b"])
+    raises(RigLocked, "in use: lab run bending", second.open, within=3600)
+    raises(RigLocked, "in use: lab run bending", demand_free, ["b"])
     first.close()
     second.open()
     second.close()
@@ -87,8 +86,7 @@ def test_who_comes_while_the_owner_is_ending_waits_for_its_end() -> None:
     first.open()
     lander.ending = True
     demand_free(["a"])
-    with pytest.raises(RigLocked, match="still landing"):
-        second.open(within=0.1)
+    raises(RigLocked, "still landing", second.open, within=0.1)
     first.close()
     second.open(within=60)
     second.close()
@@ -114,8 +112,7 @@ def test_one_that_owns_a_name_and_stands_still_is_known_as_silent(monkeypatch: p
     with frozen:
         (owner,) = land(["a"]).silent
         assert owner == Owner("", os.getpid(), owner.user)
-        with pytest.raises(RigLocked, match="does not answer"):
-            demand_free(["a"])
+        raises(RigLocked, "does not answer", demand_free, ["a"])
 
 
 def test_a_full_queue_is_not_taken_for_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,8 +127,7 @@ def test_a_full_queue_is_not_taken_for_nobody(monkeypatch: pytest.MonkeyPatch) -
                 one.connect(door._address("a"))
         (owner,) = land(["a"]).doubtful
         assert "cannot be asked" in str(owner) and owner.pid == 0
-        with pytest.raises(RigLocked, match="cannot be asked"):
-            demand_free(["a"])
+        raises(RigLocked, "cannot be asked", demand_free, ["a"])
 
 
 def test_many_who_say_nothing_hold_up_nobody() -> None:
@@ -190,8 +186,7 @@ def test_a_guard_out_of_reach_of_its_names_is_asked_next_to_rig_yaml(tmp_path: P
     elsewhere(monkeypatch)
     assert stat.S_IMODE((folder / "rig.yaml.sock").stat().st_mode) == 0o600
     assert [answer for _, answer in land(names_of_path(rig), rig).answered] == [LandingAnswer(REPORT, "the arm moves")]
-    with pytest.raises(RigLocked, match="in use: lab run bending"):
-        second.open(within=3600)
+    raises(RigLocked, "in use: lab run bending", second.open, within=3600)
     first.close()
     assert list(folder.iterdir()) == []
     second.open()
@@ -280,8 +275,7 @@ def test_the_word_of_another_account_is_not_believed_and_it_is_not_ended(kind: s
         assert (found.answered, found.silent, found.names) == ([], [], frozenset())
         (owner,) = found.doubtful
         assert (owner.pid, owner.uid) == (process.pid, 65534) and "are believed" in str(owner)
-        with pytest.raises(RigLocked, match=f"process {process.pid} of user nobody"):
-            Door(["a"], Lander(), str(rig)).open()
+        raises(RigLocked, f"process {process.pid} of user nobody", Door(["a"], Lander(), str(rig)).open)
 
 
 @as_root
@@ -309,10 +303,8 @@ def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pyt
         assert house.highest() < 5e3 and not house.fakes.plant.valve_on
         assert until(lambda: rig.vital.landed is not None, 30.0)
         assert rig.vital.landed is not None and "requested by lab safe" in rig.vital.landed.text
-        with pytest.raises(RigLanded, match="requested by lab safe"):
-            rig.actuators.pressure.set((20e3, 20e3, 20e3))
-        with pytest.raises(RigLanded, match="requested by lab safe"):
-            rig.actuators.resume()
+        raises(RigLanded, "requested by lab safe", rig.actuators.pressure.set, (20e3, 20e3, 20e3))
+        raises(RigLanded, "requested by lab safe", rig.actuators.resume)
     assert not house.latch.exists()
 
 

@@ -10,6 +10,7 @@ from sim_fakes.plant import AMBIENT, Plant
 from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
 from sim_fakes.virtual_robot.blocks import forget_stale_cache
 from tests.model.rods.cases import PRESSURES, REFERENCE
+from tests.simulated.bench import raises
 
 PUBLISHED = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.389e6})
 
@@ -178,13 +179,8 @@ def test_compile_cache_is_dropped_when_any_source_is_newer(tmp_path: Path) -> No
 
 def test_unknown_mount_and_bad_states_are_refused() -> None:
     plant = Plant(mount="table")
-    with pytest.raises(ValueError, match="mount 'table'"):
-        VirtualRobot().advance(plant, 0.1)
-    with pytest.raises(ValueError, match="none below 0"):
-        Condition(0.1, (1e5, -1.0, 0.0))
-    with pytest.raises(ValueError, match="give 9 in every state"):
-        walk(VirtualRobot(), [Condition(0.1, (1e5,))])
-    with pytest.raises(ValueError, match="rate"):
-        Condition(0.1, rate=0.0)
-    with pytest.raises(ValueError, match="area"):
-        RobotTruth.model_validate({"area": 1.8})
+    raises(ValueError, "mount 'table'", VirtualRobot().advance, plant, 0.1)
+    raises(ValueError, "none below 0", Condition, 0.1, (1e5, -1.0, 0.0))
+    raises(ValueError, "give 9 in every state", walk, VirtualRobot(), [Condition(0.1, (1e5,))])
+    raises(ValueError, "rate", Condition, 0.1, rate=0.0)
+    raises(ValueError, "area", RobotTruth.model_validate, {"area": 1.8})
