@@ -57,10 +57,13 @@ def compare_campaigns(
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
     # A change is named for what it moves in the later campaign, as a cause is.
-    joined, n = _joined(before, after), len(before.problem.observed)
+    # of the values of both, reference first; the model-form error is of the later one
+    forward, first, second = _JointForward(before, after), before.problem, after.problem
+    measured, n = np.concatenate([first.observed, second.observed]), len(first.observed)
+    joined = Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
-    first, second = (p.states.trial[p.labels.state] for p in (before, after))
-    trials = np.concatenate([first, second + first.max() + 1])
+    earlier, later_trials = (p.states.trial[p.labels.state] for p in (before, after))
+    trials = np.concatenate([earlier, later_trials + earlier.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
@@ -170,11 +173,3 @@ class _JointForward:
         other = copy(self)
         other._forwards = tuple(f.near(t) for f, t in zip(self._forwards, self._split(theta), strict=True))
         return other
-
-
-def _joined(before: Prepared, after: Prepared) -> Problem:
-    """One problem of the values of both campaigns, reference first; the model-form error is of the later one."""
-    forward = _JointForward(before, after)
-    first, second = before.problem, after.problem
-    measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))

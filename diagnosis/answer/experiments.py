@@ -43,7 +43,9 @@ TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
-    chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
+    main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
+    top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
+    chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
     pressures_used = s.highest[s.highest > rest + s.pressure_gap]
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), robot.max_pressure or np.inf)).tolist()
@@ -119,13 +121,6 @@ def _between(values: Array, gap: float) -> list[float]:
     """Settings half-way between those used, where these are few."""
     known = np.unique(np.round(values / gap) * gap)
     return [rounded(x, 3) for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
-
-
-def _inflated(s: Campaign) -> list[int]:
-    """Numbers of the chambers inflated in the state with the highest pressure of the main sweep."""
-    main = np.flatnonzero(s.kind == 0)
-    row = s.pressure[main[np.argmax(s.highest[main])]]
-    return (np.flatnonzero(row > 0.5 * row.max()) + 1).tolist()
 
 
 # ------------------------------------------------------------------ its states

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, rows_by
 from ..data.noise import Lasting, Noise
 from .table import Table
 
@@ -123,8 +123,7 @@ def _turned(block: Ints, place: Ints, columns: Array, memory: float, smooth: boo
     """Columns (n, c), those of each block turned onto the principal axes of what lasts there, and its variances (n,)."""
     out, value = np.empty(columns.shape), np.empty(len(columns))
     known: dict[bytes, tuple[Array, Array]] = {}
-    for one in np.unique(block):
-        own = np.flatnonzero(block == one)
+    for own in rows_by(block):
         at = place[own]
         if at.tobytes() not in known:
             apart = np.abs(at[:, None] - at) / memory
