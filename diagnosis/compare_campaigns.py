@@ -27,7 +27,7 @@ from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .errors import TooLittle
-from .inference.evidence import NONE, Hypothesis
+from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .inference.prepare import Prepared, parts, prepare, table_columns
@@ -71,8 +71,8 @@ def compare_campaigns(
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
     sizes = {parameters.names[i]: float(ranked.candidates[named].fit.theta[i]) for i in of_named}
-    change = what_is_told(ranked)
-    return Change(sentence(ranked, change, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, change)
+    statement = sentence(ranked, sizes, catalogue, later.robot.actuators.words)
+    return Change(statement, ranked.ranking[:10], sizes, named if ranked.probability(NONE) < UNCHANGED else NONE)
 
 
 def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
@@ -86,14 +86,8 @@ def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
-def what_is_told(found: EffectPosterior) -> Hypothesis:
-    """The most probable change, where it is hardly possible that nothing changed."""
-    return found.ranking[0][0] if found.probability(NONE) < UNCHANGED else NONE
-
-
 def sentence(
     posterior: EffectPosterior,
-    stated_change: Hypothesis,
     sizes: Mapping[str, float],
     catalogue: Mapping[str, EffectSpec],
     words: Words = Chambers.words,
@@ -105,7 +99,7 @@ def sentence(
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise ({probability})."
-    if stated_change == NONE:
+    if posterior.probability(NONE) >= UNCHANGED:
         return (
             f"No change since the reference is certain: that nothing changed has p = {posterior.probability(NONE):.2f}; most "
             f"probable otherwise: {effects} ({probability})."

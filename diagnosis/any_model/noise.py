@@ -48,13 +48,10 @@ class NoiseEstimate:
     def noise(self, table: Table, row: Ints, output: Ints) -> Noise:
         """Of values (n,) of rows and outputs of a table."""
         n, sd, share = len(row), self.sd[output], self.share[output]
-        white, none = sd * np.sqrt(1 - share), np.zeros((n, 0))
-        if not share.any():
-            return Noise(np.arange(n), white, none)
         block, place = (of_row[row] for of_row in blocks(table))
         own = np.where(share > 0, block * len(self.sd) + output, -1)
         lasting = Lasting(own, place.astype(float), output, sd * np.sqrt(share), np.zeros(n), self.memory[output])
-        return Noise(np.arange(n), white, none, lasting)
+        return Noise(np.arange(n), sd * np.sqrt(1 - share), np.zeros((n, 0)), lasting)
 
 
 def blocks(table: Table) -> tuple[Ints, Ints]:
