@@ -27,7 +27,7 @@ from .criticism.outside import odds_outside
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
 from .errors import TooLittle
-from .inference.evidence import NONE, Hypothesis
+from .inference.evidence import NONE
 from .inference.executor import SINGLE_THREAD, Executor, one_thread
 from .inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from .inference.prepare import Prepared, parts, prepare, table_columns
@@ -57,10 +57,13 @@ def compare_campaigns(
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
     # A change is named for what it moves in the later campaign, as a cause is.
-    joined, n = _joined(before, after), len(before.problem.observed)
+    # of the values of both, reference first; the model-form error is of the later one
+    forward, first, second = _JointForward(before, after), before.problem, after.problem
+    measured, n = np.concatenate([first.observed, second.observed]), len(first.observed)
+    joined = Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))
     w = weighed(joined, [replace(part, rows=part.rows + n) for part in parts(after)], executor)
-    first, second = (p.states.trial[p.labels.state] for p in (before, after))
-    trials = np.concatenate([first, second + first.max() + 1])
+    earlier, later_trials = (p.states.trial[p.labels.state] for p in (before, after))
+    trials = np.concatenate([earlier, later_trials + earlier.max() + 1])
     excess_scatter = max(p.noise_components.excess_scatter for p in (before, after))
     misfit = misfit_diagnostics(w.search.problem, w.leading, trials, excess_scatter, w.best)
     odds = odds_outside(w.search.tried, (), misfit.law_error_gain, excess_scatter, len(after.problem.parameters.ids))
@@ -68,8 +71,8 @@ def compare_campaigns(
     named, parameters = ranked.ranking[0][0], w.search.problem.parameters
     of_named = [i for i, effect in enumerate(parameters.effects) if effect in named and named != UNKNOWN]
     sizes = {parameters.names[i]: float(ranked.candidates[named].fit.theta[i]) for i in of_named}
-    change = what_is_told(ranked)
-    return Change(sentence(ranked, change, sizes, catalogue, later.robot.actuators.words), ranked.ranking[:10], sizes, change)
+    statement = sentence(ranked, sizes, catalogue, later.robot.actuators.words)
+    return Change(statement, ranked.ranking[:10], sizes, named if ranked.probability(NONE) < UNCHANGED else NONE)
 
 
 def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
@@ -83,14 +86,8 @@ def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
-def what_is_told(found: EffectPosterior) -> Hypothesis:
-    """The most probable change, where it is hardly possible that nothing changed."""
-    return found.ranking[0][0] if found.probability(NONE) < UNCHANGED else NONE
-
-
 def sentence(
     posterior: EffectPosterior,
-    stated_change: Hypothesis,
     sizes: Mapping[str, float],
     catalogue: Mapping[str, EffectSpec],
     words: Words = Chambers.words,
@@ -102,7 +99,7 @@ def sentence(
     effects = OUTSIDE if named == UNKNOWN else " and ".join(with_id(e, names) for e in named)
     if named == NONE:
         return f"No change since the reference stands out from the noise ({probability})."
-    if stated_change == NONE:
+    if posterior.probability(NONE) >= UNCHANGED:
         return (
             f"No change since the reference is certain: that nothing changed has p = {posterior.probability(NONE):.2f}; most "
             f"probable otherwise: {effects} ({probability})."
@@ -170,11 +167,3 @@ class _JointForward:
         other = copy(self)
         other._forwards = tuple(f.near(t) for f, t in zip(self._forwards, self._split(theta), strict=True))
         return other
-
-
-def _joined(before: Prepared, after: Prepared) -> Problem:
-    """One problem of the values of both campaigns, reference first; the model-form error is of the later one."""
-    forward = _JointForward(before, after)
-    first, second = before.problem, after.problem
-    measured = np.concatenate([first.observed, second.observed])
-    return Problem(forward, forward.parameters, measured, first.noise.then(second.noise), first.smooth.then(second.smooth))

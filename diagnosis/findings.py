@@ -185,10 +185,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "nothing says the unit of the {pressures}, so they were read as Pa, up to {highest:.4g}: if they are in {unit}, "
             "{remedy}"
         ),
-        "places_in_unit": (
-            "positions must be {factor:g} times as large (p = {p:.2f}): they look like {unit}; correct their unit or "
-            "scale{rather}"
-        ),
+        "places_in_unit": "all positions hold {unit} read as {wrong} (p = {p:.2f}, x {factor:.4g}): {remedy}{rather}",
         "axis_in_unit": "column {heading} holds {unit} read as {wrong} (x {factor:.4g}, p = {p:.2f}): {remedy}{rather}",
         "attitudes_elsewhere": (
             "the tip's orientations (qw, qx, qy, qz) are in another frame or order than its positions (p = {p:.2f}): "

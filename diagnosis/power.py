@@ -298,23 +298,17 @@ def additions(
 ) -> tuple[Addition, ...]:
     """What each experiment of the menu would bring beside a plan, most for its time first, by `each` worlds of every cause."""
     right_before = power(of_case(case, catalogue), tuple(catalogue), each, seed).right
-    menu = candidate_experiments(case.robot, states(case)[0])
+    menu, chambers = candidate_experiments(case.robot, states(case)[0]), len(case.robot.actuators.azimuths_deg)
     brought = []
     for k, e in enumerate(menu):
         progress((k + 1) / (len(menu) + 1))
         try:
-            extended = _with(case, e, seed)
+            more = foreseen(case.robot, columns(e.protocol, chambers, ("x", "y", "z", *e.channels)), seed).table
         except BadCase:
             continue
+        later = more.replaced({"t": more["t"] + case.table["t"].max() + 60.0})
+        extended = Case(case.robot, Table.joined([case.table, later]))
         right_after = power(of_case(extended, catalogue), tuple(catalogue), each, seed).right
         brought.append(Addition(e, right_after, right_after - right_before))
     progress(1.0)
     return tuple(sorted(brought, key=lambda a: -a.per_hour))
-
-
-def _with(case: Case, e: Proposal, seed: int) -> Case:
-    """The case with an experiment behind it."""
-    chambers = len(case.robot.actuators.azimuths_deg)
-    more = foreseen(case.robot, columns(e.protocol, chambers, ("x", "y", "z", *e.channels)), seed)
-    later = more.table.replaced({"t": more.table["t"] + case.table["t"].max() + 60.0})
-    return Case(case.robot, Table.joined([case.table, later]))

@@ -341,7 +341,6 @@ def must_not_open(driver: Any, line: str, remedy: str, sent: Sequence[bytes] = (
 
 @units()
 def test_it_does_not_open_on_a_silent_line(unit: DriverOnFake) -> None:
-    unit.lines()
     unit.silence()
     must_not_open(unit.driver, "a silent line", "wait for an answer up to the time-out, then raise Unreachable")
 

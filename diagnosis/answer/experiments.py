@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.actuators import Words
-from model.condition import NOMINAL_VACUUM
+from model.condition import NOMINAL_VACUUM, TIP
+from model.effects.design import QUATERNION
 from model.effects.scales import scales
 from model.robot import Robot
 
@@ -37,13 +38,14 @@ PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
 TURN, MASS = 90.0, 0.07
 """deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
-TIP, ORIENTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 
 
 # ------------------------------------------------------------------ the menu
 def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     """Experiments that the campaign lacks, not yet ranked."""
-    chambers, count, words = _inflated(s), len(robot.actuators.azimuths_deg), robot.actuators.words
+    main, count, words = np.flatnonzero(s.kind == 0), len(robot.actuators.azimuths_deg), robot.actuators.words
+    top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
+    chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
     pressures_used = s.highest[s.highest > rest + s.pressure_gap]
     pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), robot.max_pressure or np.inf)).tolist()
@@ -64,7 +66,7 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
 
     lower, every = [round(0.6 * p, -3) for p in pressures], list(range(1, count + 1))
     offer("unload", "read the unload branch too", unload=True)
-    offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, ORIENTATION)
+    offer("orientation", "track the tip's orientation (rigid body in motion capture)", 5.0, QUATERNION)
     offer("elongation", f"{words.inflate} all {words.actuators} together", protocol="elongation", pressures=lower, chambers=every)
     if other_group := _other_chambers(chambers, count, s):
         offer(f"other_{words.actuators}", f"{words.inflate} {words.group(other_group)} instead", chambers=other_group)
@@ -119,13 +121,6 @@ def _between(values: Array, gap: float) -> list[float]:
     """Settings half-way between those used, where these are few."""
     known = np.unique(np.round(values / gap) * gap)
     return [rounded(x, 3) for x in (known[:-1] + known[1:]) / 2] if len(known) <= 4 else []
-
-
-def _inflated(s: Campaign) -> list[int]:
-    """Numbers of the chambers inflated in the state with the highest pressure of the main sweep."""
-    main = np.flatnonzero(s.kind == 0)
-    row = s.pressure[main[np.argmax(s.highest[main])]]
-    return (np.flatnonzero(row > 0.5 * row.max()) + 1).tolist()
 
 
 # ------------------------------------------------------------------ its states
@@ -230,7 +225,7 @@ def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal
 def planned(p: Prepared, x: Proposal) -> Columns:
     """The table's columns that an experiment would give, in the channels that the campaign has and those that it adds."""
     known = set(p.labels.channel.tolist())
-    channels = (*(name for name in TIP if name in known), *(ORIENTATION if "rx" in known else ()), *x.channels)
+    channels = (*(name for name in TIP if name in known), *(QUATERNION if "rx" in known else ()), *x.channels)
     return columns(x.protocol, len(p.robot.actuators.azimuths_deg), tuple(dict.fromkeys(channels)))
 
 

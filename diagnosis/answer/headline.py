@@ -135,9 +135,8 @@ def headline(
         return f"Too little data to name a cause{': ' + a.missing[0] if a.missing else ''}."
     if beyond:
         return f"Unclear: robot.yaml is too far from the data ({calibrated}): check it first."
-    brackets = f" ({calibrated})" if calibrated else ""
-    calibration_closes = "" if by_calibration is None else f"Calibration closes {percent(by_calibration)} % of the gap{brackets}"
-    short = f"Calibration closes {percent(by_calibration or 0.0)} %{brackets} {p}."
+    closes, changed = f"Calibration closes {percent(by_calibration or 0.0)} %", f": {calibrated}" if calibrated else ""
+    calibration_closes = "" if by_calibration is None else f"{closes} of the gap{f' ({calibrated})' if calibrated else ''}"
     if a.verdict == "effect":
         several, name = a.conclusion == "one of several", _name_all(a.effects, speech)
         closes_nothing = several and closed is not None and closed < LEAST_CLOSED
@@ -163,7 +162,7 @@ def headline(
     if by_calibration is not None:
         other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"
         other = f"perhaps {_name_all(a.too_small, speech)}{a.p_too_small}" if a.too_small else other
-        return _short_enough(f"{calibration_closes}; {other}.", f"{calibration_closes} {p}.", short)
+        return _short_enough(f"{calibration_closes}; {other}.", *(f"{closes}{of}{changed} {p}." for of in (" of the gap", "")))
     if a.conclusion == "noise":
         return f"No gap: model and robot agree down to the noise floor {p}."
     return f"No cause: no known effect explains enough of the gap {p}."

@@ -18,7 +18,7 @@ from model.robot import Robot
 from model.rods import FINE, PAPER, solve
 from model.section import rods_of
 
-from ..arrays import Array, Ints, Mask, rms
+from ..arrays import Array, Ints, Mask, rms, rows_by
 from ..data.campaign import Campaign, settings
 from ..data.levels import SPINE_GAP, levels
 from ..inference.prepare import Prepared
@@ -91,13 +91,12 @@ def _specimens(p: Prepared, missed: Array) -> Iterator[_Part]:
         yield ("stiffness", name, s.trial[own], missed[own, None], p.pushes.noise_floor)
 
 
-def _quarters(time: Array) -> list[Mask]:
-    """Quarters of the campaign by time."""
-    known = np.isfinite(time)
-    if known.sum() < 4 or np.ptp(time[known]) == 0:
+def _quarters(time: Array) -> list[Ints]:
+    """Rows of each quarter of the campaign by time."""
+    known = np.flatnonzero(np.isfinite(time))
+    if known.size < 4 or np.ptp(time[known]) == 0:
         return []
-    quarter = np.where(known, np.searchsorted(np.quantile(time[known], [0.25, 0.5, 0.75]), time), -1)
-    return [np.asarray(quarter == k) for k in np.unique(quarter) if k >= 0]
+    return [known[own] for own in rows_by(np.searchsorted(np.quantile(time[known], [0.25, 0.5, 0.75]), time[known]))]
 
 
 def _mean(values: Array) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, rows_by
 from ..data.noise import Lasting, Noise
 from .table import Table
 
@@ -48,13 +48,10 @@ class NoiseEstimate:
     def noise(self, table: Table, row: Ints, output: Ints) -> Noise:
         """Of values (n,) of rows and outputs of a table."""
         n, sd, share = len(row), self.sd[output], self.share[output]
-        white, none = sd * np.sqrt(1 - share), np.zeros((n, 0))
-        if not share.any():
-            return Noise(np.arange(n), white, none)
         block, place = (of_row[row] for of_row in blocks(table))
         own = np.where(share > 0, block * len(self.sd) + output, -1)
         lasting = Lasting(own, place.astype(float), output, sd * np.sqrt(share), np.zeros(n), self.memory[output])
-        return Noise(np.arange(n), white, none, lasting)
+        return Noise(np.arange(n), sd * np.sqrt(1 - share), np.zeros((n, 0)), lasting)
 
 
 def blocks(table: Table) -> tuple[Ints, Ints]:
@@ -123,8 +120,7 @@ def _turned(block: Ints, place: Ints, columns: Array, memory: float, smooth: boo
     """Columns (n, c), those of each block turned onto the principal axes of what lasts there, and its variances (n,)."""
     out, value = np.empty(columns.shape), np.empty(len(columns))
     known: dict[bytes, tuple[Array, Array]] = {}
-    for one in np.unique(block):
-        own = np.flatnonzero(block == one)
+    for own in rows_by(block):
         at = place[own]
         if at.tobytes() not in known:
             apart = np.abs(at[:, None] - at) / memory

@@ -66,11 +66,11 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
 
 def campaign_of(table: Table, of_robot: Ints, of_trials: Ints) -> Campaign:
     """The campaign of these rows of a table, those of the robot and those of stiffness trials."""
-    row, pushed = np.concatenate([of_robot, of_trials]), table.take(of_trials)
+    row = np.concatenate([of_robot, of_trials])
     none = np.zeros(len(row), np.int64)
     s = Campaign(table.take(row), row, none, none, pressure_gap(table.take(of_robot)))
-    own = s.take(~s.pushed)
-    kind = _behind(_kinds(own), _kinds_of_pushes(pushed))
+    own, pushed = s.take(~s.pushed), s.take(s.pushed)
+    kind = _behind(_kinds(own), _kinds_of_pushes(pushed.trials))
     condition = _conditions(replace(own, kind=kind[: len(own)]))
     return replace(s, kind=kind, condition=_behind(condition, _conditions_of_pushes(pushed)))
 
@@ -185,12 +185,10 @@ def _kinds_of_pushes(given: Table) -> Ints:
     return by_frequency(of_body(given).astype(np.int64), levels(given.get("vacuum", 0.0), gaps.VACUUM_GAP))
 
 
-def _conditions_of_pushes(given: Table) -> Ints:
+def _conditions_of_pushes(s: Campaign) -> Ints:
     """Number of each state's condition: kind, spine length, branch and step of deflection."""
-    deflection, trial, spine = given.get("deflection"), given.trial, np.clip(given.spine_length, 0.0, None)
-    branch = (given.get("branch") == "unload").astype(np.int64)
-    same = distinct(_kinds_of_pushes(given), levels(spine, gaps.SPINE_GAP), branch)
-    level = np.zeros(len(given), np.int64)
+    same = distinct(_kinds_of_pushes(s.trials), levels(s.spine_length, gaps.SPINE_GAP), -s.branch.astype(np.int64))
+    level = np.zeros(len(s), np.int64)
     for own in rows_by(same):
-        level[own] = levels(deflection[own], step_gap(deflection[own], trial[own]))
+        level[own] = levels(s.deflection[own], step_gap(s.deflection[own], s.trial[own]))
     return distinct(same, level)

@@ -140,10 +140,8 @@ class Noise:
     @cached_property
     def _blocks(self) -> Sequence[_Blocks]:
         """Blocks with equally many values stacked, so that each size is one product of matrices."""
-        order = np.argsort(self.block, kind="stable")
-        begins = np.flatnonzero(np.diff(self.block[order], prepend=-1))
-        rows_of_each = np.split(order, begins[1:])
-        sizes = sorted({len(r) for r in rows_of_each} - {0})
+        rows_of_each = rows_by(self.block)
+        sizes = sorted({len(r) for r in rows_of_each})
         stacked = (np.array([r for r in rows_of_each if len(r) == size]) for size in sizes)
         return [_Blocks.of(rows, self._covariance(rows)) for rows in stacked]
 

@@ -185,9 +185,7 @@ class Loss:
             gradient[[g, g + 1, self.sds + g, -1]] += of_part.others
             along[p.at] += u.T @ a
             spread[p.at] += np.einsum("nu,nu->u", u, w)
-        for j in range(len(self._names)):
-            of_component = self._named[j]
-            gradient[g + 2 + j] = spread[of_component].sum() - (along[of_component] ** 2).sum()
+        gradient[g + 2 : self.sds] = [spread[own].sum() - (along[own] ** 2).sum() for own in self._named]
         information, shared = np.zeros((len(x), len(x))), np.zeros((len(scale), len(x)))
         for p, u, s, a in zip(self._parts, columns, solved, remainders, strict=True):
             changes = self._changes(p.changes(a, noise), u, np.where(self._named[:, p.at], along[p.at], 0.0))

@@ -185,6 +185,8 @@ class Edit:
     """Of its own parameters."""
     widens: Mapping[int, float] = field(default_factory=dict)
     """Number of the calibration -> its bound."""
+    enlarges: float = 1.0
+    """Factor by which it makes places, and so their errors, larger: these count as they were before."""
     left: bool = False
     """Whether the diagnosis names it, so that nothing is changed."""
     of_this_campaign: bool = False

@@ -25,16 +25,15 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, LENGTH_UNITS, NEWTONS, PASCALS, PRESSURE_UNITS, USUAL_PRESSURE
+from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, PRESSURE_UNITS, USUAL_PRESSURE
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
-PRESSURES, LENGTHS = ({round(1 / u.per_si, 6): u.name for u in units} | {u.per_si: f"{si} read as {u.name}" for u in units}
-                      for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
-"""Factor by which columns of pressure, and positions, are too small -> their unit."""
+PRESSURES = {round(1 / u.per_si, 6): u.name for u in PRESSURE_UNITS} | {u.per_si: f"Pa read as {u.name}" for u in PRESSURE_UNITS}
+"""Factor by which columns of pressure are too small -> their unit."""
 TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
 GAINS = (2.0, 6.895, 1e2, 1e3, 6895.0, 1 / 6.895, 1e-2, 1e-3, 1 / 6895.0)
 """Factors at which fits of one column's scale begin."""
@@ -188,10 +187,13 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.turned(from_vector(-own)), (start,), bounds)
-    for factor, unit in LENGTHS.items():
+    for unit, wrong in permutations(METRES, 2):
+        factor = METRES[unit] / METRES[wrong]
         if 0.5 < factor * np.median(np.linalg.norm(seen, axis=1)) / robot.length < 1.6:
-            says = stating("places_in_unit", "unit of the positions", unit=unit, factor=factor)
-            yield Edit("unit", 0.01, says, times(factor, "tip", "markers"))
+            remedy = remedies.of_columns(list("xyz"), unit.replace("inches", "in"), mapped)
+            remedy += ", and for its points" if sample.described.markers.size else ""
+            says = stating("places_in_unit", "unit of the positions", unit=unit, wrong=wrong, factor=factor, remedy=remedy)
+            yield Edit("unit", 0.01, says, times(factor, "tip", "markers"), enlarges=factor)
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3

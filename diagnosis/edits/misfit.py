@@ -280,7 +280,9 @@ class Sample:
             active = [p for p, x, missed in zip(active, tried, there, strict=True) if p.gains(x, missed)]
             if not active:
                 break
-        evidence = self.log_evidence(np.stack([p.missed for p in problems]), np.array([p.parameters for p in problems]))
+        larger = np.array([np.prod([edit.enlarges for edit in p.edits]) for p in problems])
+        as_read = np.stack([p.missed for p in problems]) / np.where(self.places, larger[:, None], 1.0)[:, :, None]
+        evidence = self.log_evidence(as_read, np.array([p.parameters for p in problems]))
         priors = [float(np.log([edit.prior for edit in p.edits]).sum()) for p in problems]
         return [Fit(p.edits, p.x, p.missed, e) for p, e in zip(problems, (priors + evidence).tolist(), strict=True)]
 

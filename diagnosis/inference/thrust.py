@@ -56,7 +56,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
         p = prepare(robot, compared, catalogue={e: CATALOGUE[e] for e in (THRUST, *BESIDE)}, noise_components=USUAL)
     except (BadCase, np.linalg.LinAlgError):  # too far from the data to compare conventions
         return None
-    parameters, starts = p.problem.parameters, Starts(p.problem)
+    parameters = p.problem.parameters
     other_effects = tuple(e for e in BESIDE if e in parameters.ids)
 
     def fitted(named: tuple[str, ...], start: np.ndarray) -> tuple[float, np.ndarray]:
@@ -65,13 +65,12 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
         return rms(p.gap(p.problem.observed - best.predicted)), best.theta
 
     cap, _ = fitted(other_effects, np.zeros_like(parameters.sd))
-    names = {name: i for i, name in enumerate(parameters.names)}
-    start = np.zeros_like(parameters.sd)
-    start[names[f"{THRUST}.share"]] = 1.0
-    walls, theta = fitted((THRUST, *other_effects), starts.recalibrated(start))
-    if walls > WALLS_GAIN * cap or theta[names[f"{THRUST}.share"]] < ON_WALLS:
+    start = np.array([float(name == f"{THRUST}.share") for name in parameters.names])
+    walls, theta = fitted((THRUST, *other_effects), Starts(p.problem).recalibrated(start))
+    found = dict(zip(parameters.names, theta.tolist(), strict=True))
+    if walls > WALLS_GAIN * cap or found[f"{THRUST}.share"] < ON_WALLS:
         return None
-    shapes = {name: float(theta[names[f"{THRUST}.{name}"]]) for name in ("borne", "growth")}
+    shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
     note = finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)

@@ -121,7 +121,8 @@ def judge(cells: pd.Series[str], missing: Sequence[str | float] = (), decimal: s
     unread_cells = np.isnan(values) & filled
     known = {w: is_missing(w, missing) for w in map(str, pd.unique(cells[unread_cells]))}
     words, gone = [w for w in known if not known[w]], [w for w in known if known[w] and "nan" not in w.casefold()]
-    absent = (int(cells.isin(gone).sum()), cells.tolist().index(gone[0]), gone[0]) if gone else None
+    told = any(re.search(r"[^\W\d_]{3}", w) for w in gone)  # more than a dash
+    absent = (int(cells.isin(gone).sum()), cells.tolist().index(gone[0]), gone[0]) if told else None
     plain_numbers = [str(w) for w in pd.unique(cells[~unread_cells & filled])] if words or decimal == "," or commas else []
     if not words:
         dotted = [w for w in plain_numbers if "." in w]

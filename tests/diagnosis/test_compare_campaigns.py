@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.compare_campaigns import compare_campaigns, sentence, what_is_told
+from diagnosis.compare_campaigns import compare_campaigns, sentence
 from diagnosis.errors import TooLittle
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.posterior import UNKNOWN, EffectPosterior
@@ -34,7 +34,7 @@ def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> Non
         ranking = ((("contact",), 0.95 - nothing), (NONE, nothing), (UNKNOWN, 0.05))
         found = EffectPosterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
         sizes = {"contact.stiffness (change)": 30.0, "contact.distance (change)": -0.002}
-        return sentence(found, what_is_told(found), sizes, CATALOGUE)
+        return sentence(found, sizes, CATALOGUE)
 
     assert told(0.8).startswith("No change since the reference stands out from the noise (p = 0.80")
     assert told(0.2).startswith("No change since the reference is certain: that nothing changed has p = 0.20")

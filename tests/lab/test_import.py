@@ -93,7 +93,7 @@ def test_a_spreadsheet_of_states_needs_nothing_but_its_headings(tmp_path: Path, 
 def test_words_for_a_missing_value_are_counted_and_named_by_column_with_the_first_row(tmp_path: Path, cli: Cli) -> None:
     rows = pandas.DataFrame([(*(p / 1e3 for p in pressure), *(1e3 * tip)) for _, _, pressure, tip, _ in sweep()], dtype=object)
     rows.columns = [*(f"p{k} [kPa]" for k in (1, 2, 3)), *(f"{axis} [mm]" for axis in "xyz")]
-    rows.iloc[[4, 7, 9], 3], rows.iloc[2, 4] = ["lost", "occluded", "n/a"], np.nan
+    rows.iloc[[4, 7, 9], 3], rows.iloc[[2, 3], 4] = ["lost", "occluded", "n/a"], [np.nan, "-"]
     rows.assign(other=rows["x [mm]"]).to_csv(tmp_path / "a.csv", index=False, na_rep="NaN")
     wanted = {name.split()[0]: name for name in rows}
     said = "column 'x [mm]' (columns.x): 3 cells are not numbers (first: {}, 'lost'); read as missing"
