@@ -60,13 +60,12 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
     unclear = determined or f.decision.verdict == "unknown"  # no number of robot.yaml, or what is unknown may be behind it
-    result = replace(result, origins=() if unclear else possible_origins, alike=alike(f, robot, states))
-    body_mm, moved = _set_up(f)
-    return replace(result, body_mm=body_mm, set_up=moved)
+    known = () if unclear else possible_origins
+    return replace(_with_set_up(result, f), origins=known, alike=alike(f, robot, states))
 
 
-def _set_up(f: Attribution) -> tuple[float, tuple[SetUp, ...]]:
-    """`Calibration.body_mm` and `set_up`, to first order."""
+def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
+    """The calibration with how far body and set-up move what the gap is of, to first order."""
     p, theta = f.prepared.problem.parameters, f.calibrated.theta
     every = f.calibrated.derivatives(f.prepared.problem).every
     lasting, body = ~p.of_effect & ~p.recurs, np.isin(p.names, (AREA, MODULUS))
@@ -80,7 +79,7 @@ def _set_up(f: Attribution) -> tuple[float, tuple[SetUp, ...]]:
         first = p.infos[int(np.argmax(own))]
         out.append(SetUp(source, float(np.linalg.norm(theta[own])), first.sd, first.unit, moves(own)))
     least = 1e3 * OUTSTANDING_FLOORS * f.prepared.noise_floor
-    return moves(body), tuple(sorted((s for s in out if s.mm >= least), key=lambda s: -s.mm))
+    return replace(c, body_mm=moves(body), set_up=tuple(sorted((s for s in out if s.mm >= least), key=lambda s: -s.mm)))
 
 
 def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:

@@ -62,7 +62,9 @@ def _verdict(d: Diagnosis) -> str:
         likely = f" The most probable one is {_named(a.too_small, d)}{a.p_too_small}." if a.too_small else ""
         why = f"{'nothing is' if a.conclusion == 'noise' else 'no effect explains enough of the gap'} above the noise floor"
         why = f"probably no effect moves the tip by {judgement.OUTSTANDING_FLOORS:.0f} noise floors" if likely else why
-        return f"{_by_calibration(d, 'No gap:' if a.conclusion == 'noise' else 'No cause:')} {why} ({sure}).{likely}"
+        closed, nothing = closed_by_calibration(d), "No gap:" if a.conclusion == "noise" else "No cause:"
+        most = f"Calibration closes {percent(closed or 0.0)} % of the reducible gap; beyond it,"
+        return f"{nothing if closed is None else most} {why} ({sure}).{likely}"
     if a.conclusion == "too little data":
         return f"Too little data to name a cause{': ' if a.missing else ''}{'; '.join(a.missing)}."
     stage_clause, leading_error = "", stage(a.stage_errors)
@@ -231,12 +233,6 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
         return None
     closed = share_closed(w.given_mm, w.steps[0].left_mm, d.locate.noise_floor_mm)
     return closed if closed is not None and closed > judgement.EXPLAINS else None
-
-
-def _by_calibration(d: Diagnosis, otherwise: str) -> str:
-    """The share of the gap that calibration closes, if that is most of it; else `otherwise`."""
-    closed = closed_by_calibration(d)
-    return otherwise if closed is None else f"Calibration closes {percent(closed)} % of the reducible gap; beyond it,"
 
 
 def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:

@@ -55,11 +55,10 @@ def swapped(found: Array, given: Array) -> tuple[int, ...]:
 
 def place_of(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
     """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
-    given = np.array(robot.actuators.azimuths_deg)
-    for place, order in enumerate(orders(given.tolist())):
-        if (order != np.arange(len(order))).any() and not np.diag(apart(np.array(azimuths_deg)[order], given)).any():
-            return place
-    return None
+    given, found = np.array(robot.actuators.azimuths_deg), np.array(azimuths_deg)
+    same = [not np.diag(apart(found[order], given)).any() for order in orders(given.tolist())]
+    changed = (orders(given.tolist()) != np.arange(len(given))).any(axis=1)
+    return next(iter(np.flatnonzero(same & changed).tolist()), None)
 
 
 def with_order(robot: Robot, place: int) -> Robot:
