@@ -20,7 +20,7 @@ from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..inference.problem import linearise
-from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO
+from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO, TENSE_SD
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, SetUp, Simulator
 
@@ -94,13 +94,13 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
     infos = possible(forward, robot)
     names = [i.name for i in infos]
-    observed = forward.observe(table)
     tolerances = [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts and i.name != MODULUS]  # it is alike itself
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
     for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:
-        theta, remaining = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
-        if remaining <= most_left and infos[k].low < theta[k] < infos[k].high:
+        theta, remaining = _alone(forward, infos, forward.observe(table), [k, *tolerances], p.noise_floor / np.sqrt(3))
+        beyond = any(abs(theta[i]) > TENSE_SD * infos[i].sd for i in tolerances)
+        if remaining <= most_left and infos[k].low < theta[k] < infos[k].high and not beyond:
             as_good.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * remaining))
     return tuple(sorted(as_good, key=lambda a: a.left_mm))
 

@@ -113,13 +113,13 @@ def _gap(d: Diagnosis) -> str:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
-    calibrated = d.waterfall.steps[0].left_mm
+    calibrated, tense = d.waterfall.steps[0].left_mm, any(f.code == "beyond_tolerance" for f in d.findings)
     no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up within its tolerances{_set_up(d)}, by {calibrated:.{digits}f} mm on "
-        f"unseen states{remark}; {floor}."
+        f"{d.words.area_factor}{factor} and the set-up {'beyond' if tense else 'within'} its tolerances{_set_up(d)}, by "
+        f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
 
 
@@ -131,8 +131,7 @@ def _set_up(d: Diagnosis) -> str:
 
 
 def _by(s: SetUp, what: str, value: float) -> str:
-    number, unit = _in_percent(value, s.unit)
-    return f"{what} {number:.2g} {unit}"
+    return "{} {:.2g} {}".format(what, *_in_percent(value, s.unit))
 
 
 def _factor(d: Diagnosis) -> str:

@@ -165,3 +165,8 @@ def test_each_marker_has_its_own_readings_however_many_there_are() -> None:
     parts = _parts(p, number, p.gap(number), np.ones(len(p.states), bool))
     at = {round(100 * value): set(read.ravel()) for factor, value, _, read, _ in parts if factor == "arc_length"}
     assert at == {k: {k} for k in range(1, 12)}
+
+
+def test_no_effect_alone_does_what_a_set_up_far_beyond_its_tolerances_does() -> None:
+    found = diagnose(measured(2, 1, base_tilt__x=0.03), quick({e: CATALOGUE[e] for e in ("base_tilt", "body_modulus")}))
+    assert found.attribute.effects == ("base_tilt",) and found.calibration is not None and not found.calibration.alike

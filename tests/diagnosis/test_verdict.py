@@ -130,8 +130,7 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert kept.startswith("No gap: ") and "instead of" not in kept
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
-    turned = SetUp("frame_turn", 0.009, 0.0035, "rad", 2.0)
-    found = replace(found, calibration=Calibration(1.0, 1.0, 1.09, body_mm=1.0, set_up=(turned,)))
+    found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("frame_turn", 0.009, 0.0035, "rad", 2),)))
     assert "(frame_turn 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
     assert changed_by(found) == "frame_turn 0.52 deg, a body 9 % stiffer"
     only = statement(replace(found, calibration=replace(found.calibration, modulus=1.0)))
@@ -271,8 +270,7 @@ def test_a_cause_that_leads_but_is_probably_too_small_is_not_named() -> None:
         found = replace(answer(Attribute(**vars(small), conclusion=conclusion, ranking=ranked)), budget=())
         assert statement(found).startswith(f"{first} probably no effect moves the tip by 2 noise floors (p = 0.67")
         assert "The most probable one is tilt of the base [base_tilt] (p = 0.45)." in statement(found)
-    told = headline(found, {}, by_calibration=1.0)
-    assert told == "Calibration closes 100 % of the gap; perhaps tilt of the base (p = 0.45)."
+    assert headline(found, {}, by_calibration=1.0) == "Calibration closes 100 % of the gap; perhaps tilt of the base (p = 0.45)."
 
 
 def test_a_number_of_robot_yaml_far_beyond_its_tolerance_is_stated_and_no_cause_is_certain() -> None:

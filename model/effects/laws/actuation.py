@@ -134,9 +134,9 @@ def _chamber_azimuth(q: Quantities, v: Values) -> None:
 
 
 def _chamber_twist(q: Quantities, v: Values) -> None:
-    q.twist = q.twist + v["winding"]
+    q.twist = q.twist + v["winding"] * (1 - v["growth"])  # at the base
     q.azimuth = q.azimuth - (v["winding"] * v["aligned"] * q.robot.length)[..., None]
-    q.twist_growth = q.twist_growth + v["growth"]
+    q.twist_growth = q.twist_growth + v["growth"] / (1 - v["growth"])
 
 
 SPECS = (
@@ -267,8 +267,8 @@ SPECS = (
         label="twist of the {actuators}",
         says="the {actuators} wind about the axis by {}",
         stage="actuation",
-        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g s / L) - a L): m_act(s) = Rz(phi) m_act(0); "
-        "a: where along the body the chambers were aligned when it was mounted",
+        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g (s / L - 1)) - a L), c the mean winding: "
+        "m_act(s) = Rz(phi) m_act(0); a: where along the body the chambers were aligned when it was mounted",
         parameters=(
             Parameter("winding", "rad/m", 0.35, -3.0, 3.0),
             Parameter("growth", "1", 0.3, -0.9, 0.9, role="shape"),
