@@ -267,8 +267,8 @@ SPECS = (
         label="twist of the {actuators}",
         says="the {actuators} wind about the axis by {}",
         stage="actuation",
-        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g (s / L - 1)) - a L), c the mean winding: "
-        "m_act(s) = Rz(phi) m_act(0); a L: where they were aligned when it was mounted",
+        equation="azimuth_i(s) = azimuth_i + phi(s), phi = c (s (1 + g (s / L - 1)) - a L), c its mean: "
+        "m_act(s) = Rz(phi) m_act(0); a L: where they were aligned when mounted",
         parameters=(
             Parameter("winding", "rad/m", 0.35, -3.0, 3.0),
             Parameter("growth", "1", 0.3, -0.9, 0.9, role="shape"),
