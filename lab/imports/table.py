@@ -97,7 +97,7 @@ def files_of(given: Sequence[Path], wanted: Map) -> list[tuple[Path, Map]]:
             inside = [p for p in inside if p.suffix.lower() in KNOWN]
         for file in inside:
             fitting = [v for k, v in wanted.files.items() if fnmatch.fnmatch(file.name, k)]
-            if wanted.files and not fitting:
+            if wanted.files and not fitting and file.exists():  # the reader says of one that is missing
                 if path.is_dir():
                     continue
                 patterns = ", ".join(wanted.files)

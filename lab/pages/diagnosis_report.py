@@ -189,7 +189,7 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
         best = d.detail["best_hypothesis"]
         explanation = hypothesis(best, d) if best else "tolerances alone"
         itself = sentences.by_itself(sentences.closed_alone(w, d.shrink) if d.attribute.verdict == "effect" else None)
-        share = "Share of the reducible gap (as mean squares above the noise floor) closed on unseen states"
+        share = "Share of the reducible gap left by calibration (as mean squares above the noise floor) closed on unseen states"
         s.text(f"{share} with {explanation}: {closed}{interval}{itself}.")
 
 

@@ -121,7 +121,7 @@ def in_page(text: str) -> Numbers:
                 said |= {f"p of {name}": row[1]} | ({f"log evidence of {name}": row[2]} if row[2] else {})
                 said |= {f"held out with {name}": row[3]} if row[3] else {}
         if heading[0] == "effect" and "moves" in heading[1]:
-            said |= {f"{identifier(row[0])} moves": row[1] for row in rows if "not be seen" not in row[3]}
+            said |= {f"{identifier(row[0])} moves": row[1] for row in rows if "invisible" not in row[3]}
     return {word.removesuffix(" in steps"): number for word, number in said.items()}
 
 
