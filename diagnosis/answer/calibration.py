@@ -60,18 +60,17 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     modulus_sd = 0.0 if p.states.pushed.any() else robot.uncertainty.youngs_modulus or MATERIAL_SD
     possible_origins = origins(robot, result.stiffness if modulus_sd else result.stiffness / modulus, modulus_sd)
     unclear = determined or f.decision.verdict == "unknown"  # no number of robot.yaml, or what is unknown may be behind it
-    known = () if unclear else possible_origins
-    return replace(_with_set_up(result, f), origins=known, alike=alike(f, robot, states))
+    return replace(_with_set_up(result, f), origins=() if unclear else possible_origins, alike=alike(f, robot, states))
 
 
 def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
     """The calibration with how far body and set-up move what the gap is of, to first order."""
     p, theta = f.prepared.problem.parameters, f.calibrated.theta
-    every = f.calibrated.derivatives(f.prepared.problem).every
+    slope = f.calibrated.derivatives(f.prepared.problem)
     lasting, body = ~p.of_effect & ~p.recurs, np.isin(p.names, (AREA, MODULUS))
 
     def moves(chosen: Mask) -> float:
-        return 1e3 * rms(f.prepared.gap(every.take(chosen).whole @ theta[chosen]))
+        return 1e3 * rms(f.prepared.gap(slope.along(np.where(chosen, theta, 0.0))))
 
     sources, out = np.array([i.source for i in p.infos]), []
     for source in dict.fromkeys(sources[lasting & ~p.calibration & ~body].tolist()):
@@ -94,11 +93,12 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
     infos = possible(forward, robot)
     names = [i.name for i in infos]
+    observed = forward.observe(table)
     tolerances = [k for k, i in enumerate(infos) if i.group == "nuisance" and i.lasts and i.name != MODULUS]  # it is alike itself
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
     for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:
-        theta, remaining = _alone(forward, infos, forward.observe(table), [k, *tolerances], p.noise_floor / np.sqrt(3))
+        theta, remaining = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
         beyond = any(abs(theta[i]) > TENSE_SD * infos[i].sd for i in tolerances)
         if remaining <= most_left and infos[k].low < theta[k] < infos[k].high and not beyond:
             as_good.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * remaining))

@@ -28,7 +28,7 @@ from ..arrays import Array
 from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, PRESSURE_UNITS, USUAL_PRESSURE
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
-from .order import swapped
+from .order import apart, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
@@ -109,7 +109,7 @@ def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     found = (2 * azimuths[0] - azimuths + np.degrees(theta[AZIMUTH])) % 360
     if pair := swapped(found, azimuths):
         return [mistake("actuators_exchanged", "order of the {actuators}", first=pair[0], second=pair[1])]
-    most = int(np.abs((found - azimuths + 180) % 360 - 180).argmax())
+    most = int(apart(found, azimuths).argmax())
     short = words.fill("{actuators} counted the other way")
     name = f"{short} round, azimuth of {words.actuator} {most + 1}"
     return _refitted(name, float(azimuths[most]), float(found[most]), "deg", short=short)

@@ -11,14 +11,15 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 from model.stated import Stated
 
-from ..arrays import Array, Mask
+from ..arrays import Array
 from ..data.campaign import Campaign
 from ..findings import Finding, finding
 
 ORDER = "chamber_order"
 """The effect that swaps chambers."""
-ELSEWHERE, ENOUGH = np.cos(np.radians(45.0)), 0.05
-"""Cosine of the angle between push and tip from which a state contradicts the order, and the share of states that do."""
+ELSEWHERE, ENOUGH, SAME = np.cos(np.radians(45.0)), 0.05, 20.0
+"""Cosine of the angle between push and tip from which a state contradicts the order, the share of states that do, and deg within
+which an actuator acts where one is stated."""
 
 
 def leave_out(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> Mapping[str, EffectSpec]:
@@ -41,24 +42,24 @@ def contradicted(robot: Robot, states: Campaign) -> bool:
     return bool(np.mean(along < ELSEWHERE) > ENOUGH)
 
 
-def apart(found: Array, given: Array) -> Mask:
-    """(n, k) which azimuths found (n,) differ from which given (k,), deg."""
-    return np.asarray(np.abs(np.mod(found[:, None] - given + 180.0, 360.0) - 180.0) > 20.0)
+def apart(found: Array, given: Array) -> Array:
+    """deg between azimuths, of shapes that fit each other."""
+    return np.asarray(np.abs(np.mod(found - given + 180.0, 360.0) - 180.0))
 
 
 def swapped(found: Array, given: Array) -> tuple[int, ...]:
     """Numbers of the two actuators that alone act elsewhere than given (n,) deg, each where the other is; empty if none do."""
-    off = apart(found, given)
-    moved = np.flatnonzero(np.diag(off))
-    return () if len(moved) != 2 or off[moved, moved[::-1]].any() else tuple((moved + 1).tolist())
+    moved = np.flatnonzero(apart(found, given) > SAME)
+    return () if len(moved) != 2 or (apart(found[moved], given[moved[::-1]]) > SAME).any() else tuple((moved + 1).tolist())
 
 
 def place_of(robot: Robot, azimuths_deg: Sequence[float]) -> int | None:
     """Which order that the effect knows makes the robot's chambers act at these azimuths; None where none does."""
-    given, found = np.array(robot.actuators.azimuths_deg), np.array(azimuths_deg)
-    same = [not np.diag(apart(found[order], given)).any() for order in orders(given.tolist())]
-    changed = (orders(given.tolist()) != np.arange(len(given))).any(axis=1)
-    return next(iter(np.flatnonzero(same & changed).tolist()), None)
+    given = np.array(robot.actuators.azimuths_deg)
+    for place, order in enumerate(orders(given.tolist())):
+        if (order != np.arange(len(order))).any() and (apart(np.array(azimuths_deg)[order], given) < SAME).all():
+            return place
+    return None
 
 
 def with_order(robot: Robot, place: int) -> Robot:
@@ -74,5 +75,4 @@ def reordered(robot: Robot, place: int, p: float, rather: str) -> Finding:
     order = orders(given.tolist())[place]
     if pair := swapped(given[order], given):
         return finding("actuators_exchanged", words, first=pair[0], second=pair[1], p=p, rather=rather)
-    held = " ".join(str(k + 1) for k in order)
-    return finding("reordered", words, count=len(order), order=held, p=p, rather=rather)
+    return finding("reordered", words, count=len(order), order=" ".join(str(k + 1) for k in order), p=p, rather=rather)

@@ -280,6 +280,7 @@ class _Carrying:
                     squares[effect] = x.T @ x / part.states
 
         fill({e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()})
+        asked_anew = dict[str, Array]()
         for effect in p.ids:
             if effect not in responses and any(
                 m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
@@ -287,5 +288,7 @@ class _Carrying:
                 # Even a soft stop holds the tip: its effect is not its slope times its size.
                 response = problem.response(fit.theta, fit.predicted, effect)
                 if np.isfinite(response).all():
-                    fill({effect: response})
+                    asked_anew[effect] = response
+        if asked_anew:
+            fill(asked_anew)
         return products

@@ -40,9 +40,9 @@ from .starts import Starts
 Key = tuple[Hypothesis, bool]
 """A hypothesis, and whether all other effects are free within their tolerances."""
 
-FIRST_ROUNDS, ROUNDS, LAST_ROUNDS = 2, 4, 30
+FIRST_ROUNDS, ROUNDS, LAST_ROUNDS, FEW_OWN = 2, 4, 30, 8
 """Steps of a search from a new point, which recomputes the derivatives by named effects only; steps of each further search, with
-all derivatives; most steps of a hypothesis that is searched by itself."""
+all derivatives; most steps of a hypothesis that is searched by itself; derivatives of its own that one may keep to be drawn."""
 
 UNKEPT, MOST_UNKEPT = 1e5, 4
 """Log evidence by which a search may fall short of what its linear problem promised, and searches in a row that may, until none
@@ -213,8 +213,9 @@ class Search:
         in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
         for key, c in ((key, c) for key, c in self._tried.items() if id(c) not in waiting):
             behind = self._standing.best - c.log_evidence - self._log_prior(c.named)
-            few = 8 if behind < -judgement.TEMPERATURE * np.log(judgement.LEAST_DRAWN) else -1
-            if (c.ended or behind > judgement.SEARCH_MARGIN) and c.fit.slope is not None and c.fit.slope.at.size > few:
+            drawn = behind < -judgement.TEMPERATURE * np.log(judgement.LEAST_DRAWN)
+            few = c.fit.slope is not None and c.fit.slope.at.size <= FEW_OWN
+            if (c.ended or behind > judgement.SEARCH_MARGIN) and not (drawn and few):
                 self._tried[key] = c = replace(c, fit=replace(c.fit, slope=None))
             for slope in (c.fit.slope, c.base):
                 if slope is not None and id(slope) not in in_use:
