@@ -244,7 +244,9 @@ class Guard:
             if len(allowed) == self.own.drivers["pressure"].channels:
                 self.monitor.may_have_taken(allowed)
             raise
-        self.monitor.confirmed(held)
+        with self._deciding:
+            if not self.landed:  # what a landing has vented meanwhile is not missed
+                self.monitor.confirmed(held)
         now = timing.now()
         worst = max((abs(a - b) for a, b in zip(pressures, held, strict=False)), default=0.0)
         if worst > CLIPPED and now - self._clip_logged > LOG_EVERY:

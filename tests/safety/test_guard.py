@@ -240,6 +240,24 @@ def test_a_refused_command_raises_what_landed_the_rig_and_no_error_is_its_own_ca
         assert caught.value is why and why.__cause__ is None
 
 
+def test_a_set_point_that_is_confirmed_while_a_landing_begins_is_not_missed_afterwards(
+    guard: Guard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    guard.open("pressure")
+    driver = guard.own.drivers["pressure"]
+    at_once = driver.set
+
+    def meanwhile(pressures: tuple[float, ...]) -> tuple[float, ...]:
+        held = at_once(pressures)
+        guard.land("asked for")
+        assert until(lambda: guard.landing.going)
+        return held
+
+    monkeypatch.setattr(driver, "set", meanwhile)
+    assert max(guard.do(Command("pressure", PressureRegulators.set, ((20e3,) * 3,)))) > 0
+    assert guard.monitor.setpoints_confirmed is None
+
+
 class Mute:
     """A driver without the optional methods, which notes what it is asked."""
 
