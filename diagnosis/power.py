@@ -40,6 +40,7 @@ from .errors import BadCase
 from .inference.budget import BudgetPart, after_calibration
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, NONE, Hypothesis, log_allowed_share
+from .inference.jacobian import Columns
 from .inference.linear import Linear
 from .inference.posterior import hypothesis_prior
 from .inference.prepare import parts, prepare
@@ -78,6 +79,10 @@ class Planned:
         return self.none.linear(self.problem)
 
     @cached_property
+    def _slope(self) -> Columns:
+        return self.problem.slope(self.none.fit.derivatives(self.problem))
+
+    @cached_property
     def factors(self) -> Array:
         """(n, b) columns of a relative error of size 1 of a law."""
         return self.problem.smooth.laws(np.ones(len(self.problem.observed)))
@@ -90,7 +95,7 @@ class Planned:
     def floors(self, white: Array) -> float:
         """Noise floors that a whitened response (n,) carries after calibration."""
         done = self.problem.noise.colour(white)[:, None]
-        left = after_calibration(self.problem, self.where, self.none.fit.derivatives(self.problem).every, done)
+        left = after_calibration(self.problem, self.where, self._slope, done)
         return max(float(np.sqrt((x**2).sum() / part.states)) / part.floor for x, part in zip(left, self.where, strict=True))
 
     def form_errors(self, named: Hypothesis) -> Array:

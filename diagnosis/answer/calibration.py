@@ -65,12 +65,12 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
 
 def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
     """The calibration with how far body and set-up move what the gap is of, to first order."""
-    p, theta = f.prepared.problem.parameters, f.calibrated.theta
-    slope = f.calibrated.derivatives(f.prepared.problem)
+    problem, theta = f.prepared.problem, f.calibrated.theta
+    p, slope = problem.parameters, f.calibrated.derivatives(problem)
     lasting, body = ~p.of_effect & ~p.recurs, np.isin(p.names, (AREA, MODULUS))
 
     def moves(chosen: Mask) -> float:
-        return 1e3 * rms(f.prepared.gap(slope.along(np.where(chosen, theta, 0.0))))
+        return 1e3 * rms(f.prepared.gap(problem.noise.colour(slope.along(np.where(chosen, theta / p.sd, 0.0)))))
 
     sources, out = np.array([i.source for i in p.infos]), []
     for source in dict.fromkeys(sources[lasting & ~p.calibration & ~body].tolist()):

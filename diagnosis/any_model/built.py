@@ -288,7 +288,7 @@ def _with_richest(b: Built, estimated: Mask) -> Built:
 def _left(b: Built, fitted: Fit, estimated: Mask) -> NoiseEstimate:
     """The noise that a fit leaves of the outputs `estimated`."""
     block, place = blocks(b.table)
-    slope = fitted.derivatives(b.problem).every.whole * b.problem.parameters.sd
+    slope = b.problem.noise.colour(fitted.derivatives(b.problem).every.whole)
     missed, known = b.problem.observed - fitted.predicted, b.estimate
     sd, share, memory, floor = known.sd.copy(), known.share.copy(), known.memory.copy(), known.floor.copy()
     functions = {name: f for name, f in b.functions(fitted).items() if name != "time"}

@@ -267,7 +267,7 @@ class _Carrying:
         the effect."""
         p, problem = self._problem.parameters, self._problem
         responses = {} if fit.form_error is None else dict(fit.form_error.responses)
-        slope, theta = fit.derivatives(problem).every, fit.theta[p.of_effect]
+        slope, theta = problem.slope(fit.derivatives(problem)), fit.theta[p.of_effect]
         of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
         sized = after_calibration(problem, self._parts, slope, of_effects * p.scale)
         products: list[dict[str, Array]] = [{} for _ in self._parts]

@@ -17,7 +17,7 @@ from ..arrays import Array, Ints, Mask
 from ..judgement import UNCONVERGED
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
 from .fit import Fit, fit, refit
-from .jacobian import Jacobian
+from .jacobian import Columns, Jacobian
 from .linear import SizePrior
 from .problem import MaskedForward, Problem, derivatives
 
@@ -46,7 +46,7 @@ class CrossValidation:
     def __init__(self, problem: Problem, fold: Ints, executor: Executor = SINGLE_THREAD) -> None:
         """`fold` (n,) numbers the parts; values of fold -1 are in every fit and are not predicted (NaN)."""
         self._problem, self._fold, self._executor = problem, fold, executor
-        self._known: dict[tuple[bytes, bytes], tuple[Array, Jacobian]] = {}
+        self._known: dict[tuple[bytes, bytes], tuple[Array, Ints, Columns]] = {}
         """Predictions and derivatives at which refits of the present models begin."""
 
     def __getstate__(self) -> dict[str, Any]:
@@ -78,12 +78,12 @@ class CrossValidation:
         predicted = (_predicted(problem, rest, model, self._linearised(model), seen) for model in models)
         return [np.asarray((problem.observed - values)[~seen]) for values in predicted]
 
-    def _linearised(self, model: Model) -> tuple[Array, Jacobian]:
-        """Prediction (n,) and derivatives (n, k) at the parameters of a model, by those that it leaves free."""
+    def _linearised(self, model: Model) -> tuple[Array, Ints, Columns]:
+        """Prediction (n,) at the parameters of a model, which of them it leaves free (c,), and derivatives (n, c) by these."""
         if model.begins not in self._known:
             free = np.flatnonzero(self._problem.parameters.scaled(model.prior)[0] > 0)
             predicted, columns = derivatives(self._problem.forward, model.theta, free.tolist())
-            self._known[model.begins] = predicted, Jacobian(len(model.theta), free, columns)
+            self._known[model.begins] = predicted, free, columns
         return self._known[model.begins]
 
 
@@ -93,16 +93,16 @@ def only(problem: Problem, seen: Mask) -> Problem:
     return Problem(forward, problem.parameters, observed, problem.noise.take(seen), problem.smooth.take(seen))
 
 
-def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Jacobian], seen: Mask) -> Array:
+def _predicted(problem: Problem, rest: Problem, model: Model, around: tuple[Array, Ints, Columns], seen: Mask) -> Array:
     """Prediction (n,) of all values by a fit to those `seen`, begun at `around`: prediction and derivatives of the model."""
-    predicted, slope = around
-    own = Jacobian(slope.parameters, slope.at, slope.own.rows(seen))
+    predicted, free, columns = around
+    own = Jacobian(len(model.theta), free, columns.rows(seen).whitened(rest.noise, rest.parameters.sd[free]))
     found = refit(rest, model.prior, model.size, Fit(model.theta, predicted[seen], own, np.nan, np.nan))
     if found.predicted_decrease > UNCONVERGED:
         found = fit(rest, model.prior, model.size, found.theta, least_promise=UNCONVERGED)
-    everywhere, columns, size = problem.forward.predict(found.theta), rest.whitened_discrepancy, model.size
+    everywhere, smooth, size = problem.forward.predict(found.theta), rest.whitened_discrepancy, model.size
     if model.smooth:  # with the most probable discrepancy of what the fit leaves of the values that it has seen
-        left = columns.T @ rest.noise.whiten(rest.observed - found.predicted)
+        left = smooth.T @ rest.noise.whiten(rest.observed - found.predicted)
         most_probable = np.asarray(np.linalg.solve(np.eye(len(left)) + size**2 * rest.gram, left), float)
         everywhere = everywhere + size**2 * problem.smooth.drawn(most_probable)
     return everywhere

@@ -73,7 +73,7 @@ class Fit:
     def linear(self, problem: Problem) -> Linear:
         """The linear problem around it, rebuilt each time: it is as large as the derivatives."""
         slope = self.derivatives(problem)
-        linear = problem.whitened(self.theta, self.predicted, slope.white(problem.white))
+        linear = problem.whitened(self.theta, self.predicted, slope.every)
         known = None if slope.base is None else slope.base.tolerated
         return linear if self.form_error is None else problem.with_form_error(linear, self.theta, self.form_error, known)
 
@@ -143,7 +143,6 @@ class _Descent:
             if step is None:
                 break
             theta, cost, level = step
-            local.slope.made.clear()  # as large as the derivatives, and not asked for again
             self._forward = self._forward.near(theta)
             predicted, slope = self._linearised(theta)
             if not np.isfinite(predicted).all():  # a trial mistook a state for one in equilibrium
@@ -155,13 +154,13 @@ class _Descent:
         return Fit(local.theta, local.predicted, local.slope, local.cost, self._promise(local))
 
     def _promise(self, local: _Local) -> float:
-        return max(local.cost - self.cost(local.optimum, local.predicted_at(local.optimum)), 0.0)
+        return max(local.cost - self.cost(local.optimum, local.missed_at(local.optimum)), 0.0)
 
-    def cost(self, theta: Array, predicted: Array) -> float:
-        """Of parameters (k,) and what they predict (n,); infinite where a state has no equilibrium."""
+    def cost(self, theta: Array, missed: Array) -> float:
+        """Of parameters (k,) and what they miss, whitened (n,); infinite where a state has no equilibrium."""
         free = self._scale > 0
         away = (theta - self._mean)[free] / self._scale[free]
-        return self._misfit.cost(predicted) + 0.5 * float((away**2).sum())
+        return self._misfit.cost(missed) + 0.5 * float((away**2).sum())
 
     def begin(self, start: Array | Fit) -> _Local:
         """The linear problem at a start; one without equilibrium is moved half way to the baseline, where all have one."""
@@ -176,7 +175,8 @@ class _Descent:
                     break
         # a start with more than the hypothesis has is left at any cost
         allowed = (theta == self._mean)[self._scale == 0].all()
-        return self._local(theta, predicted, slope, self.cost(theta, predicted) if allowed else np.inf)
+        cost = self.cost(theta, self._misfit.missed(predicted)) if allowed else np.inf
+        return self._local(theta, predicted, slope, cost)
 
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
         """A point of no higher cost, its cost, and the level of damping that led there, from `level` up; None if there is none.
@@ -200,25 +200,26 @@ class _Descent:
         """The point (k,) that a step with this damping, corrected for curvature, leads to, and its cost, perhaps infinite;
         None where the linear problem promises less than `least_promise`. `trial`: see `Forward.predict`."""
         goal = local.goal(damping) if damping else local.optimum
-        linear = local.predicted_at(goal)
+        linear = local.missed_at(goal)
         # negative where the damped step ends higher in the linear problem: that promises nothing, and is tried
         promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        predicted = self._forward.predict(goal, trial, whole=not trial)
-        goal_cost = self.cost(goal, predicted)
+        missed = self._misfit.missed(self._forward.predict(goal, trial, whole=not trial))
+        goal_cost = self.cost(goal, missed)
         if local.cost - goal_cost >= TRUST_RATIO * promised or not np.isfinite(goal_cost):
             return goal, goal_cost
-        corrected = local.goal(damping, predicted - linear)
+        corrected = local.goal(damping, linear - missed)
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, goal_cost
-        corrected_cost = self.cost(corrected, self._forward.predict(corrected, trial, whole=not trial))
+        corrected_cost = self.cost(corrected, self._misfit.missed(self._forward.predict(corrected, trial, whole=not trial)))
         return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = derivatives(self._forward, theta, self._fresh.tolist())
-        return predicted, Jacobian(len(theta), self._fresh, columns, self._frozen)
+        white = columns.whitened(self._problem.noise, self._p.sd[self._fresh])
+        return predicted, Jacobian(len(theta), self._fresh, white, self._frozen)
 
     def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
         return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)
@@ -232,18 +233,14 @@ class _FitMisfit:
         m = problem.whitened_discrepancy.shape[1]
         self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
 
-    def whiten(self, values: Array) -> Array:
-        """Values (n,) with independent noise of standard deviation 1."""
-        white = self.problem.noise.whiten(values)
-        if self._factor is not None and not np.isfinite(white).all():
-            raise np.linalg.LinAlgError("the rod has no equilibrium there")
-        return white
+    def missed(self, predicted: Array) -> Array:
+        """Measured minus predicted values (n,), whitened."""
+        return self.problem.noise.whiten(self.problem.observed - predicted)
 
-    def cost(self, predicted: Array) -> float:
-        """Half the squared misfit of a prediction (n,); infinite where a state has no equilibrium."""
-        if not np.isfinite(predicted).all():
+    def cost(self, missed: Array) -> float:
+        """Half the squared misfit, of what a prediction misses (n,); infinite where a state has no equilibrium."""
+        if not np.isfinite(missed).all():
             return np.inf
-        missed = self.whiten(self.problem.observed - predicted)
         taken = 0.0
         if self._factor is not None:
             along = self.size * (self.problem.whitened_discrepancy.T @ missed)
@@ -269,23 +266,24 @@ class _Local:
         count = len(theta) + discrepancy.shape[1]
         self._of_parameter = np.where(np.arange(count) < len(theta), 1.0, 0.0)
         self._here, self._low, self._high = np.zeros(count), np.full(count, -np.inf), np.full(count, np.inf)
-        missed = problem.observed - predicted - slope.along(self._rest - theta)
+        self._missed = misfit.missed(predicted)
+        if misfit.size and not np.isfinite(self._missed).all():
+            raise np.linalg.LinAlgError("the rod has no equilibrium there")
         where = np.flatnonzero(free)
         self._here[where] = (theta - mean)[free] / scale[free]
         self._low[where], self._high[where] = ((bound - mean)[free] / scale[free] for bound in (p.lower, p.upper))
         sizes = np.full(discrepancy.shape[1], misfit.size)
-        self._curve = slope.information(discrepancy, problem.white).scaled(np.concatenate([self._ratio, sizes]))
-        self._score = self._pulled(missed) + self._curve.times(self._here)
+        self._curve = slope.information(discrepancy).scaled(np.concatenate([self._ratio, sizes]))
+        self._score = self._pulled(self.missed_at(self._rest)) + self._curve.times(self._here)
 
-    def _pulled(self, values: Array) -> Array:
-        """(k + m,) projection of values (n,) on the columns."""
-        white, problem = self._misfit.whiten(values), self._misfit.problem
-        of_discrepancy = self._misfit.size * (problem.whitened_discrepancy.T @ white)
-        return np.concatenate([self._ratio * self.slope.against(white, problem.white), of_discrepancy])
+    def _pulled(self, white: Array) -> Array:
+        """(k + m,) projection of whitened values (n,) on the columns."""
+        of_discrepancy = self._misfit.size * (self._misfit.problem.whitened_discrepancy.T @ white)
+        return np.concatenate([self._ratio * self.slope.against(white), of_discrepancy])
 
-    def predicted_at(self, theta: Array) -> Array:
-        """Predicted values (n,) of the linear problem at parameters (k,)."""
-        return np.asarray(self.predicted + self.slope.along(theta - self.theta))
+    def missed_at(self, theta: Array) -> Array:
+        """What the linear problem misses at parameters (k,), whitened (n,)."""
+        return np.asarray(self._missed - self.slope.along((theta - self.theta) / self._p.sd))
 
     @cached_property
     def optimum(self) -> Array:
@@ -295,7 +293,7 @@ class _Local:
     def goal(self, damping: float, bend: Array | None = None) -> Array:
         """Optimum (k,) within the bounds, kept near theta by a damping; what has no scale is at its mean.
 
-        `bend` (n,) is by how much the model is known to leave the linear problem there.
+        `bend` (n,), whitened, is by how much the model is known to leave the linear problem there.
         """
         score = self._score + damping * self._here
         if bend is not None:

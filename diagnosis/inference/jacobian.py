@@ -1,8 +1,8 @@
 """The Jacobian: derivatives of the measured values by the parameters, most of them shared by many searches.
 
 Most searches recompute only the derivatives by the effects they name; all others are those of one point, the base. The base is
-stored, whitened and sent to another process once; a fit keeps what it recomputed. Derivatives are made by
-`ForwardModel.slopes` (model/effects/forward.py), asked by `Problem.jacobian` and `fit`.
+stored and sent to another process once; a fit keeps what it recomputed. Derivatives are made by `ForwardModel.slopes`
+(model/effects/forward.py), asked by `Problem.jacobian` and `fit`, and kept as they are used: whitened.
 
 Many columns are zero in most rows: a parameter of one trial (its spine, its mounting) moves the values of that trial alone. More
 trials mean more such columns, each with as few numbers as before; stored densely they would grow with the square of the trials.
@@ -138,30 +138,33 @@ class Columns:
     def whitened(self, noise: Noise, scale: Array) -> Columns:
         """The same times `scale` (c,), as they would look with independent noise of standard deviation 1."""
         dense = self.dense * scale[self.at]
-        return Columns(noise.whiten(dense, into=dense), self.at, _whitened(self.sparse, noise, scale[self.rest]), self.rest)
+        sparse = _by_block(self.sparse, noise.block, noise.whiten) * scale[self.rest]
+        return Columns(noise.whiten(dense, into=dense), self.at, csr_array(sparse), self.rest)
 
-
-Whiten = Callable[[Columns, Ints], Columns]
-"""Columns by some of the parameters, as `Problem.white` makes them of noise 1 and prior standard deviation 1."""
+    def coloured(self, noise: Noise, scale: Array) -> Columns:
+        """The inverse of `whitened`."""
+        sparse = _by_block(self.sparse, noise.block, noise.colour) / scale[self.rest]
+        return Columns(noise.colour(self.dense) / scale[self.at], self.at, csr_array(sparse), self.rest)
 
 
 @dataclass(frozen=True, eq=False)
 class Jacobian:
-    """Derivatives (n, k): columns of its own, all others those of its base, or zeros where it has none."""
+    """Derivatives (n, k) of the values, whitened by the noise, by one prior standard deviation of each parameter: columns of its
+    own, all others those of its base, or zeros where it has none."""
 
     parameters: int
     """k."""
     at: Ints
     """(c,) which parameters its own columns are of."""
     own: Columns
-    """(n, c) in the parameters' units."""
+    """(n, c)"""
     base: Jacobian | None = None
     tolerated: Array | None = None
     """Of a base: columns (n, f) of the model-form error of what is tolerated at its point, where they are known."""
     left: str | None = None
     """Name of the base that it has where it came from, see `candidate.light`."""
     made: dict[Any, Any] = field(default_factory=dict, repr=False)
-    """What was made of it: as large again."""
+    """The normal equations of a base."""
 
     def __getstate__(self) -> dict[str, Any]:
         """Without cached values."""
@@ -184,11 +187,14 @@ class Jacobian:
 
     @property
     def every(self) -> Columns:
-        """(n, k) in the parameters' units."""
-        return self._filled(None if self.base is None else self.base.own, self.own)
+        """(n, k) W."""
+        if self.at.size == self.parameters:
+            return self.own
+        known = Columns.nothing(self.own.shape[0], self.parameters) if self.base is None else self.base.own
+        return known.replaced(self.at, self.own) if self.at.size else known
 
     def along(self, step: Array) -> Array:
-        """(n,) by how much the values change along a step (k,), in the parameters' units."""
+        """(n,) by how much the whitened values change along a step (k,), in prior standard deviations."""
         own = self.own.along(step[self.at])
         if self.base is None:
             return own
@@ -196,23 +202,17 @@ class Jacobian:
         rest[self.at] = 0.0
         return np.asarray(self.base.own.along(rest) + own)
 
-    def white(self, whiten: Whiten) -> Columns:
-        """(n, k) W: whitened, by one prior standard deviation of each parameter."""
-        return self._filled(None if self.base is None else self.base._own_white(whiten), self._own_white(whiten))
-
-    def against(self, white: Array, whiten: Whiten) -> Array:
+    def against(self, white: Array) -> Array:
         """(k,) W^T x of whitened values x (n,)."""
-        out = np.zeros(self.parameters) if self.base is None else self.base._own_white(whiten).against(white)
-        out[self.at] = self._own_white(whiten).against(white)
+        out = np.zeros(self.parameters) if self.base is None else self.base.own.against(white)
+        out[self.at] = self.own.against(white)
         return out
 
-    def information(self, more: Array, whiten: Whiten) -> Arrow:
+    def information(self, more: Array) -> Arrow:
         """(k + m, k + m) [W M]^T [W M] with more whitened columns M (n, m), always the same, behind W."""
-        if self.base is None:
-            return self.white(whiten).normal(more)
-        known, own = self.base._own_white(whiten), self._own_white(whiten)
-        if own.rest.size or not np.isin(self.at, known.at).all():
-            return self.white(whiten).normal(more)
+        if self.base is None or self.own.rest.size or not np.isin(self.at, self.base.own.at).all():
+            return self.every.normal(more)
+        known, own = self.base.own, self.own
         if "normal" not in self.base.made:
             self.base.made["normal"] = known.normal(more)
         dense = own.dense[:, np.argsort(own.at)]
@@ -220,31 +220,19 @@ class Jacobian:
         of_base: Arrow = self.base.made["normal"]
         return of_base.exchanged(self.at, np.asarray(known.sparse.T @ dense), with_shared, dense.T @ dense)
 
-    def _own_white(self, whiten: Whiten) -> Columns:
-        if "white" not in self.made:
-            self.made["white"] = whiten(self.own, self.at)
-        made: Columns = self.made["white"]
-        return made
 
-    def _filled(self, known: Columns | None, own: Columns) -> Columns:
-        """(n, k) assembled from processed columns of the base and its own."""
-        if self.at.size == self.parameters:
-            return own
-        return (known or Columns.nothing(own.shape[0], self.parameters)).replaced(self.at, own)
-
-
-def _whitened(columns: csr_array, noise: Noise, scale: Array) -> csr_array:
-    """Columns (n, c) times `scale` (c,), whitened. A column that is zero throughout a block of the noise stays zero there, so
-    only pairs of a block and a non-zero column are whitened, block by block in few dense columns (`packed`)."""
+def _by_block(columns: csr_array, block_of: Ints, change: Callable[[Array], Array]) -> csr_array:
+    """Columns (n, c), changed by a matrix that mixes rows of one block (n,) alone. A column that is zero throughout a block stays
+    zero there, so only pairs of a block and a non-zero column are changed, block by block in few dense columns (`packed`)."""
     if not columns.nnz:
         return columns
     n, count = columns.shape
     row = np.repeat(np.arange(n), np.diff(columns.indptr))
-    pair, pair_of = np.unique(noise.block[row] * count + columns.indices, return_inverse=True)
+    pair, pair_of = np.unique(block_of[row] * count + columns.indices, return_inverse=True)
     block, column = np.divmod(pair, count)
     place = np.arange(len(pair)) - np.searchsorted(block, block)
     width = int(place.max()) + 1
-    packed, column_at = np.zeros((n, width)), np.zeros((int(noise.block.max()) + 1, width), np.int64)
-    packed[row, place[pair_of]], column_at[block, place] = columns.data * scale[columns.indices], column
-    white = noise.whiten(packed)
-    return csr_array((white.ravel(), column_at[noise.block].ravel(), np.arange(0, n * width + 1, width)), shape=columns.shape)
+    packed, column_at = np.zeros((n, width)), np.zeros((int(block_of.max()) + 1, width), np.int64)
+    packed[row, place[pair_of]], column_at[block, place] = columns.data, column
+    changed = change(packed)
+    return csr_array((changed.ravel(), column_at[block_of].ravel(), np.arange(0, n * width + 1, width)), shape=columns.shape)

@@ -290,11 +290,11 @@ class Problem:
     def jacobian(self, theta: Array) -> tuple[Array, Jacobian]:
         """Predicted values (n,) at parameters (k,), and their derivatives."""
         predicted, slope = derivatives(self.forward, theta)
-        return predicted, Jacobian.of(slope)
+        return predicted, Jacobian.of(slope.whitened(self.noise, self.parameters.sd))
 
-    def white(self, columns: Columns, at: Ints) -> Columns:
-        """Derivatives (n, c) by the parameters at (c,), whitened by the noise, by one prior standard deviation of each."""
-        return columns.whitened(self.noise, self.parameters.sd[at])
+    def slope(self, jacobian: Jacobian) -> Columns:
+        """Derivatives (n, k) of the values, in the parameters' units."""
+        return jacobian.every.coloured(self.noise, self.parameters.sd)
 
     def whitened(self, theta: Array, predicted: Array, scaled: Columns) -> Linear:
         """The linear problem around parameters (k,), in units of their priors, from a prediction (n,) and a slope (n, k) that is

@@ -207,19 +207,15 @@ class Search:
         return chosen
 
     def _forget_derivatives(self) -> None:
-        """Drop the derivatives of what has ended or is behind, a few only where no draw of the budget will need them, and what is
-        made of others: in a large campaign they take most memory."""
+        """Drop the derivatives of what has ended or is behind, a few only where no draw of the budget will need them: in a large
+        campaign they take most memory."""
         waiting = {id(c) for c in self._queue}
-        in_use = {id(c.base) for c in (*self._queue, *self._none.values())}
         for key, c in ((key, c) for key, c in self._tried.items() if id(c) not in waiting):
             behind = self._standing.best - c.log_evidence - self._log_prior(c.named)
             drawn = behind < -judgement.TEMPERATURE * np.log(judgement.LEAST_DRAWN)
             few = c.fit.slope is not None and c.fit.slope.at.size <= FEW_OWN
             if (c.ended or behind > judgement.SEARCH_MARGIN) and not (drawn and few):
-                self._tried[key] = c = replace(c, fit=replace(c.fit, slope=None))
-            for slope in (c.fit.slope, c.base):
-                if slope is not None and id(slope) not in in_use:
-                    slope.made.clear()
+                self._tried[key] = replace(c, fit=replace(c.fit, slope=None))
 
     # ------------------------------------------------------------------ one point
 

@@ -124,7 +124,7 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     theta = np.zeros_like(p.sd)
     theta[[p.names.index("contact.stiffness"), p.names.index("contact.distance")]] = 300.0, -0.04
     predicted, jacobian = problem.jacobian(theta)
-    fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), jacobian.every.whole
+    fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), problem.slope(jacobian).whole
     at = (theta / p.sd)[p.of_effect][None]
     carried = module._Carrying(problem, parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
 

@@ -203,7 +203,7 @@ def test_whitened_by_parts_is_the_whole_whitened_and_what_is_zero_in_a_block_sta
     a, errors = matrix(), noise()
     scale = DRAW.uniform(0.5, 2.0, a.shape[1])
     white = Columns.of(a).whitened(errors, scale)
-    assert white.whole == pytest.approx(errors.whiten(a * scale))
+    assert white.whole == pytest.approx(errors.whiten(a * scale)) and white.coloured(errors, scale).whole == pytest.approx(a)
     assert np.count_nonzero(white.sparse.data) <= 2 * np.count_nonzero(a[:, white.rest])
     assert Columns.of(np.ones((N, 2))).whitened(errors, np.ones(2)).whole == pytest.approx(errors.whiten(np.ones((N, 2))))
 
@@ -237,13 +237,9 @@ def test_normal_equations_by_parts_are_solved_as_the_whole_ones_are() -> None:
 def test_derivatives_taken_anew_are_exchanged_in_the_normal_equations_of_their_base() -> None:
     a, more = matrix(), DRAW.normal(size=(N, 2))
     columns, new = Columns.of(a), DRAW.normal(size=(N, 2))
-
-    def as_it_is(own: Columns, at: np.ndarray) -> Columns:
-        return own
-
     base = Jacobian.of(columns)
     for at in (columns.at[[2, 0]], np.array([columns.at[1], columns.rest[0]])):  # shared, and one that is not
-        got = Jacobian(a.shape[1], at, Columns.of(new), base).information(more, as_it_is)
+        got = Jacobian(a.shape[1], at, Columns.of(new), base).information(more)
         whole = np.hstack([a, more])
         whole[:, at] = new
         unit = np.eye(whole.shape[1])
