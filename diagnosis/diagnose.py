@@ -100,6 +100,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     # Another process fits relatives of what leads, and later predicts what was held out, while this one does the rest.
     unseen_states_of = unseen_states(prepared, begun, options.executor) if options.quantify else lambda f: Unseen
     causes = attribute(prepared, stages, begun)
+    del begun  # with its search's derivatives, most of the memory
     predict_unseen = unseen_states_of(causes)
     rivals = Rivals.of(prepared, causes.posterior, causes.distinguishability)
     proposals = propose(prepared, rivals, causes.posterior, options.executor) if options.experiments else ()
