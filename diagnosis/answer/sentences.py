@@ -8,16 +8,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 
+import numpy as np
+
 from model.actuators import Words
+from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
+from model.rotation import from_vector
 
 from .. import judgement
+from ..criticism.gaussian import Gaussian
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
+from ..edits.listed import listed
 from ..findings import Finding, finding
+from ..inference.candidate import Candidate
 from ..inference.posterior import UNKNOWN
+from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
+from ..remedies import of_mount
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
@@ -244,6 +253,20 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)
+
+
+def tracked_turn(p: Prepared, c: Candidate) -> Iterator[Finding]:
+    """A finding if the tracked body is turned on the tip by certainly more than its tolerance, and the map did not place it."""
+    parameters, mapped = p.problem.parameters, p.states.trials.mapped
+    own = np.flatnonzero([info.source == TRACKED_TURN.spec.id for info in parameters.infos])
+    angle, sd = float(np.linalg.norm(turn := c.fit.theta[own])), parameters.sd[own]
+    if angle > sd.max(initial=0.0) and not p.states.trials.moved_to_model:
+        prior, around = c.prior(parameters), turn / angle
+        readings = Gaussian(c.linear(p.problem), prior, c.grid_point.size, c.grid_point.form_error)
+        error = float(np.sqrt((around * sd) @ readings.covariance(parameters.of_effect, own) @ (around * sd)))
+        if angle > judgement.TENSE_SD * error:
+            (deg, sd_deg), remedy = np.degrees([angle, error]).tolist(), of_mount(listed(from_vector(-turn), 4), mapped)
+            yield finding("tracked_turn", deg=deg, sd=sd_deg, about=listed(around), remedy=remedy)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:

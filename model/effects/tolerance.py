@@ -137,8 +137,8 @@ BY_PUSH = (
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""
 PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_each("m", 1e-3, "along"))
 """The same of all pushes, where robot.yaml states its standard deviation: the arm's error at the stand."""
-TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_each("rad", ANGLE))
-"""How the body of markers sits on the tip, where robot.yaml states its standard deviation."""
+TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_each("rad", 30 * ANGLE))
+"""How the body of markers sits on the tip, where its orientation was measured."""
 MOUNT = (
     _tolerance("mount_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE), scope="mount"),
     _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.5e-3), scope="mount"),
@@ -208,7 +208,7 @@ def sources(
         chosen.append(as_stated(VariationSource(AREA, "calibration", scope), sized, uncertainty))
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
-    if TURN[0] in design.channels and TRACKED_TURN.spec.id in uncertainty:
+    if TURN[0] in design.channels:
         chosen.append(as_stated(TRACKED_TURN, sized, uncertainty))
     if design.markers and "marker_shift" in uncertainty:
         by_marker = _each("m", uncertainty["marker_shift"], *(f"m{k}{a}" for k in range(1, design.markers + 1) for a in "xyz"))
