@@ -91,8 +91,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the positions to it, give the place as `zero` of columns x, y, z, and leave out `straight`"
         ),
         "tracked_turn": (
-            "the tracked body's axes are turned by {deg:.1f} ± {sd:.1g} deg about {about} against those of the tip, which the "
-            "answer allows for: {remedy}"
+            "the tracked body's axes are turned by {deg:.1f} deg about {about} against those of the tip, which the answer allows "
+            "for: {remedy}"
         ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"

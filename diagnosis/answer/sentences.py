@@ -16,13 +16,12 @@ from model.robot import Robot
 from model.rotation import from_vector
 
 from .. import judgement
-from ..criticism.gaussian import Gaussian
+from ..arrays import Array
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
 from ..edits.listed import listed
 from ..findings import Finding, finding
-from ..inference.candidate import Candidate
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
@@ -255,18 +254,14 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
         yield finding("beyond_tolerance", numbers=each)
 
 
-def tracked_turn(p: Prepared, c: Candidate) -> Iterator[Finding]:
-    """A finding if the tracked body is turned on the tip by certainly more than its tolerance, and the map did not place it."""
-    parameters, mapped = p.problem.parameters, p.states.trials.mapped
-    own = np.flatnonzero([info.source == TRACKED_TURN.spec.id for info in parameters.infos])
-    angle, sd = float(np.linalg.norm(turn := c.fit.theta[own])), parameters.sd[own]
-    if angle > sd.max(initial=0.0) and not p.states.trials.moved_to_model:
-        prior, around = c.prior(parameters), turn / angle
-        readings = Gaussian(c.linear(p.problem), prior, c.grid_point.size, c.grid_point.form_error)
-        error = float(np.sqrt((around * sd) @ readings.covariance(parameters.of_effect, own) @ (around * sd)))
-        if angle > judgement.TENSE_SD * error:
-            (deg, sd_deg), remedy = np.degrees([angle, error]).tolist(), of_mount(listed(from_vector(-turn), 4), mapped)
-            yield finding("tracked_turn", deg=deg, sd=sd_deg, about=listed(around), remedy=remedy)
+def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
+    """A finding if a fit (k,) turns the tracked body on the tip by more than its tolerance, and no map took it as it rests."""
+    own = np.array([info.source == TRACKED_TURN.spec.id for info in p.problem.parameters.infos])
+    turn, trials = theta[own], p.states.trials
+    angle, tolerance = float(np.linalg.norm(turn)), p.problem.parameters.sd[own].max(initial=0.0)
+    if angle > tolerance and not trials.moved_to_model:
+        deg, remedy = float(np.degrees(angle)), of_mount(listed(from_vector(-turn), 4), trials.mapped)
+        yield finding("tracked_turn", deg=deg, about=listed(turn / angle), remedy=remedy)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:
