@@ -249,6 +249,7 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
+        name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)

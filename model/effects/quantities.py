@@ -59,6 +59,8 @@ class Quantities:
     """1; the azimuth grows by c s (1 + g s / L)."""
     body_modulus: Array
     """Pa; the shear modulus keeps its ratio to it."""
+    bending: Array = constant(1.0)
+    """Factor on the bending stiffness alone, beyond the spine."""
     density: Array
     """kg/m^3 of the body."""
     gravity: Array

@@ -102,9 +102,9 @@ def _tolerance(
     return VariationSource(spec, "nuisance", scope)
 
 
-def _each(unit: str, sd: float, *names: str) -> tuple[Parameter, ...]:
+def _each(unit: str, sd: float, *names: str, widest: float = 10.0) -> tuple[Parameter, ...]:
     """Parameters of one standard deviation, of x, y and z where no names are given."""
-    return tuple(Parameter(name, unit, sd, -10 * sd, 10 * sd) for name in names or "xyz")
+    return tuple(Parameter(name, unit, sd, -widest * sd, widest * sd) for name in names or "xyz")
 
 
 AREA = EffectSpec("area", "actuation", "", (Parameter("excess", "1", 0.5, -0.9, 8.0),), Law(before=_area), "tolerance", "")
@@ -114,7 +114,7 @@ ALWAYS = (
     _tolerance("density", "load", Law(before=_density), *_each("1", 0.01, "excess")),
     _tolerance("tilt", "boundary", Law(before=base_tilt), *_each("rad", ANGLE, "x", "y")),
     _tolerance("frame_turn", "measurement", Law(after=frame_misalignment), *_each("rad", ANGLE)),
-    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_each("m", 1.6e-3), standard=True),
+    _tolerance("frame_shift", "measurement", Law(after=_frame_shift), *_each("m", 1.6e-3, widest=30.0), standard=True),
     _tolerance("length", "boundary", Law(before=adding(length="excess")), *_each("m", 1.6e-3, "excess"), standard=True),
 )
 """Where a soft body begins at its clamp, and the cameras' origin beside it, is known to 0.4 % of its length."""

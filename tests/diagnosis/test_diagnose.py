@@ -189,3 +189,12 @@ def test_a_tracked_body_that_is_turned_on_the_tip_hides_no_cause_and_is_named(
     for f in named:
         mount = [float(x) for x in re.findall(r"-?[\d.]+", f.values["remedy"])]
         assert np.degrees((made * Rotation.from_quat(mount, scalar_first=True)).magnitude()) < 0.3
+
+
+def test_an_offset_of_one_axis_is_named_alone_with_its_size() -> None:
+    table = read(FINGER)
+    found = diagnose(Measured(FINGER, table.replaced({"y": table["y"] + 0.04 * FINGER.length})), quick())
+    (beyond,) = (str(f) for f in found.findings if f.code == "beyond_tolerance")
+    named = re.findall(r"(frame_shift\.\w|length|tilt\.\w)( \(`zero` of the positions\))? ([\d.]+) mm", beyond)
+    assert [name[:2] for name in named] == [("frame_shift.y", " (`zero` of the positions)")]
+    assert float(named[0][2]) == pytest.approx(40 * FINGER.length, rel=0.1)
