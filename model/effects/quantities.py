@@ -60,7 +60,7 @@ class Quantities:
     body_modulus: Array
     """Pa; the shear modulus keeps its ratio to it."""
     bending: Array = constant(1.0)
-    """Factor on the bending stiffness alone, beyond the spine."""
+    """Factor on bending stiffness alone."""
     density: Array
     """kg/m^3 of the body."""
     gravity: Array
