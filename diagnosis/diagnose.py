@@ -147,6 +147,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *([settled] if settled is not None else ()),
             *reasons,
             *far,
+            *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
             *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),

@@ -90,6 +90,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "(`uncertainty`, frame_turn). To tell them apart, measure the base's place and x axis in the cameras' frame, turn "
             "the positions to it, give the place as `zero` of columns x, y, z, and leave out `straight`"
         ),
+        "tracked_turn": "the tracked body is turned by {deg:.1f} deg about {about} on the tip (allowed for): {remedy}",
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         ),

@@ -32,7 +32,7 @@ from model.stated import AREA_FACTOR
 from .answer.attribute import calibrated
 from .answer.headline import sized
 from .answer.result import FittedRobot, Value
-from .answer.sentences import beyond_tolerance
+from .answer.sentences import beyond_tolerance, tracked_turn
 from .answer.size import ByActuator, by_actuator
 from .arrays import DIGITS, Array, rms, rounded
 from .criticism.gaussian import Gaussian
@@ -221,7 +221,8 @@ def fit_described(
     parameters, (names, covariance) = p.problem.parameters, described.joint_uncertainty()
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
-    findings = tuple(beyond_tolerance(parameters, parameters.tense(fitted.fit.theta), robot))
+    theta = fitted.fit.theta
+    findings = (*tracked_turn(p, theta), *beyond_tolerance(parameters, parameters.tense(theta), robot))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,

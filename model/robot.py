@@ -136,7 +136,7 @@ class Uncertainty(BaseModel):
     frame_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of its origin along each axis; usual 0.4 % of the length."""
     tracked_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
-    """Of the body of markers on the tip, about each axis; usual 0."""
+    """Of the tracked body, about each axis; usual 3 deg."""
     marker_shift: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Of each marker, along each axis; usual 0."""
     push_place: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})

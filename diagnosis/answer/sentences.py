@@ -8,16 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 
+import numpy as np
+
 from model.actuators import Words
+from model.effects.tolerance import TRACKED_TURN
 from model.robot import Robot
+from model.rotation import from_vector
 
 from .. import judgement
+from ..arrays import Array
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
+from ..edits.listed import listed
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
+from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
+from ..remedies import of_mount
 from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
@@ -241,9 +249,20 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
+        name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
     if each:
         yield finding("beyond_tolerance", numbers=each)
+
+
+def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
+    """A finding if a fit (k,) turns the tracked body on the tip by more than its tolerance, and no map took it as it rests."""
+    own = np.array([info.source == TRACKED_TURN.spec.id for info in p.problem.parameters.infos])
+    turn, trials = theta[own], p.states.trials
+    angle, tolerance = float(np.linalg.norm(turn)), p.problem.parameters.sd[own].max(initial=0.0)
+    if angle > tolerance and not trials.moved_to_model:
+        deg, remedy = float(np.degrees(angle)), of_mount(listed(from_vector(-turn), 4), trials.mapped)
+        yield finding("tracked_turn", deg=deg, about=listed(turn / angle), remedy=remedy)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:

@@ -34,6 +34,8 @@ class Variants:
     """(v, 1) times the area factor."""
     modulus: Array
     """(v, 1) times all stiffnesses of the body."""
+    bending: Array
+    """(v, 1) times the bending stiffness alone, of a robot without spine."""
     stretch: Array
     """(v, 1) times the length."""
     azimuth: Array
@@ -64,7 +66,7 @@ class Variants:
         of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
                      tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
         azimuth, gravity = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.gravity))
-        return cls(robot, table, one, one, one, azimuth, gravity, *(values[None] for values in of_states))
+        return cls(robot, table, one, one, one, one, azimuth, gravity, *(values[None] for values in of_states))
 
     def repeated(self, count: int) -> Variants:
         """This one variant, `count` times."""
@@ -126,6 +128,8 @@ class Variants:
             robot = robot.model_copy(update={robot.actuators.words.kind: placed})
         if "modulus" in changed:
             robot = robot.with_modulus(float(self.modulus[0, 0]))
+        if "bending" in changed and robot.bending_stiffness:
+            robot = robot.model_copy(update={"bending_stiffness": robot.bending_stiffness * float(self.bending[0, 0])})
         if "area" in changed:
             factor, area = robot.area_factor, float(self.area[0, 0])
             areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
@@ -148,7 +152,7 @@ def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:
     return lambda v, _: replace(v, **{name: factor * values for name, values in v.arrays(names).items()})
 
 
-ROD = ("area", "modulus", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
+ROD = ("area", "modulus", "bending", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
 """Fields of `Variants` that change the rod."""
 SEEN = ("tip", "orientation", "markers")
 """Those that were measured of it."""

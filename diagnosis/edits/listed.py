@@ -62,6 +62,10 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 def _of_robot(robot: Robot) -> Iterator[Edit]:
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
+    if robot.bending_stiffness and robot.spine is None:
+        tenfold = tuple((share * WIDEST,) for share in (0.75, -0.75))
+        apply, widest = lambda v, own: replace(v, bending=v.bending * np.exp(own)), ((-WIDEST, WIDEST),)
+        yield Edit("modulus", 0.02, _bending, apply, tenfold, widest)
     yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
@@ -91,6 +95,11 @@ def _modulus(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     kilo, limit = robot.youngs_modulus / 1e3, bool(abs(theta[MODULUS]) > judgement.EDIT_AT_BOUND * WIDEST)
     found = kilo * float(np.exp(theta[MODULUS]))
     return _refitted("youngs_modulus", kilo, found, "kPa", limit) if _beyond(theta, MODULUS) else []
+
+
+def _bending(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    given, other = robot.bending_stiffness or 0.0, bool(abs(own[0]) > judgement.EDIT_USUAL[MODULUS])
+    return _refitted("bending_stiffness", given, given * float(np.exp(own[0])), "N m^2") if other else []
 
 
 def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:

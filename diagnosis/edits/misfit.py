@@ -190,7 +190,7 @@ class Sample:
         tip_force = v.force - states.force + (v.mass - states.tip_mass)[:, :, None] * v.gravity
         changed = {
             "pressure": v.pressure, "tip_force": tip_force, "tip_moment": v.moment - states.moment, "gravity": v.gravity,
-            "length": v.stretch * robot.length, "body_modulus": v.modulus * robot.youngs_modulus,
+            "length": v.stretch * robot.length, "body_modulus": v.modulus * robot.youngs_modulus, "bending": v.bending,
             "area_factor": (v.area * robot.area_factor_at(states.spine_length))[:, :, None],
             "azimuth": np.radians(v.azimuth + v.roll[:, :, None]),
         }  # fmt: skip

@@ -123,7 +123,7 @@ def _sections(q: Quantities, shear: ShearSpine, out: RodColumns) -> None:
         elif element + col.BEND in q.layout.follows:
             continue
         else:
-            bend, axial, lateral = q.body_modulus * second, q.body_modulus * area, ratio * q.body_modulus * area
+            axial, lateral, bend = q.body_modulus * area, ratio * q.body_modulus * area, q.bending * q.body_modulus * second
             soft = np.ones((1, 1))
         out[element + col.BEND] = bend
         out[element + col.STRETCH] = lateral

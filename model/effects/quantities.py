@@ -59,6 +59,8 @@ class Quantities:
     """1; the azimuth grows by c s (1 + g s / L)."""
     body_modulus: Array
     """Pa; the shear modulus keeps its ratio to it."""
+    bending: Array = constant(1.0)
+    """Factor on bending stiffness alone."""
     density: Array
     """kg/m^3 of the body."""
     gravity: Array
@@ -68,7 +70,7 @@ class Quantities:
     spine_length: Array
     """m, true."""
     tabulated_length: Array
-    """m, length at which the spine's table of moduli is read."""
+    """m, at which the spine's table is read."""
     spine_stiffness: Array = constant(1.0)
     """Factor on every modulus of the spine."""
     vacuum_loss: Array = constant(0.0)
@@ -108,7 +110,7 @@ class Quantities:
     plane_turn: Array = constant(0.0)
     """rad by which the obstacle faces away from there."""
     plane_lever: Array = constant(0.0)
-    """m along the body from the tip back to where it meets the obstacle."""
+    """m from the tip back to where the body meets the obstacle."""
     plane_direction: Array
     """(2,) unit vector in the base frame's x, y towards the obstacle."""
     base_turn: Array = field(default_factory=no_vector)

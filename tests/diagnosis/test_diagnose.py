@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from threadpoolctl import threadpool_info
 
 from diagnosis.answer.locate import _parts
@@ -24,9 +25,10 @@ from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.judgement import LEAST_BITS
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Uncertainty
+from recordings.trials import ORIENTATION
 from tests.diagnosis.small_campaigns import FEW, SOME, Catalogue, answer, campaign, few_and_all, measured, quick
-from tests.diagnosis.test_case import ROBOT, case, row, states
-from tests.diagnosis.test_edits import FINGER, read
+from tests.diagnosis.test_case import ROBOT, Measured, case, row, states
+from tests.diagnosis.test_edits import FINGER, columns, read
 from tests.diagnosis.test_edits import campaign as marked
 
 
@@ -170,3 +172,29 @@ def test_each_marker_has_its_own_readings_however_many_there_are() -> None:
 def test_no_effect_alone_does_what_a_set_up_far_beyond_its_tolerances_does() -> None:
     found = diagnose(measured(2, 1, base_tilt__x=0.03), quick({e: CATALOGUE[e] for e in ("base_tilt", "body_modulus")}))
     assert found.attribute.effects == ("base_tilt",) and found.calibration is not None and not found.calibration.alike
+
+
+@pytest.mark.parametrize("down", [(0, 0, 9.81), (0, -9.81, 0), (0, 0, -9.81)])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 5, 0), (6, 0, 6)])
+def test_a_tracked_body_that_is_turned_on_the_tip_hides_no_cause_and_is_named(
+    down: tuple[float, ...], turn: tuple[int, ...]
+) -> None:
+    robot, tilt = FINGER.replace(gravity=down), Rotation.from_rotvec([0.0, 3.0, 0.0], degrees=True)
+    table, made = read(robot.replace(gravity=tilt.inv().apply(down)), turn=tilt), Rotation.from_rotvec(turn, degrees=True)
+    read_off = (Rotation.from_quat(table.orientation, scalar_first=True) * made).as_quat(scalar_first=True)
+    found = diagnose(Measured(robot, table.replaced(columns(ORIENTATION, read_off))), quick())
+    assert found.attribute.effects == ("base_tilt",)
+    named = [f for f in found.findings if f.code == "tracked_turn"]
+    assert [f.values["deg"] for f in named] == pytest.approx([np.linalg.norm(turn)] if any(turn) else [], abs=0.3)
+    for f in named:
+        mount = [float(x) for x in re.findall(r"-?[\d.]+", f.values["remedy"])]
+        assert np.degrees((made * Rotation.from_quat(mount, scalar_first=True)).magnitude()) < 0.3
+
+
+def test_an_offset_of_one_axis_is_named_alone_with_its_size() -> None:
+    table = read(FINGER)
+    found = diagnose(Measured(FINGER, table.replaced({"y": table["y"] + 0.04 * FINGER.length})), quick())
+    (beyond,) = (str(f) for f in found.findings if f.code == "beyond_tolerance")
+    named = re.findall(r"(frame_shift\.\w|length|tilt\.\w)( \(`zero` of the positions\))? ([\d.]+) mm", beyond)
+    assert [name[:2] for name in named] == [("frame_shift.y", " (`zero` of the positions)")]
+    assert float(named[0][2]) == pytest.approx(40 * FINGER.length, rel=0.1)

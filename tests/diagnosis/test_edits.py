@@ -1,5 +1,6 @@
 """Mistakes in robot.yaml or the table that make the rod far worse are named before the diagnosis; a right description stays."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -24,7 +25,7 @@ from model.errors import BadEffect
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, solve
 from model.rotation import multiply
-from model.section import rods_of
+from model.section import body_second_moment, rods_of
 from recordings.trials import ORIENTATION, TIP, Table, TrialRow, marker_columns, pressure_columns
 from tests.diagnosis.small_campaigns import FEW, Measured, measured, quick
 from tests.diagnosis.test_case import ROBOT, states
@@ -426,3 +427,11 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
     swap = campaign(read(FINGER, acted({}, (1, 2))))
     for effects in ((), ("chamber_order",)):
         assert edit_first(FINGER, swap, effects).headline.startswith("Chambers 2 and 3 are swapped (p = ")
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.1])
+def test_a_bending_stiffness_with_a_digit_too_many_is_named(factor: float) -> None:
+    stiffness = FINGER.youngs_modulus * body_second_moment(FINGER)
+    first = edit_first(FINGER.replace(bending_stiffness=factor * stiffness), campaign(read(FINGER)))
+    assert re.fullmatch(r"bending_stiffness \S+ N m\^2 instead of \S+ N m\^2 \(p = (0.9\d|1.00)\).*", str(first.changes[0]))
+    assert first.robot.bending_stiffness == pytest.approx(stiffness, rel=0.2)
