@@ -146,7 +146,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *([settled] if settled is not None else ()),
             *reasons,
             *far,
-            *sentences.beyond_tolerance(prepared.problem.parameters, tense, edited.robot),
+            *(sentences.beyond_tolerance(prepared.problem.parameters, tense[fit], edited.robot, fit) for fit in tense),
             *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),

@@ -49,7 +49,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "Check it: until then no cause is reported as certain"
         ),
         "beyond_tolerance": (
-            "the fit moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
+            "{fit} moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
             "Re-measure these values or widen their uncertainty; until then no cause is reported as certain"
         ),
         "stiffness_far_off": (

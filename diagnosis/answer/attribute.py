@@ -50,17 +50,20 @@ class Attribution:
         """Stages that need an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
-    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[int, float]:
-        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`), as in the robot `fitted`
-        with what is named, which must ask for them too; those of the calibrated model as well where that leaves nothing above the
-        noise floor."""
+    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[str, Mapping[int, float]]:
+        """Numbers of robot.yaml that a fit of the answer moves far beyond their tolerance (`Parameters.tense`), by that fit: the
+        robot `fitted` with what is named, which must ask for them too, and the calibrated model where that leaves nothing above
+        the noise floor."""
         p = self.prepared.problem.parameters
-        own = p.tense(self.best.fit.theta)
+        own, calibrated = p.tense(self.best.fit.theta), p.tense(self.calibrated.theta)
         if fitted is not None:
             alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
             own = {i: value for i, value in alone.items() if i in own}
         left = rms(self.prepared.gap(self.prepared.problem.observed - self.calibrated.predicted))
-        return {**p.tense(self.calibrated.theta), **own} if left < REDUCIBLE_RATIO * self.prepared.noise_floor else own
+        closes = calibrated if left < REDUCIBLE_RATIO * self.prepared.noise_floor else {}
+        found = {"the fit with the cause": own, "calibration, which alone closes the gap,": closes}
+        found = found if fitted is not None else {"the fit": own | closes}
+        return {fit: moved for fit, moved in found.items() if moved}
 
 
 @dataclass(frozen=True)

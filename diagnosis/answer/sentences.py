@@ -113,14 +113,19 @@ def _gap(d: Diagnosis) -> str:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
-    calibrated, tense = d.waterfall.steps[0].left_mm, any(f.code == "beyond_tolerance" for f in d.findings)
+    calibrated = d.waterfall.steps[0].left_mm
     no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up {'beyond' if tense else 'within'} its tolerances{_set_up(d)}, by "
+        f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{_set_up(d)}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
+
+
+def within(d: Diagnosis) -> str:
+    """Whether calibration leaves the set-up within or beyond its tolerances."""
+    return "beyond" if d.calibration is not None and d.calibration.beyond else "within"
 
 
 def _set_up(d: Diagnosis) -> str:
@@ -234,16 +239,15 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
-    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
+def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot, fit: str = "the fit") -> Finding:
+    """The finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     each = []
     for i, value in moved.items():
         (by, unit), (sd, sd_unit) = (_in_percent(v, p.infos[i].unit) for v in (abs(value), float(p.sd[i])))
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
-    if each:
-        yield finding("beyond_tolerance", numbers=each)
+    return finding("beyond_tolerance", fit=fit, numbers=each)
 
 
 def _in_percent(value: float, unit: str) -> tuple[float, str]:
