@@ -69,7 +69,12 @@ def attribute_section(
     ranked = []
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
-        size = values(as_fitted(sizes(f.prepared, candidate), fitted if named == d.effects else None))
+        if named == d.effects:
+            size = values(as_fitted(sizes(f.prepared, candidate), fitted))
+        elif candidate.alone is not None:  # as that of what is named, it is of a robot without other effects
+            size = values(sizes(f.prepared, replace(candidate, weighed=candidate.alone)))
+        else:
+            size = {}
         if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability

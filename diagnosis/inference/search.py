@@ -94,9 +94,11 @@ class Search:
         out: dict[Hypothesis, Candidate] = {}
         for named in dict.fromkeys(h for h, _ in self._tried):
             both = [c for w in (False, True) if (c := self._tried.get((named, w))) is not None]
-            best = max(both, key=_evidence)
-            total = float(logsumexp([c.log_evidence for c in both]))
-            out[named] = replace(best, weighed=replace(best.weighed, log_evidence=total + best.fit.predicted_decrease))
+            best, total = max(both, key=_evidence), float(logsumexp([c.log_evidence for c in both]))
+            of_both = replace(best.weighed, log_evidence=total + best.fit.predicted_decrease)
+            converged = (c for c in both if c.turns and c.fit.predicted_decrease <= judgement.UNCONVERGED)
+            alone = next((c.weighed for c in converged if not c.with_tolerances), None)
+            out[named] = replace(best, weighed=of_both, alone=alone)
         return out
 
     @property
