@@ -16,7 +16,7 @@ from ..data.case import lacking
 from ..data.levels import SPINE_GAP
 from ..inference.budget import Budget, WeighedCauses, weighed
 from ..inference.candidate import Candidate
-from ..inference.evidence import NONE
+from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import EffectPosterior, with_unknown
@@ -42,6 +42,8 @@ class Attribution:
     distinguishability: Distinguishability
     budget: Budget
     """Each effect's part of the gap."""
+    alone: Mapping[Hypothesis, Candidate]
+    """What is stated beside the decision, with all other effects absent: its sizes are those of a robot with it alone."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
 
@@ -119,6 +121,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
+        alone={h: replace(w.search.alone(candidates[h]), made=None) for h in ranked.stated if h != decision.effects},
         stage_errors=free_forms,
     )
 

@@ -18,7 +18,7 @@ from ..data.plausible import differ_by
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.problem import FitParameters
-from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
+from .headline import for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
@@ -216,7 +216,7 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
         f"(p = {stated(o.probability)})"
         for o in c.origins
-        if o.probability >= LEAST_STATED or o is c.origins[0]
+        if o.probability >= judgement.LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
     by_mass = (
@@ -432,7 +432,7 @@ def held_out(d: Diagnosis) -> str:
 
 def disorder(ranking: Sequence[Ranked]) -> str:
     """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
-    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= judgement.LEAST_STATED]
     disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
     if not disordered:
         return ""

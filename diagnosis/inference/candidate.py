@@ -26,8 +26,6 @@ class Candidate:
     """How often its search was continued; 0: weighed at a start, or where another hypothesis was fitted."""
     ended: bool = False
     """Whether its search has ended."""
-    alone: Weighed | None = None
-    """The same with all other effects absent, where that was searched to convergence."""
     made: Linear | None = None
     """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 

@@ -94,11 +94,9 @@ class Search:
         out: dict[Hypothesis, Candidate] = {}
         for named in dict.fromkeys(h for h, _ in self._tried):
             both = [c for w in (False, True) if (c := self._tried.get((named, w))) is not None]
-            best, total = max(both, key=_evidence), float(logsumexp([c.log_evidence for c in both]))
-            of_both = replace(best.weighed, log_evidence=total + best.fit.predicted_decrease)
-            converged = (c for c in both if c.turns and c.fit.predicted_decrease <= judgement.UNCONVERGED)
-            alone = next((c.weighed for c in converged if not c.with_tolerances), None)
-            out[named] = replace(best, weighed=of_both, alone=alone)
+            best = max(both, key=_evidence)
+            total = float(logsumexp([c.log_evidence for c in both]))
+            out[named] = replace(best, weighed=replace(best.weighed, log_evidence=total + best.fit.predicted_decrease))
         return out
 
     @property
@@ -319,6 +317,12 @@ class Search:
         """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""
         whole = c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named)
         return replace(c, fit=whole, made=whole.linear(self.problem))
+
+    def alone(self, c: Candidate) -> Candidate:
+        """The same hypothesis with all other effects absent, searched to convergence."""
+        begun = self._tried.get((c.named, False), c)
+        fitted = self.fit(c.named, False, begun.grid_point.size, begun.fit.theta, LAST_ROUNDS)
+        return self._weigh(c.named, fitted, False)
 
     def searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
         """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
