@@ -203,7 +203,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "scale_far_off": (
             "the tip moves {factor:.2g} times as far as robot.yaml predicts for these {pressures}: check the unit and scale of "
-            "the {pressures}{units}, the moduli, radii and path_radius"
+            "the {pressures}, the moduli, radii and path_radius"
         ),
         "axis_stretched": (
             "along {axis} the tip moves {factor:.2g} times as far as robot.yaml's model can be brought to, {mm:.3g} mm (sd): "

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 import scipy
@@ -20,14 +21,14 @@ import scipy
 from model.errors import BadCondition
 from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
-from recordings.trials import Table
+from recordings.trials import Table, pressure_columns
 
 from .. import judgement
 from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
-from ..remedies import of_origin, of_unit
+from ..remedies import of_columns, of_origin, of_unit
 from .edit import AREA, MODULUS
 from .misfit import Fit, Sample, as_described, sample_of
 
@@ -102,8 +103,10 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         fit = (by_edits and by_edits.chosen) or fit
     if (stretched := _stretched(sample, fit)) is not None:
         findings = [stretched]
+    elif not findings and (unit := unit_of_all(robot, sample.table, ratio)) is not None:
+        findings.append(unit)
     elif not findings and scaled and rms <= gross:
-        findings.append(finding("scale_far_off", words, factor=ratio, units=plausible.differ_by(ratio, words)))
+        findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length
@@ -111,6 +114,36 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse
+
+
+def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
+    """The unit that all pressures or tensions probably have, where they must be `gain` times as large, with its probability; None
+    where that of another area factor or modulus, or of none, is larger.
+
+        p(unit) ~ prior N(ln gain; ln r, s) h(r),   p(number) ~ prior N(ln gain; 0, ln 3) h(1),   p(none) ~ N(ln gain; 0, s) h(1),
+
+    r: ratio of the unit to that in which they were read, s: of area factor and modulus, h: of the highest pressure times r."""
+    words, known = robot.actuators.words, robot.uncertainty
+    sizes = plausible.PASCALS if robot.chambers is not None else plausible.NEWTONS
+    mapped, limit = table.mapped, robot.max_pressure if robot.chambers is not None else robot.max_tension
+    ratios: dict[float, list[tuple[str, str]]] = {}
+    for unit, wrong in permutations(sizes, 2):
+        if mapped is None or mapped.unit not in sizes or wrong == mapped.unit:
+            ratios.setdefault(round(sizes[unit] / sizes[wrong], 9), []).append((unit, wrong))
+    s = float(np.hypot(known.area_factor or judgement.AREA_SD, known.youngs_modulus or judgement.MATERIAL_SD))
+    r = np.log([1.0, 1.0, *ratios])
+    high = r + np.log(max(float(np.abs(table.pressures).max()), 1e-9) / (limit or plausible.USUAL_PRESSURE))
+    width = np.where((high > 0) & bool(limit), np.log(1.5), np.log(3 if limit else 6))
+    sd = np.array([s, np.log(3), *[s] * len(ratios)])
+    prior = np.log([judgement.EDIT_NONE, 0.05, *[0.03 / len(ratios)] * len(ratios)])
+    p = scipy.special.softmax(prior - ((np.log(gain) - r) / sd) ** 2 / 2 - np.log(sd) - (high / width) ** 2 / 2)
+    if (best := int(np.argmax(p))) < 2:
+        return None
+    factor, alike = [*ratios.items()][best - 2]
+    remedy = of_columns(pressure_columns(table.pressures.shape[1]), alike[0][0] if len(alike) == 1 else "", mapped)
+    rather = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
+    looks = " or ".join(map(" read as ".join, alike))
+    return finding("pressures_in_unit", words, factor=factor, looks=looks, remedy=remedy, p=float(p[best]), rather=rather)
 
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:
