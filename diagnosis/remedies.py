@@ -69,7 +69,7 @@ def of_trials(trials: Table) -> str:
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     """Say what to write so that all pressures are read in a unit; `unit` may say more, as "Pa read as kPa" does."""
-    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.split()[0], mapped)
+    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.partition(" ")[0], mapped)
 
 
 def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:

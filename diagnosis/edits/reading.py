@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import permutations
 
 import numpy as np
 import scipy
@@ -21,15 +20,15 @@ import scipy
 from model.errors import BadCondition
 from model.robot import Robot
 from model.section import annulus_second_moment, body_second_moment
-from recordings.trials import Table, pressure_columns
+from recordings.trials import Table
 
 from .. import judgement
 from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
-from ..remedies import of_columns, of_origin, of_unit
-from .edit import AREA, MODULUS
+from ..remedies import of_origin, of_unit
+from .edit import AREA, MODULUS, pressures_in_unit
 from .misfit import Fit, Sample, as_described, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
@@ -38,6 +37,8 @@ FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
 PLACES = (*FRAMES, "origin_elsewhere", "axis_in_unit", "axis_stretched")
 """Those which explain tips that no rod reaches."""
+OF_NUMBERS = 2.0
+"""Factor on all pressures within which an area factor or a modulus is off, and no unit."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
 PUSH_UNITS = [*(("force", "N", unit) for unit in FORCE_UNITS), *(("deflection", "m", unit) for unit in LENGTH_UNITS)]
@@ -123,27 +124,22 @@ def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
         p(unit) ~ prior N(ln gain; ln r, s) h(r),   p(number) ~ prior N(ln gain; 0, ln 3) h(1),   p(none) ~ N(ln gain; 0, s) h(1),
 
     r: ratio of the unit to that in which they were read, s: of area factor and modulus, h: of the highest pressure times r."""
-    words, known = robot.actuators.words, robot.uncertainty
-    sizes = plausible.PASCALS if robot.chambers is not None else plausible.NEWTONS
-    mapped, limit = table.mapped, robot.max_pressure if robot.chambers is not None else robot.max_tension
-    ratios: dict[float, list[tuple[str, str]]] = {}
-    for unit, wrong in permutations(sizes, 2):
-        if mapped is None or mapped.unit not in sizes or wrong == mapped.unit:
-            ratios.setdefault(round(sizes[unit] / sizes[wrong], 9), []).append((unit, wrong))
+    if 1 / OF_NUMBERS < gain < OF_NUMBERS:
+        return None
+    known, limit = robot.uncertainty, robot.max_pressure if robot.chambers is not None else robot.max_tension
+    ratios = [*plausible.misread(robot, table.mapped)]
     s = float(np.hypot(known.area_factor or judgement.AREA_SD, known.youngs_modulus or judgement.MATERIAL_SD))
-    r = np.log([1.0, 1.0, *ratios])
+    r, sd = np.log([1.0, 1.0, *ratios]), np.array([s, np.log(3), *[s] * len(ratios)])
     high = r + np.log(max(float(np.abs(table.pressures).max()), 1e-9) / (limit or plausible.USUAL_PRESSURE))
     width = np.where((high > 0) & bool(limit), np.log(1.5), np.log(3 if limit else 6))
-    sd = np.array([s, np.log(3), *[s] * len(ratios)])
     prior = np.log([judgement.EDIT_NONE, 0.05, *[0.03 / len(ratios)] * len(ratios)])
     p = scipy.special.softmax(prior - ((np.log(gain) - r) / sd) ** 2 / 2 - np.log(sd) - (high / width) ** 2 / 2)
     if (best := int(np.argmax(p))) < 2:
         return None
-    factor, alike = [*ratios.items()][best - 2]
-    remedy = of_columns(pressure_columns(table.pressures.shape[1]), alike[0][0] if len(alike) == 1 else "", mapped)
-    rather = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
-    looks = " or ".join(map(" read as ".join, alike))
-    return finding("pressures_in_unit", words, factor=factor, looks=looks, remedy=remedy, p=float(p[best]), rather=rather)
+    code, values = pressures_in_unit(table.mapped, robot, ratios[best - 2])
+    number = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
+    rather = number if p[1] >= judgement.EDIT_STATED else ""
+    return finding(code, robot.actuators.words, **values, p=float(p[best]), rather=rather)
 
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:

@@ -18,7 +18,13 @@ from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
 from ..judgement import (
-    CREDIBLE_SHARE, LARGEST_ODDS, LEAST_STATED, PRIOR_OF_MORE, PRIOR_OF_NUMBER, RELATIVE_ODDS, TEMPERATURE,
+    CREDIBLE_SHARE,
+    LARGEST_ODDS,
+    LEAST_STATED,
+    PRIOR_OF_MORE,
+    PRIOR_OF_NUMBER,
+    RELATIVE_ODDS,
+    TEMPERATURE,
 )  # fmt: skip
 from .candidate import Candidate
 from .evidence import NONE, Hypothesis

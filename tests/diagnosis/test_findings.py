@@ -65,6 +65,7 @@ def test_the_file_of_an_answer_holds_code_severity_values_and_text() -> None:
     stored = json.loads(answer.to_json())
     first = stored["findings"][0]
     assert (first["code"], first["severity"]) == ("beyond_tolerance", "critical")
-    assert first["values"] == {"fit": "the fit", "numbers": [asdict(parts[0])]} and "density 12 % above robot.yaml (5 %)" in first["text"]
+    assert first["values"] == {"fit": "the fit", "numbers": [asdict(parts[0])]}
+    assert "density 12 % above robot.yaml (5 %)" in first["text"]
     assert stored["concerns"] == [f["text"] for f in stored["findings"]]
     assert Diagnosis.from_json(answer.to_json()).texts("warning") == [str(finding("no_unload"))]
