@@ -150,6 +150,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),
+            *(finding("as_read", text=text) for text in case.table.warnings),
         ),
         detail=details | ({"first_calibration": edited.detail()} if edited.changes else {}),
         budget=carries,

@@ -63,6 +63,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
     },
     "warning": {
+        "as_read": "{text}",
         "one_spine_length": (
             "only one spine length: effects of the spine cannot be distinguished from those of the body; record at least two "
             "lengths"

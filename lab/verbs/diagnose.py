@@ -79,7 +79,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         case = read_case(inputs, robot)
         if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
-        note((*case.table.warnings, *marked_notes(case.table)))
+        note(marked_notes(case.table))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = _answer(case, robot, wanted, executor)
