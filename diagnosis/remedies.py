@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from recordings.trials import AXES, Mapped, Table, pressure_columns
 
 from .arrays import Array
 from .data.levels import REST
+from .data.plausible import misread
 
 MIRRORS = {
     **{f"change the sign of column {a} (`scale: -1`)": np.array(AXES[a]) for a in "xyz"},
@@ -70,6 +72,13 @@ def of_trials(trials: Table) -> str:
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     """Say what to write so that all pressures are read in a unit; `unit` may say more, as "Pa read as kPa" does."""
     return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.partition(" ")[0], mapped)
+
+
+def misread_by(ratio: float, robot: Robot, mapped: Mapped | None) -> dict[str, Any]:
+    """Values of the finding that all pressures must be `ratio` times as large, as they are in another unit."""
+    names = misread(robot, mapped)[ratio]
+    remedy = of_unit(mapped, robot, names[0] if len(names) == 1 else "")
+    return {"factor": ratio, "looks": " or ".join(names), "remedy": remedy}
 
 
 def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:

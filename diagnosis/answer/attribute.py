@@ -19,9 +19,9 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
-from ..inference.posterior import EffectPosterior, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from ..inference.prepare import Prepared, parts
-from ..judgement import REDUCIBLE_RATIO, STAGE_GAIN
+from ..judgement import LEAST_STATED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .size import sizes
@@ -112,6 +112,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         relatives=alike(relatives, decision.effects, answered.log_evidence),
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
+    stated = [h for h, p in ranked.ranking if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
     return Attribution(
         prepared=p,
         posterior=ranked,
@@ -121,7 +122,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
-        alone={h: replace(w.search.alone(candidates[h]), made=None) for h in ranked.stated if h != decision.effects},
+        alone={h: replace(w.search.alone(candidates[h]), made=None) for h in stated},
         stage_errors=free_forms,
     )
 

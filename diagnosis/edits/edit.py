@@ -10,12 +10,10 @@ import numpy as np
 
 from model.robot import Robot
 from model.rotation import from_vector, multiply, to_base
-from recordings.trials import ORIENTATION, TIP, Mapped, Table, marker_columns, pressure_columns
+from recordings.trials import ORIENTATION, TIP, Table, marker_columns, pressure_columns
 
-from .. import remedies
 from ..arrays import Array, Ints
 from ..data.campaign import tip_masses, tip_moments
-from ..data.plausible import misread
 from ..findings import Finding, finding
 
 CALIBRATION = ("area_factor", "youngs_modulus", "azimuth", "gravity_x", "gravity_y", "origin_x", "origin_y", "origin_z")
@@ -170,13 +168,6 @@ def mistake(code: str, short: str, **values: Any) -> Mistake:
 def stating(code: str, short: str, *first: Mistake, **values: Any) -> Says:
     """State a finding with these values, after some `first`, whatever the parameters are."""
     return lambda *_: [*first, mistake(code, short, **values)]
-
-
-def pressures_in_unit(mapped: Mapped | None, robot: Robot, ratio: float) -> Mistake:
-    """State that all pressures or tensions must be `ratio` times as large, as they are in another unit."""
-    names = misread(robot, mapped)[ratio]
-    remedy = remedies.of_unit(mapped, robot, names[0] if len(names) == 1 else "")
-    return mistake("pressures_in_unit", "unit of the {pressures}", factor=ratio, looks=" or ".join(names), remedy=remedy)
 
 
 @dataclass(frozen=True)

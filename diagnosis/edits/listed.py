@@ -26,22 +26,7 @@ from recordings.trials import TIP, Mapped, Table
 from .. import judgement, remedies
 from ..arrays import Array
 from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, USUAL_PRESSURE, misread
-from .edit import (
-    AREA,
-    AZIMUTH,
-    GRAVITY,
-    MODULUS,
-    ORIGIN,
-    WIDEST,
-    Edit,
-    Mistake,
-    Says,
-    Variants,
-    mistake,
-    pressures_in_unit,
-    stating,
-    times,
-)
+from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import apart, swapped
 
@@ -363,11 +348,9 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     factor, usual = float(np.exp(own[0] + theta[AREA])), robot.max_pressure or USUAL_PRESSURE
-    ratio = min(
-        misread(robot, mapped),
-        key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2,
-    )
-    return [pressures_in_unit(mapped, robot, ratio)]
+    units = misread(robot, mapped)
+    ratio = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
+    return [mistake("pressures_in_unit", "unit of the {pressures}", **remedies.misread_by(ratio, robot, mapped))]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

@@ -27,8 +27,8 @@ from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
-from ..remedies import of_origin, of_unit
-from .edit import AREA, MODULUS, pressures_in_unit
+from ..remedies import misread_by, of_origin, of_unit
+from .edit import AREA, MODULUS
 from .misfit import Fit, Sample, as_described, sample_of
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
@@ -136,10 +136,10 @@ def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
     p = scipy.special.softmax(prior - ((np.log(gain) - r) / sd) ** 2 / 2 - np.log(sd) - (high / width) ** 2 / 2)
     if (best := int(np.argmax(p))) < 2:
         return None
-    code, values = pressures_in_unit(table.mapped, robot, ratios[best - 2])
+    values = misread_by(ratios[best - 2], robot, table.mapped)
     number = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
     rather = number if p[1] >= judgement.EDIT_STATED else ""
-    return finding(code, robot.actuators.words, **values, p=float(p[best]), rather=rather)
+    return finding("pressures_in_unit", robot.actuators.words, **values, p=float(p[best]), rather=rather)
 
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:

@@ -17,17 +17,9 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from ..arrays import Array
-from ..judgement import (
-    CREDIBLE_SHARE,
-    LARGEST_ODDS,
-    LEAST_STATED,
-    PRIOR_OF_MORE,
-    PRIOR_OF_NUMBER,
-    RELATIVE_ODDS,
-    TEMPERATURE,
-)  # fmt: skip
+from ..judgement import CREDIBLE_SHARE, LARGEST_ODDS, PRIOR_OF_MORE, PRIOR_OF_NUMBER, RELATIVE_ODDS, TEMPERATURE
 from .candidate import Candidate
-from .evidence import NONE, Hypothesis
+from .evidence import Hypothesis
 
 UNKNOWN: Hypothesis = ("unknown",)
 """Stands in credible sets and rankings for a cause outside the catalogue."""
@@ -48,11 +40,6 @@ class EffectPosterior:
     def of_effect(self, effect: str) -> float:
         """Probability that an effect is among those named."""
         return sum(p for named, p in self.ranking if effect in named)
-
-    @property
-    def stated(self) -> tuple[Hypothesis, ...]:
-        """Hypotheses with an effect that a table lists."""
-        return tuple(named for named, p in self.ranking if p >= LEAST_STATED and named not in (NONE, UNKNOWN))
 
     @property
     def credible_set(self) -> tuple[Hypothesis, ...]:
