@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -74,11 +73,10 @@ def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.partition(" ")[0], mapped)
 
 
-def misread_by(ratio: float, robot: Robot, mapped: Mapped | None) -> dict[str, Any]:
-    """Values of the finding that all pressures must be `ratio` times as large, as they are in another unit."""
+def misread_by(ratio: float, robot: Robot, mapped: Mapped | None) -> tuple[str, str]:
+    """Name the units where all pressures must be `ratio` times as large, and say what to write."""
     names = misread(robot, mapped)[ratio]
-    remedy = of_unit(mapped, robot, names[0] if len(names) == 1 else "")
-    return {"factor": ratio, "looks": " or ".join(names), "remedy": remedy}
+    return " or ".join(names), of_unit(mapped, robot, names[0] if len(names) == 1 else "")
 
 
 def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:

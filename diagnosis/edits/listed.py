@@ -350,7 +350,8 @@ def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own
     factor, usual = float(np.exp(own[0] + theta[AREA])), robot.max_pressure or USUAL_PRESSURE
     units = misread(robot, mapped)
     ratio = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
-    return [mistake("pressures_in_unit", "unit of the {pressures}", **remedies.misread_by(ratio, robot, mapped))]
+    looks, remedy = remedies.misread_by(ratio, robot, mapped)
+    return [mistake("pressures_in_unit", "unit of the {pressures}", factor=ratio, looks=looks, remedy=remedy)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

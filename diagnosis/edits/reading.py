@@ -136,10 +136,11 @@ def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
     p = scipy.special.softmax(prior - ((np.log(gain) - r) / sd) ** 2 / 2 - np.log(sd) - (high / width) ** 2 / 2)
     if (best := int(np.argmax(p))) < 2:
         return None
-    values = misread_by(ratios[best - 2], robot, table.mapped)
+    factor, (looks, remedy) = ratios[best - 2], misread_by(ratios[best - 2], robot, table.mapped)
     number = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
     rather = number if p[1] >= judgement.EDIT_STATED else ""
-    return finding("pressures_in_unit", robot.actuators.words, **values, p=float(p[best]), rather=rather)
+    words, chance = robot.actuators.words, float(p[best])
+    return finding("pressures_in_unit", words, factor=factor, looks=looks, remedy=remedy, p=chance, rather=rather)
 
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:
