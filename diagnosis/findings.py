@@ -49,7 +49,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "Check it: until then no cause is reported as certain"
         ),
         "beyond_tolerance": (
-            "the fit moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
+            "{fit} moves values of robot.yaml beyond their tolerance (one standard deviation in brackets): {numbers}. "
             "Re-measure these values or widen their uncertainty; until then no cause is reported as certain"
         ),
         "stiffness_far_off": (
@@ -63,6 +63,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
     },
     "warning": {
+        "as_read": "{text}",
         "one_spine_length": (
             "only one spine length: effects of the spine cannot be distinguished from those of the body; record at least two "
             "lengths"
@@ -204,7 +205,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "scale_far_off": (
             "the tip moves {factor:.2g} times as far as robot.yaml predicts for these {pressures}: check the unit and scale of "
-            "the {pressures}{units}, the moduli, radii and path_radius"
+            "the {pressures}, the moduli, radii and path_radius"
         ),
         "axis_stretched": (
             "along {axis} the tip moves {factor:.2g} times as far as robot.yaml's model can be brought to, {mm:.3g} mm (sd): "

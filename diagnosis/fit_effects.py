@@ -52,7 +52,7 @@ from .inference.problem import FitParameters
 from .inference.reading_noise import with_vented_at_zero
 from .inference.search import Search
 from .inference.thrust import settled_and_edited
-from .judgement import UNDETERMINED_SHARE
+from .judgement import SIZE_SD_FACTOR, UNDETERMINED_SHARE
 
 ALWAYS_CONSIDERED = "pressure_offset"
 """Noise of the pressure readings is found by its derivatives, whether or not it is fitted."""
@@ -222,7 +222,8 @@ def fit_described(
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
-    findings = (*tracked_turn(p, theta), *beyond_tolerance(parameters, parameters.tense(theta), robot))
+    tense = parameters.tense(theta)
+    findings = (*tracked_turn(p, theta), *([beyond_tolerance(parameters, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
@@ -245,11 +246,13 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))
     covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect, columns)
+    named = np.isin(parameters.effects, c.named)[columns]
     scale = np.sqrt(np.diag(covariance))
+    widened = np.where(named, SIZE_SD_FACTOR, 1.0) * scale
     area = float(p.forward.area_factor[0])
     stated: dict[str, Value] = {}
-    for (name, i), relative_sd in zip(index_of.items(), scale.tolist(), strict=True):
-        value, value_sd = float(c.fit.theta[i]), relative_sd * float(parameters.sd[i])
+    for (name, i), relative_sd, stated_sd in zip(index_of.items(), scale.tolist(), widened.tolist(), strict=True):
+        value, value_sd = float(c.fit.theta[i]), stated_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
         info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}

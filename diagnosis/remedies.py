@@ -12,6 +12,7 @@ from recordings.trials import AXES, Mapped, Table, pressure_columns
 
 from .arrays import Array
 from .data.levels import REST
+from .data.plausible import misread
 
 MIRRORS = {
     **{f"change the sign of column {a} (`scale: -1`)": np.array(AXES[a]) for a in "xyz"},
@@ -69,7 +70,13 @@ def of_trials(trials: Table) -> str:
 
 def of_unit(mapped: Mapped | None, robot: Robot, unit: str) -> str:
     """Say what to write so that all pressures are read in a unit; `unit` may say more, as "Pa read as kPa" does."""
-    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.split()[0], mapped)
+    return of_columns(pressure_columns(len(robot.actuators.azimuths_deg)), unit.partition(" ")[0], mapped)
+
+
+def misread_by(ratio: float, robot: Robot, mapped: Mapped | None) -> tuple[str, str]:
+    """Name the units where all pressures must be `ratio` times as large, and say what to write."""
+    names = misread(robot, mapped)[ratio]
+    return " or ".join(names), of_unit(mapped, robot, names[0] if len(names) == 1 else "")
 
 
 def of_columns(names: Sequence[str], unit: str, mapped: Mapped | None) -> str:

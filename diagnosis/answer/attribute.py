@@ -16,12 +16,12 @@ from ..data.case import lacking
 from ..data.levels import SPINE_GAP
 from ..inference.budget import Budget, WeighedCauses, weighed
 from ..inference.candidate import Candidate
-from ..inference.evidence import NONE
+from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
-from ..inference.posterior import EffectPosterior, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from ..inference.prepare import Prepared, parts
-from ..judgement import REDUCIBLE_RATIO, STAGE_GAIN
+from ..judgement import LEAST_STATED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .size import sizes
@@ -42,6 +42,8 @@ class Attribution:
     distinguishability: Distinguishability
     budget: Budget
     """Each effect's part of the gap."""
+    alone: Mapping[Hypothesis, Candidate]
+    """What is stated beside the decision, with all other effects absent: its sizes are those of a robot with it alone."""
     stage_errors: tuple[StageError, ...]
     """What a free-form error of each stage would gain beside the leading hypothesis, largest first."""
 
@@ -50,17 +52,20 @@ class Attribution:
         """Stages that need an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
-    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[int, float]:
-        """Numbers of robot.yaml that the answer moves far beyond their tolerance (`Parameters.tense`), as in the robot `fitted`
-        with what is named, which must ask for them too; those of the calibrated model as well where that leaves nothing above the
-        noise floor."""
+    def tense(self, fitted: Mapping[str, float] | None) -> Mapping[str, Mapping[int, float]]:
+        """Numbers of robot.yaml that a fit of the answer moves far beyond their tolerance (`Parameters.tense`), by that fit: the
+        robot `fitted` with what is named, which must ask for them too, and the calibrated model where that leaves nothing above
+        the noise floor."""
         p = self.prepared.problem.parameters
-        own = p.tense(self.best.fit.theta)
+        own, calibrated = p.tense(self.best.fit.theta), p.tense(self.calibrated.theta)
         if fitted is not None:
             alone = p.tense(np.array([fitted.get(name, 0.0) for name in p.names]))
             own = {i: value for i, value in alone.items() if i in own}
         left = rms(self.prepared.gap(self.prepared.problem.observed - self.calibrated.predicted))
-        return {**p.tense(self.calibrated.theta), **own} if left < REDUCIBLE_RATIO * self.prepared.noise_floor else own
+        closes = calibrated if left < REDUCIBLE_RATIO * self.prepared.noise_floor else {}
+        found = {"the fit with the cause": own, "calibration, which alone closes the gap,": closes}
+        found = found if fitted is not None else {"the fit": own | closes}
+        return {fit: moved for fit, moved in found.items() if moved}
 
 
 @dataclass(frozen=True)
@@ -107,6 +112,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         relatives=alike(relatives, decision.effects, answered.log_evidence),
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
+    stated = [h for h, p in ranked.ranking if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
     return Attribution(
         prepared=p,
         posterior=ranked,
@@ -116,6 +122,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
+        alone={h: replace(w.search.alone(candidates[h]), made=None) for h in stated},
         stage_errors=free_forms,
     )
 

@@ -12,7 +12,7 @@ from model.effects.spec import EffectSpec
 from model.robot import Robot
 
 from ..inference.posterior import UNKNOWN
-from ..judgement import CAUSE_PROBABILITY, LIKELY, SAME_FACTOR, TIE_STATED
+from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
 from .result import Attribute, Diagnosis, Value
 from .size import by_actuator
 from .verdict import stage
@@ -75,8 +75,6 @@ def hypothesis_name(effects: Iterable[str], names: Mapping[str, str], ids: bool 
 
 LEAST_CLOSED = 0.1
 """Share of the gap on unseen states that a cause closes of which a headline says that it is likely."""
-LEAST_STATED = 0.005
-"""Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"."""
 
 
 def stated(probability: float, limited: bool = False) -> str:

@@ -26,7 +26,7 @@ from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
 from ..remedies import of_mount
-from .headline import LEAST_STATED, for_people, percent, plain_name, stated, with_id
+from .headline import for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size
 from .unseen import share_closed
@@ -121,14 +121,19 @@ def _gap(d: Diagnosis) -> str:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
-    calibrated, tense = d.waterfall.steps[0].left_mm, any(f.code == "beyond_tolerance" for f in d.findings)
+    calibrated = d.waterfall.steps[0].left_mm
     no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
     return (
         f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
-        f"{d.words.area_factor}{factor} and the set-up {'beyond' if tense else 'within'} its tolerances{_set_up(d)}, by "
+        f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{_set_up(d)}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
+
+
+def within(d: Diagnosis) -> str:
+    """Whether calibration leaves the set-up within or beyond its tolerances."""
+    return "beyond" if d.calibration is not None and d.calibration.beyond else "within"
 
 
 def _set_up(d: Diagnosis) -> str:
@@ -219,7 +224,7 @@ def stands_for(c: Calibration | None, words: Words) -> str:
         f"{words.fill(ORIGINS.get(o.name, o.name))} {100 * abs(o.factor - 1):.1f} % {'larger' if o.factor > 1 else 'smaller'} "
         f"(p = {stated(o.probability)})"
         for o in c.origins
-        if o.probability >= LEAST_STATED or o is c.origins[0]
+        if o.probability >= judgement.LEAST_STATED or o is c.origins[0]
     ]
     stiff = any(o.name in ("youngs_modulus", "bending_stiffness") for o in c.origins)
     by_mass = (
@@ -242,8 +247,8 @@ def closed_by_calibration(d: Diagnosis) -> float | None:
     return closed if closed is not None and closed > judgement.EXPLAINS else None
 
 
-def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot) -> Iterator[Finding]:
-    """One finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
+def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot, fit: str = "the fit") -> Finding:
+    """The finding on the numbers of robot.yaml that a fit moves beyond their tolerances (`FitParameters.tense`)."""
     names = {s: n for s, n in (("youngs_modulus", "bending_stiffness"), ("density", "mass_per_length")) if getattr(robot, n)}
     each = []
     for i, value in moved.items():
@@ -251,8 +256,7 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot)
         name = names.get(p.infos[i].source, p.infos[i].name.removesuffix(".excess"))
         name += " (`zero` of the positions)" * (p.infos[i].source == "frame_shift")
         each.append(finding("number_above" if value > 0 else "number_below", name=name, by=by, unit=unit, sd=sd, sd_unit=sd_unit))
-    if each:
-        yield finding("beyond_tolerance", numbers=each)
+    return finding("beyond_tolerance", fit=fit, numbers=each)
 
 
 def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
@@ -447,7 +451,7 @@ def held_out(d: Diagnosis) -> str:
 
 def disorder(ranking: Sequence[Ranked]) -> str:
     """Why probability and evidence disagree in order; empty if they agree. `unknown` is left out: it has no evidence."""
-    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= LEAST_STATED]
+    listed = [r for r in ranking if r.effects != UNKNOWN and r.probability >= judgement.LEAST_STATED]
     disordered = [(a, b) for a, b in combinations(listed, 2) if a.probability > b.probability and a.log_evidence < b.log_evidence]
     if not disordered:
         return ""

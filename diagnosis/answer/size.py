@@ -79,15 +79,14 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
 
 
 def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size, ...]:
-    """The same sizes with the values of the robot that was fitted with the effects, and the larger standard deviation."""
+    """The same sizes with the values and standard deviations of the robot that was fitted with the effects."""
     return found if robot is None else tuple(_at(s, robot.parameters[s.name]) for s in found)
 
 
 def _at(s: Size, v: Value) -> Size:
-    sd = max(s.sd, v.sd)
-    low90, high90 = (cut_quantile(v.value, sd, s.low, s.high, q) for q in (0.05, 0.95))
+    low90, high90 = (cut_quantile(v.value, v.sd, s.low, s.high, q) for q in (0.05, 0.95))
     low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
-    return replace(s, median=v.value, mean=v.value, sd=sd, low90=low90, high90=high90, determined=s.determined and v.determined)
+    return replace(s, median=v.value, mean=v.value, sd=v.sd, low90=low90, high90=high90, determined=s.determined and v.determined)
 
 
 def values(found: tuple[Size, ...]) -> dict[str, Value]:

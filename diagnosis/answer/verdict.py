@@ -69,12 +69,13 @@ def attribute_section(
     ranked = []
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
-        size = values(as_fitted(sizes(f.prepared, candidate), fitted if named == d.effects else None))
+        own = candidate if named == d.effects else f.alone.get(named)
+        size = () if own is None else as_fitted(sizes(f.prepared, own), fitted if named == d.effects else None)
         if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability
         limited = d.limited and named == d.effects
-        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), size, limited))
+        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), values(size), limited))
     return Attribute(
         **vars(d),
         credible_set=f.posterior.credible_set,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from model.actuators import Words
 from model.condition import HIGHEST_PRESSURE
 from model.robot import Robot
 from model.section import body_area
-from recordings.trials import Table
+from recordings.trials import Mapped, Table
 
 from ..arrays import Array, Mask
 from ..errors import BadCase
@@ -218,6 +219,18 @@ def differ_by(factor: float, words: Words) -> str:
     near = [unit for unit in sorted(off, key=off.__getitem__) if off[unit] < math.log(SAME_RATIO)]
     found = ", ".join(f"{unit} and {words.unit} differ by {ratios[unit]:.4g}" for unit in near)
     return f" ({found})" if found else ""
+
+
+def misread(robot: Robot, mapped: Mapped | None) -> dict[float, list[str]]:
+    """Ratio of a unit to that in which pressures or tensions were read -> names of both, as "psi read as kPa"."""
+    words = robot.actuators.words
+    sizes = PASCALS if robot.chambers is not None else NEWTONS | {"Pa": 1 / words.pascal}
+    unit = None if mapped is None else mapped.unit
+    known, out = "Pa" if unit == "" else unit, dict[float, list[str]]()
+    for own, other in permutations(sizes, 2):
+        if known not in sizes or other == known:
+            out.setdefault(float(f"{sizes[own] / sizes[other]:.6g}"), []).append(f"{own} read as {other}")
+    return {ratio: [n for n in names if known or n.endswith("read as Pa")] or names for ratio, names in out.items()}
 
 
 def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:

@@ -25,16 +25,13 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, PRESSURE_UNITS, USUAL_PRESSURE
+from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, USUAL_PRESSURE, misread
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import apart, swapped
 
 EIGHTHS = tuple((k * np.pi / 4,) for k in (0, 1, -1, 2, -2, 3, -3, 4))
 """rad, azimuths that may be off: a body that bends far finds its own from no more than an eighth of a turn away."""
-PRESSURES = {round(1 / u.per_si, 6): u.name for u in PRESSURE_UNITS} | {u.per_si: f"Pa read as {u.name}" for u in PRESSURE_UNITS}
-"""Factor by which columns of pressure are too small -> their unit."""
-TENSIONS = {NEWTONS[one] / NEWTONS[other]: f"{one} read as {other}" for one, other in permutations(NEWTONS, 2)}
 GAINS = (2.0, 6.895, 1e2, 1e3, 6895.0, 1 / 6.895, 1e-2, 1e-3, 1 / 6895.0)
 """Factors at which fits of one column's scale begin."""
 SMALL, LARGE = 20e3, 500e3
@@ -359,14 +356,11 @@ def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: A
 
 
 def _all_say(mapped: Mapped | None, most: float, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    factor, words, usual = float(np.exp(own[0] + theta[AREA])), robot.actuators.words, robot.max_pressure or USUAL_PRESSURE
-    units = PRESSURES if robot.chambers is not None else TENSIONS | {words.pascal: "N", 1 / words.pascal: "Pa read as N"}
-    sizes = PASCALS if robot.chambers is not None else NEWTONS
-    if mapped is not None and mapped.unit in sizes:
-        units = {size / sizes[mapped.unit]: name for name, size in sizes.items() if name != mapped.unit}
-    unit = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
-    remedy = remedies.of_unit(mapped, robot, units[unit])
-    return [mistake("pressures_in_unit", "unit of the {pressures}", factor=unit, looks=units[unit], remedy=remedy)]
+    factor, usual = float(np.exp(own[0] + theta[AREA])), robot.max_pressure or USUAL_PRESSURE
+    units = misread(robot, mapped)
+    ratio = min(units, key=lambda ratio: np.log(ratio / factor) ** 2 + np.log(ratio * max(most, 1.0) / usual) ** 2)
+    looks, remedy = remedies.misread_by(ratio, robot, mapped)
+    return [mistake("pressures_in_unit", "unit of the {pressures}", factor=ratio, looks=looks, remedy=remedy)]
 
 
 # ------------------------------------------------------------------ what the diagnosis names itself

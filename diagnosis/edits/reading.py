@@ -27,7 +27,7 @@ from ..data import plausible
 from ..data.case import campaign_of
 from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
 from ..findings import Finding, finding
-from ..remedies import of_origin, of_unit
+from ..remedies import misread_by, of_origin, of_unit
 from .edit import AREA, MODULUS
 from .misfit import Fit, Sample, as_described, sample_of
 
@@ -37,6 +37,8 @@ FRAMES = ("frame_turned", "frame_mirrored", "displacements")
 """Those for which it is refused where its tips are far from the rod's."""
 PLACES = (*FRAMES, "origin_elsewhere", "axis_in_unit", "axis_stretched")
 """Those which explain tips that no rod reaches."""
+OF_NUMBERS = 2.0
+"""Factor on all pressures within which an area factor or a modulus is off, and no unit."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
 PUSH_UNITS = [*(("force", "N", unit) for unit in FORCE_UNITS), *(("deflection", "m", unit) for unit in LENGTH_UNITS)]
@@ -102,8 +104,10 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         fit = (by_edits and by_edits.chosen) or fit
     if (stretched := _stretched(sample, fit)) is not None:
         findings = [stretched]
+    elif not findings and (unit := unit_of_all(robot, sample.table, ratio)) is not None:
+        findings.append(unit)
     elif not findings and scaled and rms <= gross:
-        findings.append(finding("scale_far_off", words, factor=ratio, units=plausible.differ_by(ratio, words)))
+        findings.append(finding("scale_far_off", words, factor=ratio))
     elif not findings and rms > judgement.EDIT_UNEXPLAINED * robot.length:
         findings.append(finding("tip_far_off", mm=1e3 * rms))
     far = float(np.median(np.linalg.norm(missed, axis=1))) > judgement.EDIT_FAR * robot.length
@@ -111,6 +115,32 @@ def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:
         refuse = f.values.get("p", 0.0) > judgement.CAUSE_PROBABILITY and (f.code in UNITS or (f.code in FRAMES and far))
         if refuse or plain == robot:
             yield f, refuse
+
+
+def unit_of_all(robot: Robot, table: Table, gain: float) -> Finding | None:
+    """The unit that all pressures or tensions probably have, where they must be `gain` times as large, with its probability; None
+    where that of another area factor or modulus, or of none, is larger.
+
+        p(unit) ~ prior N(ln gain; ln r, s) h(r),   p(number) ~ prior N(ln gain; 0, ln 3) h(1),   p(none) ~ N(ln gain; 0, s) h(1),
+
+    r: ratio of the unit to that in which they were read, s: of area factor and modulus, h: of the highest pressure times r."""
+    if 1 / OF_NUMBERS < gain < OF_NUMBERS:
+        return None
+    known, limit = robot.uncertainty, robot.max_pressure if robot.chambers is not None else robot.max_tension
+    ratios = [*plausible.misread(robot, table.mapped)]
+    s = float(np.hypot(known.area_factor or judgement.AREA_SD, known.youngs_modulus or judgement.MATERIAL_SD))
+    r, sd = np.log([1.0, 1.0, *ratios]), np.array([s, np.log(3), *[s] * len(ratios)])
+    high = r + np.log(max(float(np.abs(table.pressures).max()), 1e-9) / (limit or plausible.USUAL_PRESSURE))
+    width = np.where((high > 0) & bool(limit), np.log(1.5), np.log(3 if limit else 6))
+    prior = np.log([judgement.EDIT_NONE, 0.05, *[0.03 / len(ratios)] * len(ratios)])
+    p = scipy.special.softmax(prior - ((np.log(gain) - r) / sd) ** 2 / 2 - np.log(sd) - (high / width) ** 2 / 2)
+    if (best := int(np.argmax(p))) < 2:
+        return None
+    factor, (looks, remedy) = ratios[best - 2], misread_by(ratios[best - 2], robot, table.mapped)
+    number = f"; or area_factor or the modulus of robot.yaml is {gain:.3g} times off (p = {p[1]:.2f})"
+    rather = number if p[1] >= judgement.EDIT_STATED else ""
+    words, chance = robot.actuators.words, float(p[best])
+    return finding("pressures_in_unit", words, factor=factor, looks=looks, remedy=remedy, p=chance, rather=rather)
 
 
 def _stretched(sample: Sample, fit: Fit) -> Finding | None:

@@ -314,6 +314,12 @@ class Search:
         whole = c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named)
         return replace(c, fit=whole, made=whole.linear(self.problem))
 
+    def alone(self, c: Candidate) -> Candidate:
+        """The same hypothesis with all other effects absent, searched to convergence."""
+        begun = self._tried.get((c.named, False), c)
+        fitted = self.fit(c.named, False, begun.grid_point.size, begun.fit.theta, LAST_ROUNDS)
+        return self._weigh(c.named, fitted, False)
+
     def searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
         """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
         if answer.turns:

@@ -94,11 +94,13 @@ def _mapped(path: Path) -> Mapped | None:
     try:
         stated = read_yaml(path).table
         frame = {"x": "x", "y": "y", "z": "z"} | (stated.get("frame") or {})
-        columns = tuple((str(name), str(of["column"])) for name, of in (stated.get("columns") or {}).items())
+        given = stated.get("columns") or {}
+        columns = tuple((str(name), str(of["column"])) for name, of in given.items())
+        first, *others = {of.get("unit") for name, of in given.items() if name[0] == "p"} or {None}
     except (ConfigError, TypeError, AttributeError, LookupError):
         return None
     axes, straight = tuple(str(frame[axis]) for axis in "xyz"), str(stated.get("straight", Mapped.straight))
-    return Mapped(axes, straight, headings=columns) if AXES.keys() >= set(axes) else None
+    return Mapped(axes, straight, headings=columns, unit=None if others else first) if AXES.keys() >= set(axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

@@ -235,7 +235,7 @@ def asked(lead: Stream, others: Sequence[Stream]) -> str:
     """Questions about joined tables."""
     spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
     return (
-        f"joined by their clocks: {spans}, from the start of {lead.label}. Do these clocks agree? If not: files: "
+        f"joined by their clocks: do these agree? {spans}, from the start of {lead.label}. State it, 0 if they do: files: "
         f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
     )
 
@@ -256,7 +256,8 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     made = []
     for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
-        doubts = (asked(lead, others), *(q for stream in (lead, *others) for q in stream.questions))
+        stated = any("offset" in maps[id(s)].source.model_fields_set for s in (lead, *others))
+        doubts = (*[asked(lead, others)] * (not stated), *(q for stream in (lead, *others) for q in stream.questions))
         series = joined(lead, others)
         series = replace(series, questions=doubts, notes=(*notes, *series.notes))
         made.append((series, maps[id(lead)].model_copy(update={"columns": columns})))

@@ -36,6 +36,16 @@ class Guess:
         self.reasons[key] = reason
 
 
+def asking(text: str, questions: Sequence[str]) -> str:
+    """The text of map.yaml with further questions under `unconfirmed`."""
+    items = [f"- {in_one_line(question)}\n" for question in questions]
+    head, key, rest = f"\n{text}".partition("\nunconfirmed:")
+    indent = rest[1 : len(rest) - len(rest[1:].lstrip(" "))]
+    if key and not rest.startswith(f"\n{indent}- "):  # in a form of its own
+        return text
+    return f"{head}\nunconfirmed:\n{''.join(indent + item for item in items)}{rest[1:]}".lstrip("\n")
+
+
 def guess_text(g: Guess, robot: Path, files: Sequence[Path], form: str) -> str:
     """The text of map.yaml: the doubts as `unconfirmed`, then each value below a comment with its reason."""
     lines = [f"# Proposed for {', '.join(f.name for f in files[:5])} ({form}). Check each line; the reason is above it.", ""]

@@ -14,7 +14,7 @@ import yaml
 from rich.table import Table as Sheet
 
 from diagnosis.answer.experiments import columns, to_apply
-from diagnosis.answer.headline import LEAST_STATED, sized, stated
+from diagnosis.answer.headline import sized, stated
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.answer.sentences import disorder, stands_for
 from diagnosis.compare_campaigns import compare_campaigns
@@ -25,7 +25,7 @@ from diagnosis.findings import finding
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.on_baseline import Baseline
 from diagnosis.inference.posterior import UNKNOWN
-from diagnosis.judgement import OVERHEAD_MIN
+from diagnosis.judgement import LEAST_STATED, OVERHEAD_MIN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
@@ -79,7 +79,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
         case = read_case(inputs, robot)
         if wanted.baseline is not None or wanted.simulator is not None:
             case = _of_robot(case)
-        note((*case.table.warnings, *marked_notes(case.table)))
+        note(marked_notes(case.table))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
         executor = Executor(remote_map=None if remote is None else remote.in_order)
         answer = _answer(case, robot, wanted, executor)

@@ -21,7 +21,7 @@ from ..imports.formats import KNOWN, read
 from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, on_one_clock, stream_of
 from ..imports.map_file import Source, map_of
-from ..imports.proposal import Guess, guess_text
+from ..imports.proposal import Guess, asking, guess_text
 from ..imports.series import Series
 from ..imports.table import imported
 from ..options import READS, REPLACE, Result, Verb, inputs, option
@@ -48,8 +48,10 @@ def import_files(
         raise ConfigError(*(f"{map_path}: {text}" for text in reading.refused))
     result = replace(result, notes=(*result.notes, *doubts(robot, result.table, str(robot_path)), *reading.asked))
     with whole(folder, OWN, replace_all, inputs) as (place, word):
-        for source, name in ((robot_path, "robot.yaml"), (map_path, MAP)):
-            copied(source, place / name)
+        copied(robot_path, place / "robot.yaml")
+        copied(map_path, place / MAP)
+        if questions := [q for q in result.questions if q not in wanted.unconfirmed]:
+            replaced(place / MAP, asking(given.text.decode(), questions))
         write_csv(result.table, place / "trials.csv")
         from ..pages.import_figure import draw
 

@@ -103,6 +103,19 @@ def test_another_unit_or_frame_is_refused_with_what_to_write(states: int, change
     assert all(word in text for word in words), text
 
 
+@pytest.mark.parametrize(("unit", "wrong", "factor"), [("psi", "kPa", 6.895), ("kPa", "mbar", 10.0), ("psi", "bar", 0.06895)])
+def test_a_unit_of_all_pressures_is_named_next_to_an_area_factor_that_would_do_the_same(
+    unit: str, wrong: str, factor: float
+) -> None:
+    robot = lab.load_robot(Path(__file__).parents[2] / "examples/three_chambers/robot.yaml")
+    rows = [replace(r, pressures=tuple(p / factor for p in r.pressures)) for k in (1, 2, 3) for r in three(robot, k, 1.0)]
+    for mapped in (None, Mapped(unit=wrong)):
+        found = read(robot, replace(Table.of(rows), mapped=mapped))
+        (text,) = (*found.refused, *found.asked)
+        assert re.search(rf"{factor:.4g}\d? times as large \(p = (0.[5-9]\d|1.00)\): they look like {unit} read as {wrong}", text)
+        assert bool(found.refused) or "or area_factor or the modulus of robot.yaml is" in text
+
+
 def test_a_unit_is_read_off_relative_to_that_of_the_map() -> None:
     (text,) = read(ROBOT, replace(Table.of(map(pressures(0.01), sweep(spines=(0.2,)))), mapped=Mapped(unit="kPa"))).refused
     assert "100 times as large" in text and "look like bar" in text
@@ -168,7 +181,7 @@ def test_a_chamber_that_does_nothing_and_pressures_far_above_the_robots_are_aske
     high = [replace(r, pressures=tuple(6.895 * p for p in r.pressures)) for k in (1, 2, 3) for r in three(told, k, 1.0)]
     text = " ".join(doubts(told, Table.of(high), "robot.yaml"))
     assert "552 kPa" in text and "max_pressure of 80 kPa" in text and "unit" in text
-    assert "times as far as" in " ".join(reading(told, high).asked)
+    assert "look like kPa read as psi" in " ".join(reading(told, high).refused)
 
 
 def three(robot: Robot, chamber: int, acts: float) -> tuple[TrialRow, ...]:

@@ -61,10 +61,11 @@ def test_values_from_outside_are_never_read_as_a_template() -> None:
 
 def test_the_file_of_an_answer_holds_code_severity_values_and_text() -> None:
     parts = [finding("number_above", name="density", by=12.0, unit="%", sd=5.0, sd_unit="%")]
-    answer = replace(ANSWER, findings=(finding("beyond_tolerance", numbers=parts), finding("no_unload")))
+    answer = replace(ANSWER, findings=(finding("beyond_tolerance", fit="the fit", numbers=parts), finding("no_unload")))
     stored = json.loads(answer.to_json())
     first = stored["findings"][0]
     assert (first["code"], first["severity"]) == ("beyond_tolerance", "critical")
-    assert first["values"] == {"numbers": [asdict(parts[0])]} and "density 12 % above robot.yaml (5 %)" in first["text"]
+    assert first["values"] == {"fit": "the fit", "numbers": [asdict(parts[0])]}
+    assert "density 12 % above robot.yaml (5 %)" in first["text"]
     assert stored["concerns"] == [f["text"] for f in stored["findings"]]
     assert Diagnosis.from_json(answer.to_json()).texts("warning") == [str(finding("no_unload"))]

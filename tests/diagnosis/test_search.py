@@ -27,6 +27,16 @@ def test_a_single_effect_is_ranked_first_with_its_size(effect: str) -> None:
     assert found[0].fit.theta[IDS.index(effect)] == pytest.approx(0.8, abs=0.25)
 
 
+@pytest.mark.parametrize(("acting", "rival"), [("play", "offset"), ("ballooning", "offset"), ("bent", "turned")])
+def test_an_effect_far_behind_is_fitted_alone_to_its_end(acting: str, rival: str) -> None:
+    search = Search(toy_problem(3, {acting: 0.8}, clutter=0.1))
+    weighed = next(c for c in search.run() if c.named == (rival,))
+    alone = search.alone(weighed)
+    again = search.fit((rival,), False, alone.grid_point.size, alone.fit, 30)
+    assert again.theta == pytest.approx(alone.fit.theta, abs=1e-3) and not again.theta[IDS.index(acting)]
+    assert abs(alone.fit.theta[IDS.index(rival)]) > 2 * abs(weighed.fit.theta[IDS.index(rival)])
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("clutter", [0.0, 0.1])
 def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float) -> None:

@@ -13,6 +13,7 @@ from foreign import ROBOT, by_map, plain, pressures, through, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, sweep
 from lab.files.config import ConfigError
+from lab.files.inputs import unconfirmed_guesses
 from lab.imports.formats import read
 from lab.imports.map_file import Source
 from lab.imports.table import Imported
@@ -67,7 +68,7 @@ def day(t: float) -> str:
 def test_pressures_and_tip_of_two_files_are_one_table_and_their_clocks_are_asked_about(step: float, tmp_path: Path) -> None:
     made = by_map(two(tmp_path, slower(step)), **MAP)
     same(made)
-    assert any("mocap.csv, joined by their clocks" in q and "Do these clocks agree?" in q for q in made.questions)
+    assert any("mocap.csv, joined by their clocks" in q and "do these agree?" in q for q in made.questions)
     assert not any("the tip moves" in q for q in made.questions)
 
 
@@ -77,6 +78,12 @@ def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli
     assert "check: mocap.csv, joined by their clocks" in proposed.flat_err
     said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case")
     assert "check: mocap.csv, joined by" in said.flat_err and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
+    (carried,) = unconfirmed_guesses([tmp_path / "case"])
+    assert "joined by their clocks: do these agree?" in carried.text
+    stated = (tmp_path / "map" / "map.yaml").read_text() + "files: {logger.csv: {source: {offset: 0}}, '*': {}}\n"
+    (tmp_path / "map" / "map.yaml").write_text(stated)
+    said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case", "--replace")
+    assert "clocks" not in said.flat_err
 
 
 @pytest.mark.parametrize("late", [2.4, -2.4])

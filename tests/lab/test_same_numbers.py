@@ -57,10 +57,17 @@ def in_json(text: str) -> Numbers:
         said["with cause"] = f"{shrink['after_mm']:.2f}"
         if (share := shrink["share_closed"]) is not None and share >= 0:
             said["closed"] = f"{100 * min(share, 1.0):.0f}"
-    if (c := d["calibration"]) is not None and max(abs(c["given"] / c["area_factor"] - 1), abs(c["modulus"] - 1)) >= 0.01:
+    said["set-up"] = "within"
+    if (c := d["calibration"]) is not None:
+        said["set-up"] = "beyond" if any(s["value"] > 4 * s["sd"] for s in c["set_up"]) else "within"
+    if c is not None and max(abs(c["given"] / c["area_factor"] - 1), abs(c["modulus"] - 1)) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
-    if d["fitted"] is not None:
-        said["the robot of lab fit --with"] = f"{d['fitted']['left_mm']:.2f}"
+    if (robot := d["fitted"]) is not None:
+        said["the robot of lab fit --with"] = f"{robot['left_mm']:.2f}"
+        named = next(r["parameters"] for r in which["ranking"] if r["effects"] == which["effects"])
+        assert {name: (v["value"], v["sd"]) for name, v in named.items()} == {
+            name: (robot["parameters"][name]["value"], robot["parameters"][name]["sd"]) for name in named
+        }
     for x in d["budget"]:
         if x["role"] != "unseen":
             name = d["detail"]["names"][x["effect"]]
@@ -92,6 +99,7 @@ def in_statement(text: str) -> Numbers:
             "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
             "calibrated": r" by ([\d.]+) mm on unseen states",
             "noise floor": r"the noise floor is ([\d.]+) mm",
+            "set-up": r"the set-up (\w+) its tolerances",
             "with cause": r"With the cause, ([\d.]+) mm remain|states ([\d.]+) mm remain; |without it, ([\d.]+) mm with it",
             "closed": r"remain on unseen states: (\d+) % of the reducible gap",
             "area factor": r"\(([\d.]+) instead of",
@@ -114,7 +122,8 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "step":
             left = {row[0].partition(" and the numbers")[0]: row[3] for row in rows}
             said["uncalibrated in steps"] = left["model, uncalibrated"]
-            said["calibrated in steps"] = left["calibration: one area factor, set-up within its tolerances"]
+            name, said["calibrated in steps"] = next(row for row in left.items() if row[0].startswith("calibration: one"))
+            said["set-up"] = name.split()[-3]
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])
