@@ -98,6 +98,12 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
     assert verdicts == [(spec.id,), ()]
 
 
+def test_a_stated_uncertainty_of_the_chambers_azimuths_explains_what_lies_within_it() -> None:
+    uncertain = Uncertainty(azimuths=np.radians(8))
+    drawn_roughly = replace(campaign(), robot=campaign().robot.model_copy(update={"uncertainty": uncertain}))
+    assert "chamber_azimuth" not in diagnose(drawn_roughly, quick()).attribute.effects
+
+
 @pytest.mark.parametrize(("effect", "present"), [("chamber_azimuth", {"angle": np.radians(8)}), ("viscoelastic", {"slow": 0.3})])
 def test_experiments_are_proposed_within_limits_and_change_the_pace_where_a_cause_has_one(
     effect: str, present: dict[str, float]
