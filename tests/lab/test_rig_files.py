@@ -108,8 +108,8 @@ def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp
     fakes = FakeRig(truth=played(solid), without=left_out(None, solid))
     table, file = fakes.rig_file(), tmp_path / "robot.yaml"
     assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
-    for stated, said in (("", ""), ("thrust: walls\n", "; not simulated: thrust"), ("thrust: cap\n", "")):
-        file.write_text(robot_yaml(solid) + stated)
+    for stated, said in (({}, ""), ({"tip_moment": (0, 0.1, 0)}, "; not simulated: tip_moment"), ({"thrust": "walls"}, "")):
+        file.write_text(robot_yaml(solid.replace(**stated)))
         assert beyond(fakes, {}, file) == f"Beyond the model of robot.yaml: no effect{said}"
     whole = beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {"base_tilt": 0.02}, None)
     assert whole.endswith(": base_tilt = 0.02 rad, errors of the arm's build (--arm-errors 2)")

@@ -112,10 +112,10 @@ def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("uncertain", "parameter", "by", "changed"),
     [
-        ("tip_mass", "tip_mass.excess", 0.05, lambda robot: {"tip_mass": robot.tip_mass + 0.05}),
-        ("path_radius", "path_radius.excess", 1e-3, lambda robot: {"chambers": {"path_radius": robot.chambers.path_radius + 1e-3}}),
-        ("azimuths", "azimuths.p1", 0.1, lambda robot: {
-            "chambers": {"azimuths_deg": [a + np.degrees(0.1) * (k == 0) for k, a in enumerate(robot.chambers.azimuths_deg)]}}),
+        ("tip_mass", "tip_mass.excess", 0.05, lambda r: {"tip_mass": r.tip_mass + 0.05}),
+        ("path_radius", "path_radius.excess", 1e-3, lambda r: {"chambers": {"path_radius": r.chambers.path_radius + 1e-3}}),
+        ("azimuths", "azimuths.p1", 0.1, lambda r: {
+            "chambers": {"azimuths_deg": [a + np.degrees(0.1) * (k == 0) for k, a in enumerate(r.chambers.azimuths_deg)]}}),
     ],
 )  # fmt: skip
 def test_a_tolerance_of_the_drawing_acts_as_another_drawing_does(
