@@ -196,6 +196,7 @@ class Robot(Shown, BaseModel):
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers along the body."""
     base_to_world: Pose | None = None
+    """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
     max_tension: FiniteFloat | None = Field(default=None, gt=0, le=200, json_schema_extra={"unit": "N"})

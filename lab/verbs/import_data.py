@@ -173,7 +173,7 @@ VERBS = (
         options=(
             *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
-            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
+            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame (axes or directions), states"),
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
             option(
