@@ -15,18 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from model.actuators import Words
-from model.condition import HOLD, NOMINAL_VACUUM, RATE, TIP
-from model.effects.design import QUATERNION, design_from_columns
+from model.condition import NOMINAL_VACUUM, TIP
+from model.effects.design import QUATERNION
 from model.effects.scales import scales
 from model.robot import Robot
 
 from ..arrays import Array, rounded
 from ..data.campaign import Campaign, tip_masses
-from ..inference.candidate import Candidate
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
 from ..inference.posterior import EffectPosterior
 from ..inference.prepare import Prepared
@@ -40,9 +38,6 @@ PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
 TURN, MASS = 90.0, 0.07
 """deg the body is turned; mass hung on in addition, in the scale of its robot: 100 g on a body of 40 cm, 2 g on one of 12."""
-
-BY_PATH = {"unload", "hold", "rate"}
-"""Experiments whose states differ from those of others only in how they are reached."""
 
 
 # ------------------------------------------------------------------ the menu
@@ -218,31 +213,13 @@ def propose(p: Prepared, rivals: Rivals, weighed: EffectPosterior, executor: Exe
 
 
 def _proposal(p: Prepared, rivals: Rivals, possible: frozenset[str], x: Proposal) -> Proposal | None:
-    """An experiment with what it would tell; None where a rival has no equilibrium there, or where only the way to its states is
-    new and no rival names an effect that depends on it."""
-    predictions = rivals.predict(table := planned(p, x))
-    if predictions is None or (x.id in BY_PATH and not _path_matters(p, rivals, table, predictions)):
+    """An experiment with what it would tell; None where a rival has no equilibrium there."""
+    predictions = rivals.predict(planned(p, x))
+    if predictions is None:
         return None
     bits, pairs = _information(predictions, rivals.weight)
     separated = (tuple(rivals.names[k] for k in pair) for pair in pairs)
     return replace(x, separates=tuple(pair for pair in separated if possible.issuperset(pair)), expected_bits=round(bits, 3))
-
-
-def _path_matters(p: Prepared, rivals: Rivals, table: Columns, predictions: tuple[RivalForecast, ...]) -> bool:
-    """Whether what a rival names moves the states other than the same ones reached from rest and settled, by `LEAST_BITS`."""
-    n, names = len(table["t"]), p.problem.parameters.names
-    settled = {"trial": np.arange(1, n + 1), "branch": np.full(n, "load"), "rate": np.full(n, RATE), "hold": np.full(n, HOLD)}
-    tables = (table, {**table, **settled, "t": 100 * table["t"]})
-    models = [p.forward.on(design_from_columns(p.robot, one)) for one in tables]
-
-    def bits(c: Candidate, forecast: RivalForecast) -> float:
-        size = dict(zip(names, c.fit.theta, strict=True))
-        by_rival = [np.array([size[i.name] if i.source in c.named else 0.0 for i in model.parameters]) for model in models]
-        reached, plain = (m.predict(theta) - m.predict(0 * theta) for m, theta in zip(models, by_rival, strict=True))
-        apart = solve_triangular(forecast.factor, reached - plain, lower=True, check_finite=False)
-        return float(apart @ apart) / (2 * np.log(2))
-
-    return any(bits(c, forecast) > LEAST_BITS for c, forecast in zip(rivals.candidates, predictions, strict=True))
 
 
 def planned(p: Prepared, x: Proposal) -> Columns:

@@ -96,7 +96,7 @@ class Orientation(FileTable):
     """By default as the file says, or rad."""
     mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
     """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z. Of a body defined while the robot hung at
-    rest: `lab.predict(robot, [0, 0, 0]).orientation`, how the model is turned there."""
+    rest: `lab.predict(robot, [0, 0, 0]).orientation`."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
@@ -109,8 +109,8 @@ class Orientation(FileTable):
 
 
 class Frame(FileTable):
-    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there, or for
-    a base that stands askew its direction along the file's axes: `{x: [0.8, 0.6, 0], y: z, z: [0.6, -0.8, 0]}`."""
+    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there, or its
+    direction in the file: `{x: [0.8, 0.6, 0], y: z, z: [0.6, -0.8, 0]}`."""
 
     x: Axis = "x"
     y: Axis = "y"

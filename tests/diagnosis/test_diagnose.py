@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from diagnosis.answer.experiments import BY_PATH
 from diagnosis.answer.locate import _parts
 from diagnosis.answer.result import FACTORS, STAGES, Attribute, Diagnosis
 from diagnosis.diagnose import Options, diagnose
@@ -104,15 +103,11 @@ def test_a_stated_uncertainty_of_the_chambers_azimuths_explains_what_lies_within
     assert "chamber_azimuth" not in diagnose(drawn_roughly, quick()).attribute.effects
 
 
-@pytest.mark.parametrize(("effect", "present"), [("chamber_azimuth", {"angle": np.radians(8)}), ("viscoelastic", {"slow": 0.3})])
-def test_experiments_are_proposed_within_limits_and_change_the_pace_where_a_cause_has_one(
-    effect: str, present: dict[str, float]
-) -> None:
-    one, case = {effect: CATALOGUE[effect]}, measured(2, 1, FEW, **{f"{effect}__{name}": x for name, x in present.items()})
+def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
+    one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
     limit = 0.998 * float(case.table.pressures.max())
     found = diagnose(replace(case, robot=case.robot.replace(max_pressure=limit)), Options(quantify=False, catalogue=one))
-    assert found.attribute.effects == (effect,) and min(x.expected_bits for x in found.next_experiment) >= LEAST_BITS
-    assert bool(BY_PATH & {x.id for x in found.next_experiment}) == (effect == "viscoelastic")
+    assert found.attribute.effects == ("chamber_azimuth",) and min(x.expected_bits for x in found.next_experiment) >= LEAST_BITS
     every = [x for e in found.next_experiment for x in e.protocol["pressures"]]
     assert max(every) == limit and all(x in (limit, float(f"{x:.3g}")) for x in every)
 
