@@ -21,7 +21,7 @@ from scipy.special import softmax
 
 from model.calibration import AXES, AreaFit
 from model.effects.catalogue import CATALOGUE
-from model.effects.nominal import OF_SET_UP, stated_effects
+from model.effects.nominal import stated_effects, tolerances
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
 from model.estimate import Estimate
@@ -284,11 +284,11 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
     """Name -> index of the parameters that are written: area factor, named effects, tolerances of the whole set-up."""
     parameters = p.problem.parameters
-    place = {AREA_FACTOR: parameters.names.index(AREA)}
+    place, of_set_up = {AREA_FACTOR: parameters.names.index(AREA)}, tolerances(p.robot)
     return place | {
         name: i
         for i, name in enumerate(parameters.names)
-        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in OF_SET_UP and not parameters.recurs[i])
+        if parameters.effects[i] in (*named,) or (parameters.infos[i].source in of_set_up and not parameters.recurs[i])
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +20,26 @@ MIRRORS = {
     **{f"swap columns {a} and {b}": np.subtract(AXES[a], AXES[b]) for a, b in combinations("xyz", 2)},
 }
 """Ways to mirror the columns of a file -> the normal of the mirror."""
+NEAR = 1 - 1e-6
+"""Cosine from which a direction is along an axis."""
 
 
-def named(axes: Array) -> list[str]:
-    """Name the axes along which the rows of a signed permutation (3, 3) point."""
-    return [next(name for name, direction in AXES.items() if np.dot(row, direction) > 0) for row in axes]
+def listed(vector: Any, decimals: int = 2) -> str:
+    """Numbers as robot.yaml has them."""
+    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, decimals))}]"
+
+
+def named(axes: Array, quote: str = "") -> list[str]:
+    """Name the axes along which the rows of a rotation (3, 3) point; list the directions of those along none."""
+    names = [next((name for name, axis in AXES.items() if np.dot(row, axis) > NEAR), "") for row in axes]
+    return [f"{quote}{name}{quote}" if name else listed(row, 4) for name, row in zip(names, axes, strict=True)]
 
 
 def of_frame(axes: Array, mapped: Mapped | None) -> str:
     """Say what makes the tips those along the base's axes, which are the rows of `axes` (3, 3) in the table."""
     if mapped is None:
         return f"let columns x, y, z hold what is now {', '.join(named(axes))}"
-    present = np.array([AXES[name] for name in mapped.frame])
+    present = mapped.axes
     found, ways = axes @ present, []
     if np.linalg.det(axes) < 0:  # which no frame can be
         mirrored = {way: found @ (np.eye(3) - 2 * np.outer(n, n) / (n @ n)) for way, n in MIRRORS.items()}
@@ -38,7 +47,7 @@ def of_frame(axes: Array, mapped: Mapped | None) -> str:
         found = mirrored[ways[0]]
     if not np.array_equal(found, present):
         quote = '"' if mapped.call else ""
-        pairs = (f"{quote}{axis}{quote}: {quote}{name}{quote}" for axis, name in zip("xyz", named(found), strict=True))
+        pairs = (f"{quote}{axis}{quote}: {name}" for axis, name in zip("xyz", named(found, quote), strict=True))
         ways.append(_write("frame", "{" + ", ".join(pairs) + "}", mapped))
     return ", and ".join(ways)
 

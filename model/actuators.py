@@ -80,7 +80,7 @@ class Actuators(BaseModel):
     """What chambers and tendons have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
+    path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}
     )

@@ -129,6 +129,12 @@ class Uncertainty(BaseModel):
     """Share of the value; usual 50 %."""
     length: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
     """Usual 0.4 % of it."""
+    path_radius: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "m"})
+    """Usual 0."""
+    azimuths: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
+    """Of each chamber or tendon; usual 0."""
+    tip_mass: FiniteFloat | None = Field(default=None, gt=0, le=50, json_schema_extra={"unit": "kg"})
+    """Usual 0."""
     tilt: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
     """Of the base about x and y; usual 0.1 deg."""
     frame_turn: FiniteFloat | None = Field(default=None, gt=0, le=1, json_schema_extra={"unit": "rad"})
@@ -164,7 +170,7 @@ class Robot(Shown, BaseModel):
     youngs_modulus: FiniteFloat = Field(ge=1e3, le=1e12, json_schema_extra={"unit": "Pa", "uncertainty": "youngs_modulus"})
     """`505e3 +- 30 %` also states its uncertainty."""
     shear_modulus: FiniteFloat = Field(ge=1e2, le=1e12, json_schema_extra={"unit": "Pa"})
-    tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg"})
+    tip_mass: FiniteFloat = Field(ge=0, le=50, json_schema_extra={"unit": "kg", "uncertainty": "tip_mass"})
     tip_moment: Vector3 = Field(default=(0.0, 0.0, 0.0), json_schema_extra={"unit": "N m"})
     """Known moment on the tip, base frame; columns tip_moment_x .. of a table override it."""
     gravity: tuple[Gravity, Gravity, Gravity] = Field(json_schema_extra={"unit": "m/s^2"})
@@ -190,6 +196,7 @@ class Robot(Shown, BaseModel):
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
     """Arc lengths of the markers along the body."""
     base_to_world: Pose | None = None
+    """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})
     """Highest pressure (gauge) of its chambers; nothing is inflated without it."""
     max_tension: FiniteFloat | None = Field(default=None, gt=0, le=200, json_schema_extra={"unit": "N"})

@@ -43,6 +43,8 @@ TIP = ("x", "y", "z")
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 AXES |= {f"+{name}": axis for name, axis in AXES.items()} | {f"-{name}": (-x, -y, -z) for name, (x, y, z) in AXES.items()}
 """Name of an axis, as a frame has it -> its direction."""
+Axis = str | Vector3
+"""Of a frame: a name of `AXES`, or a direction."""
 ORIENTATION = ("qw", "qx", "qy", "qz")
 TAIL = ("specimen", "force", "deflection", "clipped", "force_drift", "doubt")
 BESIDE_JSON = ("clipped", "force_drift", "doubt")
@@ -251,11 +253,16 @@ class Mapped:
     which points were moved to the model (`straight`), whether keys of lab.case state it (else map.yaml), column of the table and
     its heading in the file, of those that are known, and the unit of p1 .., empty where nothing says it, so that it is Pa."""
 
-    frame: tuple[str, ...] = ("x", "y", "z")
+    frame: tuple[Axis, ...] = ("x", "y", "z")
     straight: str = "as recorded"
     call: bool = False
     headings: tuple[tuple[str, str], ...] = ()
     unit: str | None = None
+
+    @property
+    def axes(self) -> NDArray[np.float64]:
+        """(3, 3) the base's axes in those of the file."""
+        return np.array([AXES[axis] if isinstance(axis, str) else axis for axis in self.frame], np.float64)
 
 
 @dataclass(frozen=True, repr=False, eq=False)

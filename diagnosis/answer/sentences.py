@@ -20,12 +20,11 @@ from ..arrays import Array
 from ..criticism.relatives import RELATIVES
 from ..criticism.stage_errors import StageError
 from ..data.plausible import differ_by
-from ..edits.listed import listed
 from ..findings import Finding, finding
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import Prepared
 from ..inference.problem import FitParameters
-from ..remedies import of_mount
+from ..remedies import listed, of_mount
 from .headline import for_people, percent, plain_name, stated, with_id
 from .result import Alike, Calibration, Carries, Diagnosis, Ranked, SetUp, Shrink, Waterfall
 from .size import Size

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, permutations, product
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,12 +19,12 @@ from model.errors import ModelError
 from model.robot import Robot
 from model.rotation import CONJUGATE, from_vector, multiply, turn_onto
 from model.section import body_mass
-from recordings.trials import AXES as FILE_AXES
 from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
 from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, USUAL_PRESSURE, misread
+from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
 from .order import apart, swapped
@@ -128,11 +127,6 @@ def _gravity(down: Array, v: Variants, own: Array) -> Variants:
 def gravity_says(robot: Robot, down: Array) -> Says:
     """State that gravity points along `down` (m/s^2)."""
     return stating("gravity_elsewhere", "gravity", found=listed(down), given=listed(robot.gravity))
-
-
-def listed(vector: Any, decimals: int = 2) -> str:
-    """Numbers as robot.yaml has them."""
-    return f"[{', '.join(f'{x + 0.0:.3g}' for x in np.round(vector, decimals))}]"
 
 
 def _tilted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -283,7 +277,7 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
-    base = Rotation.from_matrix([FILE_AXES[name] for name in (mapped or Mapped()).frame])
+    base = Rotation.from_matrix((mapped or Mapped()).axes)
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
     of_axes = (turns := Rotation.create_group("O")), base.inv() * turns * base

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from model.rotation import CONJUGATE, multiply
-from recordings.trials import Table
+from recordings.trials import Mapped, Table
 
 from ..arrays import Array, Mask
 from ..data.plausible import METRES, PRESSURE_UNITS, Unit
@@ -58,8 +58,9 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
     seen = (v.tip[0][np.isfinite(v.tip[0]).all(axis=1)] for v in (sample.described, sample.rods(sample.described), rods))
     moves, *able = (tip.std(axis=0) if len(tip) else np.zeros(3) for tip in seen)  # no rod may stand
-    for axis, (unit, wrong) in product(range(3), permutations(METRES, 2)):
-        name, factor = "xyz"[axis] if table.mapped is None else table.mapped.frame[axis][-1], METRES[unit] / METRES[wrong]
+    columns = [(axis, of[-1]) for axis, of in enumerate((table.mapped or Mapped()).frame) if isinstance(of, str)]
+    for (axis, name), (unit, wrong) in product(columns, permutations(METRES, 2)):
+        factor = METRES[unit] / METRES[wrong]
         if any(max(by[axis] / 2, LEAST_MOTION * robot.length) < factor * moves[axis] < 2 * by[axis] for by in able):
             shown, remedy = heading(name, table.mapped), of_columns([name], unit.replace("inches", "in"), table.mapped)
             says = stating("axis_in_unit", f"column {shown}", heading=shown, unit=unit, wrong=wrong, factor=factor, remedy=remedy)

@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 
 from model.errors import alike, nearest, unit_text
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
+from model.robot import Uncertainty
 from recordings.bounded import read_bounded
 from recordings.numbers import number
 
@@ -199,8 +200,10 @@ def _convert_model(
         if isinstance(value, str) and _uncertain(field):
             value, sign, spread = map(str.strip, value.replace("±", "+-").partition("+-"))
         if sign:
-            deviations[_uncertain(field)] = _spread(value, spread, field, model, (*loc, key), problems)
+            deviations[_uncertain(field)] = _spread(value, spread, field, (*loc, key), problems)
         out[key] = _convert(value, field, (*loc, key), problems, units)
+        if isinstance(value, dict) and "uncertainty" not in value:  # a part's deviations stand in the whole's table
+            deviations |= out[key].pop("uncertainty", {})
     if deviations and isinstance(out.get("uncertainty", {}), dict):
         out["uncertainty"] = deviations | out.get("uncertainty", {})
     return out
@@ -212,12 +215,9 @@ def _uncertain(field: FieldInfo) -> str:
     return str(extra.get("uncertainty", "")) if isinstance(extra, dict) else ""
 
 
-def _spread(
-    value: str, beside: str, field: FieldInfo, model: type[BaseModel], loc: Loc, problems: dict[Loc, Any]
-) -> float | None:
+def _spread(value: str, beside: str, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> float | None:
     """The deviation after +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
-    table = model.model_fields["uncertainty"].annotation
-    share = isinstance(table, type) and issubclass(table, BaseModel) and unit_of(table.model_fields[_uncertain(field)]) == "1"
+    share = unit_of(Uncertainty.model_fields[_uncertain(field)]) == "1"
     try:
         whole = to_si(value, unit_of(field) or "1")
         if beside.endswith("%"):

@@ -20,7 +20,7 @@ from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
-from recordings.trials import AXES, Mapped, Table
+from recordings.trials import Mapped, Table
 
 from ..console import note
 from ..plain import typed
@@ -97,10 +97,12 @@ def _mapped(path: Path) -> Mapped | None:
         given = stated.get("columns") or {}
         columns = tuple((str(name), str(of["column"])) for name, of in given.items())
         first, *others = {of.get("unit") for name, of in given.items() if name[0] == "p"} or {None}
-    except (ConfigError, TypeError, AttributeError, LookupError):
+        axes = tuple((*map(float, a),) if isinstance(a := frame[axis], list) else str(a) for axis in "xyz")
+        straight = str(stated.get("straight", Mapped.straight))
+        mapped = Mapped(axes, straight, headings=columns, unit=None if others else first)  # type: ignore[arg-type]
+        return mapped if mapped.axes.shape == (3, 3) else None
+    except (ConfigError, TypeError, ValueError, AttributeError, LookupError):
         return None
-    axes, straight = tuple(str(frame[axis]) for axis in "xyz"), str(stated.get("straight", Mapped.straight))
-    return Mapped(axes, straight, headings=columns, unit=None if others else first) if AXES.keys() >= set(axes) else None
 
 
 def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, robot_text: str = "") -> Case:

@@ -101,11 +101,15 @@ def lacks(series: Series, robot: Robot) -> frozenset[str]:
 
 # ------------------------------------------------------------------ pressures
 def _actuators(series: Series, headings: Sequence[Heading], robot: Robot) -> dict[str, int]:
-    """Column of numbers -> chamber or tendon that its heading names; else one for each tendon: in N, or numbered without unit."""
+    """Column of numbers -> chamber or tendon that its heading names; else one for each, numbered without unit or in N."""
     number = chamber if robot.tendons is None else tendon
     named = {h.name: n for h in headings if (n := number(h)) is not None and h.name in series.numbers}
-    if named or robot.tendons is None:
+    if named:
         return named
+    if robot.tendons is None:  # set1, act1 ..: what was asked for or read, and nothing says of what
+        bare = {h.name: n for h in headings if h.name in series.numbers and not h.stated and h.asked_for | h.read
+                and (n := chamber(replace(h, kind="Pa"))) is not None}  # fmt: skip
+        return bare if len({*bare.values()}) == len(robot.actuators.azimuths_deg) > 1 else {}
     forces = {name for t in triples(headings) for name in t.columns}
     in_newton = [h for h in headings if h.kind == "N" and h.name in series.numbers and h.name not in forces]
     alike = ([h for h in in_newton if h.words[:1] == one.words[:1]] for one in in_newton)

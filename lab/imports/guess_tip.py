@@ -271,7 +271,8 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
         )
     elif not (points or lies and exact) and not _clear(lack[z], lack[rival]):
         text = "neither the resting tip nor its movement determines which axis points from base to tip"
-        g.doubt("frame.z", f"{text}. The file's {z} fits best ({compared})")
+        askew = "for a base that stands askew write directions along the file's axes, such as `z: [0.6, -0.8, 0]`"
+        g.doubt("frame.z", f"{text}. The file's {z} fits best ({compared}); {askew}")
     sense = "away from the chambers inflated" if robot.tendons is None else "towards the tendons pulled"
     bends = f"the tip bends {sense} (agreement with the model {agreement:.2f} of 1)"
     if agreement < AGREES and driven.pressures.shape[1]:

@@ -106,6 +106,11 @@ class Heading:
         """A set-point rather than a reading."""
         return any(w.rstrip("0123456789") in ASKED_FOR for w in self.words)
 
+    @property
+    def read(self) -> bool:
+        """A reading, as it says."""
+        return any(w.rstrip("0123456789") in READ for w in self.words)
+
 
 def unit_named(text: str) -> tuple[str, str] | None:
     """SI unit and unit of a cell such as "[mm]" or "Sekunden"; None for anything that is no unit of this software."""

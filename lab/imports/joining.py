@@ -47,6 +47,8 @@ class Stream:
     """(n,) s, NaN of rows without a time."""
     questions: tuple[str, ...] = ()
     """About its times."""
+    aligned: bool = False
+    """Whether the map states by how much to move them."""
 
     @property
     def span(self) -> tuple[float, float]:
@@ -78,7 +80,13 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> Stream:
     line = timeline(t, tick, series.place, several=False)
     true_times = np.full(len(t), np.nan)
     true_times[line.rows] = line.t + (source.offset if source else 0.0)
-    return Stream(series, label, true_times, tuple(f"{label}, {text}" for text in line.questions))
+    return Stream(
+        series,
+        label,
+        true_times,
+        tuple(f"{label}, {text}" for text in line.questions),
+        source is not None and "offset" in source.model_fields_set,
+    )
 
 
 def on_one_clock(streams: Sequence[Stream]) -> list[Stream]:
@@ -235,8 +243,8 @@ def asked(lead: Stream, others: Sequence[Stream]) -> str:
     """Questions about joined tables."""
     spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
     return (
-        f"joined by their clocks: do these agree? {spans}, from the start of {lead.label}. State it, 0 if they do: files: "
-        f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
+        f"joined by their clocks: {spans}, from the start of {lead.label}. Do these clocks agree? State it (0 if they "
+        f"do): files: {{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
     )
 
 
@@ -256,8 +264,8 @@ def in_time(read: Sequence[tuple[Series, Map]]) -> list[tuple[Series, Map]]:
     made = []
     for lead, others in runs:
         columns = {n: c for other in others for n, c in maps[id(other)].columns.items() if n != "t"} | maps[id(lead)].columns
-        stated = any("offset" in maps[id(s)].source.model_fields_set for s in (lead, *others))
-        doubts = (*[asked(lead, others)] * (not stated), *(q for stream in (lead, *others) for q in stream.questions))
+        clocks = () if any(stream.aligned for stream in (lead, *others)) else (asked(lead, others),)
+        doubts = (*clocks, *(q for stream in (lead, *others) for q in stream.questions))
         series = joined(lead, others)
         series = replace(series, questions=doubts, notes=(*notes, *series.notes))
         made.append((series, maps[id(lead)].model_copy(update={"columns": columns})))

@@ -17,13 +17,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from diagnosis.data.levels import REST
 from model.actuators import Words
 from model.arrays import Array
-from recordings.trials import AXES, TEXTS, column_order, unit_of
+from recordings.trials import AXES, TEXTS, Axis, Mapped, column_order, unit_of
 
 from ..files.config import ConfigError, FileTable, check, in_si
 from ..files.config import Source as Parsed
 from ..files.units import KINDS, plain_unit, usual
 
 Name = Annotated[str | int, Field(description="heading of a column, or its number from 1")]
+SQUARE, EXACT = 1.0, 1e-9
+"""deg by which the directions of a frame may be off a right angle, and parts of a direction that are rounding errors."""
 ONE_CAMERA = "one camera: state the plane in which the robot moves"
 Point = Annotated[str | tuple[Name, Name, Name], Field(description="a marker, or its three columns")]
 
@@ -93,7 +95,8 @@ class Orientation(FileTable):
     unit: Literal["rad", "deg"] | None = None
     """By default as the file says, or rad."""
     mount: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = (1.0, 0.0, 0.0, 0.0)
-    """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z."""
+    """Inverse of its reading on the straight robot, along the base's axes: w, x, y, z. Of a body defined while the robot hung at
+    rest: `lab.predict(robot, [0, 0, 0]).orientation`."""
 
     @model_validator(mode="after")
     def _counted(self) -> Orientation:
@@ -106,33 +109,46 @@ class Orientation(FileTable):
 
 
 class Frame(FileTable):
-    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there."""
+    """Axes of the robot's base (x, y, z; z points from base to tip) and, for each, the axis of the file that points there, or its
+    direction in the file: `{x: [0.8, 0.6, 0], y: z, z: [0.6, -0.8, 0]}`."""
 
-    x: str = "x"
-    y: str = "y"
-    z: str = "z"
+    x: Axis = "x"
+    y: Axis = "y"
+    z: Axis = "z"
 
     @model_validator(mode="after")
     def _right_handed(self) -> Frame:
-        wrong = [f"{k} = {v!r}" for k, v in (("x", self.x), ("y", self.y), ("z", self.z)) if v not in AXES]
+        wrong = [
+            f"{k} = {v!r}" for k, v in zip("xyz", self.axes, strict=True) if v not in AXES and (isinstance(v, str) or not any(v))
+        ]
         if wrong:
-            raise ValueError(f"{', '.join(wrong)}: must be one of x, -x, y, -y, z, -z")
-        handed = float(np.linalg.det(self.matrix))
+            raise ValueError(f"{', '.join(wrong)}: must be one of x, -x, y, -y, z, -z, or a direction such as [0.6, -0.8, 0]")
+        handed = float(np.linalg.det(directions := self._directions))
         if abs(handed) < 0.5:
             raise ValueError("names an axis twice: x, y and z must be three different recorded axes")
         if handed < 0:
             raise ValueError("is a mirror image: change the sign of one axis, or swap two")
+        askew = float(np.degrees(np.arcsin(np.abs(directions @ directions.T - np.eye(3)).max())))
+        if askew > SQUARE:
+            raise ValueError(f"axes are {askew:.2g} deg off a right angle, at most {SQUARE:g}: correct their directions")
         return self
 
     @property
-    def axes(self) -> tuple[str, str, str]:
+    def axes(self) -> tuple[Axis, Axis, Axis]:
         """Of the file, along x, y and z of the base."""
         return self.x, self.y, self.z
 
     @property
+    def _directions(self) -> Array:
+        """(3, 3) of length 1, as stated."""
+        stated = Mapped(self.axes).axes
+        return stated / np.linalg.norm(stated, axis=1, keepdims=True)
+
+    @property
     def matrix(self) -> Array:
-        """(3, 3) from recorded to robot's coordinates."""
-        return np.array([AXES[name] for name in self.axes])
+        """(3, 3) from recorded to robot's coordinates: the rotation nearest to the directions stated."""
+        u, _, v = np.linalg.svd(self._directions)
+        return np.asarray(np.where(np.abs(turn := u @ v) < EXACT, 0.0, turn))
 
 
 class Plateaus(FileTable):

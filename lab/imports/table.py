@@ -148,9 +148,9 @@ def _read(
         read_files.append((series, own_map))
     if not read_files:
         raise failed[0]
-    for series, own_map in in_time(read_files):
+    for series, own_map in (runs := in_time(read_files)):
         q = quantities_of(series, own_map, drive)
-        late = lag(q.t, q.table.pressures, q.table.tip) if series.questions else None
+        late = lag(q.t, q.table.pressures, q.table.tip) if len(runs) < len(read_files) else None
         questions = [*series.questions, *q.questions]
         if late is not None:
             when = f"{abs(late):.3g} s {'after' if late > 0 else 'before'} the pressures change"

@@ -366,9 +366,12 @@ def _left_out(
             f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
-    odd = [
-        (r, "is not a row of numbers") for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment
-    ]
+    skipped = [r for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment]
+    empty = [r for r in skipped if all(map(looks_like_value, _any_cells(r.text)))]
+    if empty:
+        words = f"{len(empty)} lines" if len(empty) > 1 else "a line"
+        yield f"{words} with values in few of the {width} columns, the first line {empty[0].line}, taken as missing"
+    odd = [(r, "is not a row of numbers") for r in skipped if r not in empty]
     odd += [(r, f"has more than {width} cells") for r in too_long]
     for record, why in odd[:MOST_NOTED]:
         yield f"line {record.line} {why} and is skipped: {record.text.strip()[:40]!r}"
@@ -448,7 +451,8 @@ def head_of(path: Path, above: Sequence[Line], width: int, source: Source) -> He
     labels = {line.number for line in above if _is_label(line.cells)}
     units = named[source.units] if source.units else None
     if units is None:
-        unit_lines = [line for line in wide if line.number != source.heading and are_units(line.cells)]
+        last = [line for line in above[-1:] if wide and sum(map(bool, line.cells)) > 1]  # perhaps of few columns
+        unit_lines = [line for line in (*wide, *last) if line.number != source.heading and are_units(line.cells)]
         other_lines = [line for line in wide if line not in unit_lines]
         units = unit_lines[-1].cells if unit_lines and (other_lines or source.heading) else None
     heads = [line for line in wide if line.cells is not units]

@@ -94,11 +94,11 @@ def beyond(rig: FakeRig, effects: Mapping[str, float], robot: Path | None) -> st
     if "arm" in rig.parts and rig.truth.arm_errors:
         has.append(f"errors of the arm's build (--arm-errors {rig.truth.arm_errors:g})")
     stated = load(robot or paper_robot(), Robot)
-    lacks = [name for name in UNPLAYED if getattr(stated, name) not in (Robot.model_fields[name].default, "cap")]
+    lacks = [name for name in UNPLAYED if getattr(stated, name) != Robot.model_fields[name].default]
     return f"Beyond the model of robot.yaml: {', '.join(has) or 'no effect'}{'; not simulated: ' * bool(lacks)}{', '.join(lacks)}"
 
 
-UNPLAYED = ("thrust", "effects", "tolerances", "tip_moment", "residual")
+UNPLAYED = ("effects", "tolerances", "tip_moment", "residual")
 """Keys of robot.yaml that the fakes do not simulate."""
 
 
@@ -221,13 +221,14 @@ def left_out(roles: str | None, robot: Robot | None) -> set[str]:
 
 def played(robot: Robot) -> RobotTruth:
     """Return the virtual robot with geometry and material of a robot.yaml. Raises ConfigError if the fakes cannot simulate it."""
-    factor, given = (robot.area_factor, ("bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length"))
-    unlike = [name for name in (*given, "sections", "tendons") if getattr(robot, name)]
+    factor, unlike = robot.area_factor, [name for name in ("sections", "tendons") if getattr(robot, name)]
     if robot.chambers is None or robot.chambers.ends or unlike:
         what = ", ".join(unlike) or "chambers.ends"
         raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {what}")
-    same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers")
+    same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers",
+            "bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length")  # fmt: skip
     values: dict[str, Any] = {name: getattr(robot, name) for name in same} | {
+        "thrust_on_walls": robot.thrust == "walls",
         "shear_ratio": robot.shear_modulus / robot.youngs_modulus,
         "chamber_radius": robot.chambers.radius,
         "chamber_path_radius": robot.chambers.path_radius,

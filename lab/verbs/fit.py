@@ -48,15 +48,19 @@ def fit(
     samples: int = 0,
     seed: int = 0,
     residual: bool = False,
+    set_up: bool = False,
 ) -> Result:
-    """Calibrate the robot of a case without its effects; or fit those that are `named`, area factor and tolerances.
+    """Calibrate the robot of a case without its effects, its set-up taken as exact; or fit the effects that are `named`, area
+    factor and tolerances of the set-up, with `set_up` or `residual` without any effect too.
 
     `folder`: for robot.yaml and `samples` robots drawn from the posterior; `file`: of effects of one's own; `residual`: learn
     what the model still misses. Raises ConfigError, BadEffect, RecordingError."""
-    calibrating = named is None and not residual
+    if named is not None and not named:
+        raise ConfigError("--with: names no effect; to fit area factor and tolerances alone give --set-up, else leave it out")
+    calibrating = named is None and not residual and not set_up
     for name, given in (("--samples", samples), ("--effects", file)):
         if given and calibrating:
-            raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..]")
+            raise ConfigError(f"{name}: needs --with EFFECT[,EFFECT..] or --set-up")
     if samples < 0:
         raise ConfigError(f"--samples {samples}: must be at least 1")
     if samples and folder is None:
@@ -193,7 +197,7 @@ def baseline_line(c: Fitted) -> str:
     return (
         f"calibrated with one {c.robot.actuators.words.area_factor}{each} and the tolerances of the set-up, the model misses the "
         f"tip by {area.rmse * 1e3:.2f} mm rms on the {area.states} states (in-sample): the calibrated model of lab diagnose, "
-        f"which --with '' --out FOLDER writes. Without --with, robot.yaml takes the set-up as exact and misses the tip by "
+        f"which --set-up --out FOLDER writes. Without it, robot.yaml takes the set-up as exact and misses the tip by "
         f"{'up to ' * (len(c.area_factor_by_length) > 1)}{exact * 1e3:.2f} mm"
     )
 
@@ -205,7 +209,7 @@ def _mpa(e: Estimate) -> str:
 VERBS = (
     Verb(
         "fit",
-        lambda a: fit(a.inputs, a.robot, a.out, a.replace, a.with_effects, a.effects, a.samples, a.seed, a.residual),
+        lambda a: fit(a.inputs, a.robot, a.out, a.replace, a.with_effects, a.effects, a.samples, a.seed, a.residual, a.set_up),
         options=(
             JSON,
             *OF_CASE,
@@ -217,10 +221,21 @@ VERBS = (
                 action="extend",
                 type=lambda text: [name.strip() for name in text.split(",") if name.strip()],
                 metavar="EFFECT[,EFFECT..]",
-                help="fit these effects too, and write them into robot.yaml",
+                help="fit these effects and the set-up too, and write them into robot.yaml",
+            ),
+            option(
+                "--set-up",
+                action="store_true",
+                help="fit the set-up within its tolerances, as lab diagnose does; else it is exact",
             ),
             option("--residual", action="store_true", help="learn what the model still misses, for predictions"),
-            option("--samples", type=int, default=0, metavar="N", help="with --with: write N robots drawn from the posterior"),
+            option(
+                "--samples",
+                type=int,
+                default=0,
+                metavar="N",
+                help="with --with or --set-up: write N robots drawn from the posterior",
+            ),
             option("--seed", type=int, default=0, help="seed of --samples (default 0)"),
             OWN_EFFECTS,
         ),

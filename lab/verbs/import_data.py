@@ -22,7 +22,7 @@ from ..imports.guess import guess_map, lacks
 from ..imports.joining import experiments, joined, on_one_clock, stream_of
 from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, asking, guess_text
-from ..imports.series import Series
+from ..imports.series import Series, listed
 from ..imports.table import imported
 from ..options import READS, REPLACE, Result, Verb, inputs, option
 from ..plain import typed
@@ -95,6 +95,11 @@ def _first_proposal(inputs: Sequence[Path], robot: Robot) -> tuple[Series, Guess
             return series, guess_map(series, robot)
         except ConfigError as e:
             failed.append(e)
+    if len(tables) > 1:
+        whats = ("pressures", "a pressure of each actuator (p1, P2 [kPa], tendon1 [N] ..)"), ("tip", "the tip (x, y, z)")
+        missing = " and ".join(text for what, text in whats if all(what in kind for kind in kinds))
+        each = "; ".join(f"{series.path} has {listed(series.names[:12])}" for series in tables)
+        raise ConfigError(f"no heading of these files names {missing}: {each}. Name the columns so, or write map.yaml by hand")
     if failed:
         raise failed[0]
     raise ConfigError(f"{', '.join(map(str, inputs))}: no file of a kind that is read ({', '.join(KNOWN)})")
@@ -170,7 +175,7 @@ VERBS = (
         options=(
             *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
-            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame, what a state is"),
+            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame (axes or directions), states"),
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
             option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
             option(

@@ -14,19 +14,17 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.parameters import ParameterInfo
 from model.effects.scales import scales
 from model.effects.spec import EffectSpec, Law, Values
-from model.effects.tolerance import ALWAYS, JAMMING, as_stated
+from model.effects.tolerance import ALWAYS, JAMMING, as_drawn, as_stated
 from model.errors import BadRobot, nearest, unit_text
 from model.robot import Robot
 from model.stated import Stated, Table
 
-OF_SET_UP = {source.spec.id: source for source in (*ALWAYS, JAMMING)}
-"""Tolerances of a whole set-up, by id."""
-
 
 def tolerances(robot: Robot) -> dict[str, EffectSpec]:
-    """The same with what robot.yaml states of their uncertainty, or is usual for such a robot."""
+    """Tolerances of a whole set-up, by id, with the uncertainty that robot.yaml states or that is usual for such a robot."""
     own, stated = scales(robot), robot.uncertainty.stated
-    return {id: as_stated(source, own, stated).spec for id, source in OF_SET_UP.items()}
+    of_set_up = (*ALWAYS, JAMMING, *as_drawn(len(robot.actuators.azimuths_deg), stated))
+    return {source.spec.id: as_stated(source, own, stated).spec for source in of_set_up}
 
 
 def stated_effects(robot: Robot, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> dict[str, EffectSpec]:

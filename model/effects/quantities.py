@@ -53,6 +53,8 @@ class Quantities:
     """Share of that without stretch."""
     thrust_growth: Array = constant(0.0)
     """g: moment times 1 + g (3 s^2/L^2 - 1)."""
+    lever: Array = constant(1.0)
+    """Distance of the actuators from the axis over that drawn."""
     twist: Array = constant(0.0)
     """rad/m, the chambers wind about the axis."""
     twist_growth: Array = constant(0.0)

@@ -6,7 +6,7 @@ They enter the forward model like effects, but are no causes to be named.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
@@ -56,6 +56,14 @@ def _drift(q: Quantities, v: Values) -> None:
 
 def _density(q: Quantities, v: Values) -> None:
     q.density = q.density + q.robot.density * v["excess"]
+
+
+def _azimuths(q: Quantities, v: Values) -> None:
+    q.azimuth = q.azimuth + np.stack(np.broadcast_arrays(*v.values()), axis=-1)
+
+
+def _path_radius(q: Quantities, v: Values) -> None:
+    q.lever = q.lever + v["excess"] / q.robot.actuators.path_radius
 
 
 def _mount(q: Quantities, v: Values) -> None:
@@ -139,6 +147,19 @@ PUSH_PLACE = _tolerance("push_place", "measurement", Law(before=_push_place), *_
 """The same of all pushes, where robot.yaml states its standard deviation: the arm's error at the stand."""
 TRACKED_TURN = _tolerance("tracked_turn", "measurement", Law(after=_tracked_turn), *_each("rad", 30 * ANGLE))
 """How the body of markers sits on the tip, where its orientation was measured."""
+
+
+def as_drawn(actuators: int, names: Container[str]) -> tuple[VariationSource, ...]:
+    """Tolerances of a robot's drawing, those of `names`: nothing is usual for them, so that robot.yaml states each."""
+    azimuths = _each("rad", ANGLE, *(f"p{k}" for k in range(1, actuators + 1)))
+    found = (
+        _tolerance("azimuths", "actuation", Law(before=_azimuths), *azimuths),
+        _tolerance("path_radius", "actuation", Law(before=_path_radius), *_each("m", 0.1e-3, "excess")),
+        _tolerance("tip_mass", "load", Law(before=adding(payload="excess")), *_each("kg", 1e-3, "excess")),
+    )
+    return tuple(source for source in found if source.spec.id in names)
+
+
 MOUNT = (
     _tolerance("mount_turn", "boundary", Law(before=_mount), *_each("rad", ANGLE), scope="mount"),
     _tolerance("mount_shift", "boundary", Law(after=_frame_shift), *_each("m", 0.5e-3), scope="mount"),
@@ -184,7 +205,8 @@ def single_sources(robot: Robot, effects: tuple[EffectSpec, ...]) -> tuple[Varia
     """What has parameters of states that are each reached from rest: one copy of each."""
     own, stated = scales(robot), robot.uncertainty.stated
     chosen = [VariationSource(spec, "effect") for spec in effects]
-    chosen += [*(as_stated(source, own, stated) for source in ALWAYS), VariationSource(AREA, "calibration")]
+    known = (*ALWAYS, *as_drawn(len(robot.actuators.azimuths_deg), stated))
+    chosen += [*(as_stated(source, own, stated) for source in known), VariationSource(AREA, "calibration")]
     if robot.spine is not None:
         chosen += [replace(source, scope="all") for source in BY_TRIAL]
     return (*chosen, JAMMING) if JAMMING.spec.id in robot.tolerances else tuple(chosen)
@@ -206,6 +228,7 @@ def sources(
     if of_robot:
         scope: Scope = "all" if area == "one" else "spine_length"
         chosen.append(as_stated(VariationSource(AREA, "calibration", scope), sized, uncertainty))
+        chosen += [as_stated(source, sized, uncertainty) for source in as_drawn(design.pressure.shape[1], uncertainty)]
         if np.ptp(design.progress[~design.stiffness]) > 0:
             chosen.append(DRIFT)
     if TURN[0] in design.channels:

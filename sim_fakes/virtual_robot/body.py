@@ -31,7 +31,6 @@ class VirtualBody:
         self._laws = laws
         self._directions = directions
         self._hanging = hanging
-        self._inertia = math.pi / 4 * (truth.outer_radius**4 - truth.inner_radius**4)
         h, self._cover = mesh(truth.length, truth.segments, 0.0)
         self.rod = ChainRod(h)
 
@@ -47,7 +46,7 @@ class VirtualBody:
         x = min(jamming / 0.3, 1.0)  # from a relative jamming of 0.3 on, the spine has fully taken its share of the section
         volume_share = truth.spine_area / (truth.area + truth.spine_area)
         share_taken = (1 - laws.area_moment) * volume_share * x * x * (3 - 2 * x)
-        shape = np.array([truth.area * truth.shear_ratio] * 2 + [truth.area] + [self._inertia] * 2 + [2 * self._inertia])
+        shape = np.array([truth.area * truth.shear_ratio] * 2 + [truth.area] + [truth.second_moment] * 2 + [truth.torsion])
         silicone = truth.youngs_modulus * (1 - share_taken * self._cover)
         slip_moment = np.zeros((n, len(SLIP_CURVATURES)))
         slip_force = np.zeros((n, len(SLIP_STRAINS)))
@@ -71,7 +70,7 @@ class VirtualBody:
         truth, b = self._truth, self._laws.area_moment
         e, g = spine.jamming * spine.modulus, spine.jamming * spine.shear_modulus
         area = (1 - b) * volume_share * truth.area + b * truth.spine_area
-        inertia = (1 - b) * volume_share * self._inertia + b * math.pi / 4 * truth.spine_radius**4
+        inertia = (1 - b) * volume_share * truth.second_moment + b * math.pi / 4 * truth.spine_radius**4
         return np.array([g * area, g * area, e * area, e * inertia, e * inertia, 2 * e * inertia])
 
     def loads(self, follower_force: Array, follower_moment: Array, tip_mass: float, contacts: Array) -> ChainLoads:
@@ -79,7 +78,7 @@ class VirtualBody:
         truth, laws = self._truth, self._laws
         h = self.rod.chain.h
         gravity = np.array(truth.gravity if self._hanging else truth.stand_gravity)
-        segment_mass = truth.density * truth.area * h
+        segment_mass = truth.line_density * h
         mass = np.zeros(len(h) + 1)
         mass[1:] += segment_mass / 2
         mass[:-1] += segment_mass / 2

@@ -40,6 +40,8 @@ class Sections(NamedTuple):
     """c of the equation above, a pure number."""
     slips: bool = False
     """False: the sliders are skipped."""
+    wall_thrust: float = 0.0
+    """N by which the chambers stretch each segment along its own tangent, where the side walls take their thrust."""
 
 
 class SliderHistory(NamedTuple):
@@ -127,6 +129,7 @@ def respond(s: Sections, hist: SliderHistory, k: int, strain: Array, stress: Arr
         stiff = s.stiffness[k, i]
         stress[i] = stiff * strain[i] + s.viscosity * stiff * (strain[i] - hist.strain[k, i])
         t[i if i < 4 else i + 1] = (1.0 + s.viscosity) * stiff
+    stress[2] -= s.wall_thrust
     t[4] = 0.0  # only friction couples the two bending axes
     if s.slips:
         _friction(s, hist, k, strain, stress, t, commit)

@@ -214,14 +214,17 @@ class VirtualRobot:
         on_stand = hands.mount != "robot"  # where the probe is
         if hands.probe and on_stand and (specimen.present if isinstance(specimen, BareSpine) else True):
             self._contacts = self.stand.contacts(chain, *hands.probe)
+        sections = specimen.sections(self.spine, dt)
         if isinstance(specimen, VirtualBody):
             force, moment = self.pneumatics.wrench(hands.roll, chain.h)
+            if self.truth.thrust_on_walls:
+                sections, force = sections._replace(wall_thrust=float(force[2])), np.zeros(3)
             loads = specimen.loads(force, moment, hands.tip_mass, self._contacts)
         else:
             loads = specimen.loads(self._contacts)
         self.solves += 1
         self._speed = math.inf  # until it is known; a step that fails is tried again
-        self._speed = specimen.rod.relax(specimen.sections(self.spine, dt), loads, dt) / dt
+        self._speed = specimen.rod.relax(sections, loads, dt) / dt
         self._force = self.stand.force(chain, self._contacts)
 
     # -- what can be seen

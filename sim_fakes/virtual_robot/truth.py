@@ -31,6 +31,11 @@ class RobotTruth(BaseModel):
     youngs_modulus: float = Field(default=0.507147e6, gt=1e3, le=1e9, json_schema_extra={"unit": "Pa"})
     shear_ratio: float = Field(default=1 / 3, gt=0, le=1)
     """Shear modulus / Young's modulus, body and jammed spine alike."""
+    bending_stiffness: float | None = Field(default=None, gt=0, le=1e9, json_schema_extra={"unit": "N m^2"})
+    axial_stiffness: float | None = Field(default=None, gt=0, le=1e9, json_schema_extra={"unit": "N"})
+    torsional_stiffness: float | None = Field(default=None, gt=0, le=1e9, json_schema_extra={"unit": "N m^2"})
+    mass_per_length: float | None = Field(default=None, ge=0, le=20_000, json_schema_extra={"unit": "kg/m"})
+    """Of the body, in place of those that modulus, density and the annulus give."""
     gravity: tuple[float, float, float] = (0.0, 0.0, 9.81)
     """m/s^2, robot base frame (z from base to tip)."""
     markers: tuple[float, ...] = (0.1, 0.2, 0.3)
@@ -42,6 +47,8 @@ class RobotTruth(BaseModel):
     chamber_azimuths_deg: tuple[float, ...] = tuple(40.0 * i for i in range(9))
     area_factor: float = Field(default=1.6, gt=0, le=10)
     """Effective chamber area / (pi chamber_radius^2), one number for all spine lengths."""
+    thrust_on_walls: bool = False
+    """Whether the side walls take the chambers' thrust, all along the arc, instead of the tip's cap."""
     fill_time: float = Field(default=0.25, gt=0, le=60, json_schema_extra={"unit": "s"})
     supply_pressure: float = Field(default=400e3, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
 
@@ -89,9 +96,30 @@ class RobotTruth(BaseModel):
         return self
 
     @property
-    def area(self) -> float:
-        """Cross-section of the annulus, m^2 (chambers not subtracted)."""
+    def annulus(self) -> float:
+        """Its cross-section, m^2 (chambers not subtracted)."""
         return math.pi * (self.outer_radius**2 - self.inner_radius**2)
+
+    @property
+    def area(self) -> float:
+        """EA / E of the body, m^2."""
+        return self.annulus if self.axial_stiffness is None else self.axial_stiffness / self.youngs_modulus
+
+    @property
+    def second_moment(self) -> float:
+        """EI / E of the body, m^4."""
+        of_annulus = math.pi / 4 * (self.outer_radius**4 - self.inner_radius**4)
+        return of_annulus if self.bending_stiffness is None else self.bending_stiffness / self.youngs_modulus
+
+    @property
+    def torsion(self) -> float:
+        """GJ / E of the body, m^4: twice that about a diameter unless it is given."""
+        return 2 * self.second_moment if self.torsional_stiffness is None else self.torsional_stiffness / self.youngs_modulus
+
+    @property
+    def line_density(self) -> float:
+        """Mass of the body per length, kg/m."""
+        return self.density * self.annulus if self.mass_per_length is None else self.mass_per_length
 
     @property
     def spine_area(self) -> float:

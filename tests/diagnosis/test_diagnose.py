@@ -99,6 +99,12 @@ def test_a_law_of_geometry_is_not_taxed_for_an_error_that_it_cannot_have() -> No
     assert verdicts == [(spec.id,), ()]
 
 
+def test_a_stated_uncertainty_of_the_chambers_azimuths_explains_what_lies_within_it() -> None:
+    uncertain = Uncertainty(azimuths=np.radians(8))
+    drawn_roughly = replace(campaign(), robot=campaign().robot.model_copy(update={"uncertainty": uncertain}))
+    assert "chamber_azimuth" not in diagnose(drawn_roughly, quick()).attribute.effects
+
+
 def test_experiments_are_proposed_within_limits_with_a_catalogue_that_knows_no_wrong_pressures() -> None:
     one, case = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}, measured(2, 1, FEW, chamber_azimuth__angle=np.radians(8))
     limit = 0.998 * float(case.table.pressures.max())

@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +169,7 @@ COLUMNS = plain(**{name: name for name in ("t", "p1", "p2", "p3", "x", "y", "z")
         ({"columns": COLUMNS | {"p2": {"column": 40}}}, "columns.p2 = 40: must be 1 .. 8"),
         ({"columns": COLUMNS, "frame": {"x": "y", "y": "x", "z": "z"}}, "is a mirror image"),
         ({"columns": COLUMNS, "frame": {"x": "x", "y": "y", "z": "up"}}, "z = 'up': must be one of x, -x"),
+        ({"columns": COLUMNS, "frame": {"x": [1, 0, 0], "y": [0.1, 1, 0], "z": "z"}}, "axes are 5.7 deg off a right angle"),
         ({"columns": {k: v for k, v in COLUMNS.items() if k != "z"}}, "give the tip by x, y and z, or by points.tip"),
         ({"columns": COLUMNS, "constants": {"tip_mass": "3 kPa"}}, "tip_mass: '3 kPa' has the unit 'kPa'"),
         ({"columns": COLUMNS, "sensor": [0.01, 0, 0]}, "needs an orientation"),
@@ -407,6 +408,7 @@ def seen(
     levels: Sequence[float] = (0, 40, 80, 40, 0),
     chambers: int = 3,
     markers: Sequence[float] = (),
+    frame: Mapping[str, Any] = FRAME,
 ) -> Path:
     """Where the model's tip and points at `markers` (m from the base) are when chambers are inflated in turn to levels (kPa),
     with the base `away` (robot lengths, base's axes) from the cameras' origin."""
@@ -415,7 +417,7 @@ def seen(
     found = lab.predict(robot, 1e3 * inflated, arcs=markers)
     places = np.concatenate([found.tip[:, None], found.shape], axis=1) + robot.length * np.array(away)
     places += scatter.normal(0, 1e-4, places.shape)
-    rows = np.column_stack([inflated, 1e3 * (places @ Frame(**FRAME).matrix).reshape(len(inflated), -1)])
+    rows = np.column_stack([inflated, 1e3 * (places @ Frame(**frame).matrix).reshape(len(inflated), -1)])
     names = [f"{name} {axis} [mm]" for name in ("Tip", *"ABCD"[: len(markers)]) for axis in "XYZ"]
     pandas.DataFrame(rows, columns=[*(f"P{k} [kPa]" for k in (1, 2, 3)), *names]).to_csv(path, index=False, float_format="%.3f")
     return path
@@ -472,19 +474,25 @@ def test_swapped_chambers_do_not_turn_the_base_round(tmp_path: Path, cli: Cli) -
         assert ("whether chambers are exchanged" in str(proposed["unconfirmed"])) == bool(markers)
 
 
+ASKEW: dict[str, Any] = {"x": [0.8, 0.6, 0], "y": "z", "z": [0.6, -0.8, 0]}
+"""A base that points horizontally between the cameras' axes."""
+
+
 @pytest.mark.parametrize(
-    "wrong",
-    [{"x": "x", "y": "z", "z": "-y"},
-     *(pytest.param(w, marks=pytest.mark.long) for w in ({"x": "y", "y": "z", "z": "x"}, {"x": "-x", "y": "z", "z": "y"}))],
+    ("wrong", "right"),
+    [({"x": "x", "y": "z", "z": "-y"}, FRAME), (ASKEW | {"x": [-0.8, -0.6, 0], "y": "-z"}, ASKEW),
+     *(pytest.param({"x": x, "y": "z", "z": z}, FRAME, marks=pytest.mark.long) for x, z in (("y", "x"), ("-x", "y")))],
 )  # fmt: skip
-def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(wrong: dict[str, str], tmp_path: Path, cli: Cli) -> None:
-    file = seen(tmp_path / "table.csv")
+def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(
+    wrong: dict[str, Any], right: dict[str, Any], tmp_path: Path, cli: Cli
+) -> None:
+    file = seen(tmp_path / "table.csv", frame=right)
     values = yaml.safe_load((map_file := guessed(cli, file)).read_text()) | {"frame": wrong, "straight": "at rest"}
     values.pop("unconfirmed", None)
     map_file.write_text(yaml.safe_dump(values))
     said = cli("import", file, "--map", map_file, "--out", tmp_path / "case", code=(0, 2)).flat_err
     line = re.search("write `(frame: .*?)` in map.yaml", said)
-    assert line is not None and yaml.safe_load(line[1]) == {"frame": FRAME}, said
+    assert line is not None and yaml.safe_load(line[1]) == {"frame": right}, said
     columns = {f"p{k}": f"P{k} [kPa]" for k in (1, 2, 3)} | {a.lower(): f"Tip {a} [mm]" for a in "XYZ"}
     keys: dict[str, Any] = {"columns": columns, "frame": wrong, "straight": "at rest"}
     try:
@@ -492,8 +500,8 @@ def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(wrong: 
     except ConfigError as e:
         said = str(e)
     argument = re.search("write frame=(.*?) in lab.case", said)
-    assert argument is not None and json.loads(argument[1]) == FRAME
-    assert not lab.case(pandas.read_csv(file), ROBOT, **keys | {"frame": FRAME}).table.warnings
+    assert argument is not None and json.loads(argument[1]) == right
+    assert not lab.case(pandas.read_csv(file), ROBOT, **keys | {"frame": right}).table.warnings
 
 
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:

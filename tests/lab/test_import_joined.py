@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from commands import Cli, refused
 from foreign import ROBOT, by_map, plain, pressures, through, tips
 
@@ -84,6 +85,31 @@ def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli
     (tmp_path / "map" / "map.yaml").write_text(stated)
     said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case", "--replace")
     assert "clocks" not in said.flat_err
+
+
+def test_a_tracked_object_and_a_log_of_what_was_set_and_read_are_proposed_and_an_answered_clock_is_not_asked_again(
+    tmp_path: Path, cli: Cli
+) -> None:
+    head = "Objects\n20\n,,Global Angle Tip:Tip,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
+    seen = [f"0,0,0,1,{r[4]:.3f},{r[5]:.3f},{r[6]:.3f}" if k % 50 else ",,,,,," for k, r in enumerate(ROWS)]
+    object_file, log = tmp_path / "object.csv", tmp_path / "log.csv"
+    object_file.write_text(head + "\n".join(f"{k},0,{cells}" for k, cells in enumerate(seen, 1)) + "\n")
+    lines = [";".join(f"{v:.3f}" for v in (r[0], *r[1:4], *r[1:4])) for r in ROWS]
+    log.write_text("\n".join(["time;set1;set2;set3;act1;act2;act3", *lines]) + "\n")
+    map_file = tmp_path / "map" / "map.yaml"
+    cli("import", object_file, log, "--guess", "--robot", ROBOT, "--out", map_file.parent)
+    found = yaml.safe_load(map_file.read_text())
+    assert found["columns"]["p2"]["column"] == "act2" and found["columns"]["x"]["unit"] == "mm"
+    found["files"] = {"log.csv": {"source": {"offset": 0}}, "*": {}}
+    map_file.write_text(yaml.safe_dump({k: v for k, v in found.items() if k != "unconfirmed"}))
+    said = cli("import", object_file, log, "--map", map_file, "--out", tmp_path / "case").flat_err
+    assert "clocks" not in said and "not a row of numbers" not in said and len(read_csv(tmp_path / "case/trials.csv")) == PLATEAUS
+    log.write_text(log.read_text().replace("set", "q").replace("act", "r"))
+    said = cli("import", object_file, log, "--guess", "--robot", ROBOT, "--out", tmp_path / "other", code=2).flat_err
+    assert "no heading of these files names a pressure of each actuator" in said and "log.csv has 'time', 'q1'" in said
+    sparse = log.read_text().splitlines()
+    log.write_text("\n".join([*sparse[:9], *(f"{line.partition(';')[0]};;;;;;" for line in sparse[9:12]), *sparse[12:]]) + "\n")
+    assert read(log, Source()).notes == ("3 lines with values in few of the 7 columns, the first line 10, taken as missing",)
 
 
 @pytest.mark.parametrize("late", [2.4, -2.4])

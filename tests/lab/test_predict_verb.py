@@ -67,7 +67,8 @@ def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, tmp_pa
     plain = cli("fit", case, "--out", tmp_path / "exact").flat
     missed = 1e3 * cli("compare", case, "--robot", tmp_path / "exact/robot.yaml", "--json").json["rmse"]
     calibrated, said = (float(plain.partition(f"misses the tip by {words}")[2].split()[0]) for words in ("", "up to "))
-    assert calibrated < missed < said and "writes. Without --with, robot.yaml takes the set-up as exact" in plain
+    assert calibrated < missed < said and "which --set-up --out FOLDER writes. Without it, robot.yaml takes" in plain
+    assert cli("fit", case, "--set-up", "--json").json["calibrated_mm"] == pytest.approx(calibrated, abs=0.01)
 
 
 def test_effects_that_are_named_one_by_one_are_all_fitted(case: Path, cli: Cli) -> None:
@@ -140,6 +141,7 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
     [
         (("fit", "CASE", "--with", "chamber_azimut"), "did you mean chamber_azimuth"),
         (("fit", "CASE", "--samples", "2"), "needs --with"),
+        (("fit", "CASE", "--with", ""), "--with: names no effect; to fit area factor and tolerances alone give --set-up"),
         (("fit", "CASE", "--with", EFFECT, "--samples", "2"), "needs --out"),
         (("predict", "--robot", "ROBOT", "--table", "BAD"), " line 3, p1: 'x' is not a number"),
         (("predict", "--robot", "ROBOT", "--table", "NONE"), "has no column that is known here"),

@@ -108,8 +108,8 @@ def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp
     fakes = FakeRig(truth=played(solid), without=left_out(None, solid))
     table, file = fakes.rig_file(), tmp_path / "robot.yaml"
     assert set(table["instruments"]) == {"pressure", "mocap"} and "stand" not in table
-    for stated, said in (("", ""), ("thrust: walls\n", "; not simulated: thrust"), ("thrust: cap\n", "")):
-        file.write_text(robot_yaml(solid) + stated)
+    for stated, said in (({}, ""), ({"tip_moment": (0, 0.1, 0)}, "; not simulated: tip_moment"), ({"thrust": "walls"}, "")):
+        file.write_text(robot_yaml(solid.replace(**stated)))
         assert beyond(fakes, {}, file) == f"Beyond the model of robot.yaml: no effect{said}"
     whole = beyond(FakeRig(truth=RobotTruth(arm_errors=2)), {"base_tilt": 0.02}, None)
     assert whole.endswith(": base_tilt = 0.02 rad, errors of the arm's build (--arm-errors 2)")
@@ -200,16 +200,17 @@ def test_of_very_many_problems_the_first_are_spelled_out_and_the_rest_is_counted
 
 
 def test_a_number_may_say_how_well_it_is_known(tmp_path: Path) -> None:
-    text = paper_robot().read_text()
-    (tmp_path / "robot.yaml").write_text(
-        re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 mm", re.sub(r"(?m)^density: .*$", "density: 1300 ± 3 %", text))
-        + "uncertainty: {tilt: 1 deg, area_factor: 5 %}\n"
-    )
+    text = stated = paper_robot().read_text()
+    for key, value in {"length": "40 cm +- 2 mm", "density": "1300 ± 3 %", "tip_mass": "8 g +- 0.5 g"}.items():
+        stated = re.sub(rf"(?m)^{key}: .*$", f"{key}: {value}", stated)
+    stated = re.sub(r"(?m)^  path_radius: .*$", "  path_radius: 4 cm +- 1 %", stated)
+    (tmp_path / "robot.yaml").write_text(f"{stated}uncertainty: {{tilt: 1 deg, area_factor: 5 %, azimuths: 1 deg}}\n")
     robot = load(tmp_path / "robot.yaml", Robot)
-    assert robot.length == pytest.approx(0.4) and robot.density == 1300.0
-    assert robot.uncertainty.stated == pytest.approx(
-        {"length": 2e-3, "density": 0.03, "tilt": math.pi / 180, "area_factor": 0.05}
-    )
+    assert robot.length == pytest.approx(0.4) and robot.density == 1300.0 and robot.actuators.path_radius == 0.04
+    assert robot.uncertainty.stated == pytest.approx({
+        "length": 2e-3, "density": 0.03, "tip_mass": 5e-4, "path_radius": 4e-4,
+        "tilt": math.pi / 180, "area_factor": 0.05, "azimuths": math.pi / 180,
+    })  # fmt: skip
     again = check(parse_yaml(robot_yaml(robot), "again"), Robot)
     assert again == robot
     (tmp_path / "robot.yaml").write_text(re.sub(r"(?m)^length: .*$", "length: 40 cm +- 2 kPa", text))

@@ -1,5 +1,6 @@
 """Effects in robot.yaml: what is refused and how it is told, and that the model has them."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -106,6 +107,29 @@ def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:
         Moved(robot, columns)
     with_it, plain = Moved(robot, columns, catalogue={"colder": own}), Moved(robot.plain, columns, catalogue={})
     assert np.abs(with_it.still - plain.still).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("uncertain", "parameter", "by", "changed"),
+    [
+        ("tip_mass", "tip_mass.excess", 0.05, lambda r: {"tip_mass": r.tip_mass + 0.05}),
+        ("path_radius", "path_radius.excess", 1e-3, lambda r: {"chambers": {"path_radius": r.chambers.path_radius + 1e-3}}),
+        ("azimuths", "azimuths.p1", 0.1, lambda r: {
+            "chambers": {"azimuths_deg": [a + np.degrees(0.1) * (k == 0) for k, a in enumerate(r.chambers.azimuths_deg)]}}),
+    ],
+)  # fmt: skip
+def test_a_tolerance_of_the_drawing_acts_as_another_drawing_does(
+    paper_robot: Robot, uncertain: str, parameter: str, by: float, changed: Callable[[Robot], dict[str, Any]]
+) -> None:
+    columns = campaign(lengths=(0.0, 0.1), levels=(60e3,))
+    columns.pop("tip_mass", None)
+    surveyed = robot_from_dict(stating(paper_robot, uncertainty={uncertain: by}))
+    drawn = paper_robot.model_dump()
+    for key, value in changed(paper_robot).items():
+        drawn[key] = {**drawn[key], **value} if isinstance(value, dict) else value
+    other = Moved(robot_from_dict(drawn), columns).still
+    assert Moved(surveyed, columns).tips({parameter: by}) == pytest.approx(other, abs=1e-6)
+    assert np.abs(other - Moved(paper_robot, columns).still).max() > 1e-4
 
 
 def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> None:

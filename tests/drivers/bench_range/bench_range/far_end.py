@@ -54,7 +54,11 @@ class GaugeFake(PtyFake):
         self.plant = site.plant
 
     def feed(self) -> bool:
-        letter, self.buffer = self.buffer[:1], self.buffer[1:]
+        if len(self.buffer) < 2:
+            return False
+        letter = self.buffer[:1]
+        self.requests.append(bytes(self.buffer[:2]))
+        self.buffer = self.buffer[2:]
         if letter == b"I":
             answer = self.faults.extra.get("model", b"IVG1") + b"\0"
             self.send(answer + bytes([total(answer)]))
@@ -62,7 +66,7 @@ class GaugeFake(PtyFake):
             tenths = round(10 * self.plant.vacuum_absolute + self.random.gauss(0.0, 5.0))
             answer = letter + tenths.to_bytes(4, "big")
             self.send(answer + bytes([total(answer)]))
-        return bool(self.buffer)
+        return True
 
 
 def _port(site: Site, lines: Sequence[PtyFake]) -> dict[str, Any]:

@@ -23,7 +23,7 @@ class Gauge:
     """The gauge (see `drivers.interfaces.VacuumGauge`)."""
 
     def __init__(self, name: str, config: Config, clock: Clock) -> None:
-        self.name, self.clock = name, clock
+        self.name, self.clock, self.number = name, clock, 0
         self.line = SerialLine(name, config.port, BAUD, config.timeout)
 
     def open(self) -> Identity:
@@ -40,7 +40,7 @@ class Gauge:
         self.line.close()
 
     def read(self) -> GaugeSample:
-        answer = self.reading(self.ask(b"P"))
+        answer = self.line.twice(lambda: self.reading(self.ask(b"P")))
         if answer[:1] != b"P":
             raise BadReply(self.name, f"{self.line.port} answers {show(answer)}, no reading; check the port")
         return GaugeSample(self.clock.now(), int.from_bytes(answer[1:], "big") / 10)
@@ -48,7 +48,8 @@ class Gauge:
     def ask(self, letter: bytes) -> bytes:
         with self.line.lock:
             self.line.flush()
-            self.line.write(letter)
+            self.number = (self.number + 1) % 256
+            self.line.write(letter + bytes([self.number]))
             return self.line.read_exactly(6)
 
     def verified(self, answer: bytes) -> bytes:
