@@ -243,8 +243,8 @@ def asked(lead: Stream, others: Sequence[Stream]) -> str:
     """Questions about joined tables."""
     spans = ", ".join(f"{s.label} ({s.span[0] - lead.span[0]:.4g} .. {s.span[1] - lead.span[0]:.4g} s)" for s in (lead, *others))
     return (
-        f"joined by their clocks: {spans}, from the start of {lead.label}. Do these clocks agree? State it (0 if they "
-        f"do): files: {{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
+        f"joined by their clocks: do these agree? {spans}, from the start of {lead.label}. State it, 0 if they do: files: "
+        f"{{{others[0].label!r}: {{source: {{offset: SECONDS}}}}, '*': {{}}}}"
     )
 
 
