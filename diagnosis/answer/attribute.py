@@ -21,7 +21,7 @@ from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
 from ..inference.posterior import UNKNOWN, EffectPosterior, with_unknown
 from ..inference.prepare import Prepared, parts
-from ..judgement import LEAST_STATED, REDUCIBLE_RATIO, STAGE_GAIN
+from ..judgement import LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
 from .size import sizes
@@ -112,7 +112,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         relatives=alike(relatives, decision.effects, answered.log_evidence),
         second=w.budget.second(decision.effects) if decision.effects else {},
     )
-    stated = [h for h, p in ranked.ranking if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
+    stated = [h for h, p in ranked.ranking[:LISTED] if p >= LEAST_STATED and h not in (NONE, UNKNOWN, decision.effects)]
     return Attribution(
         prepared=p,
         posterior=ranked,
@@ -122,7 +122,7 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
-        alone={h: replace(w.search.alone(candidates[h]), made=None) for h in stated},
+        alone={h: replace(w.search.alone(ranked.candidates[h]), made=None) for h in stated},
         stage_errors=free_forms,
     )
 
