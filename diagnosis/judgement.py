@@ -140,8 +140,9 @@ SIZE_SD_FACTOR = 1.2
 """Factor on the standard deviation of a size in the linear problem. Chosen on the practice robots."""
 SIZE_CERTAIN_SD = 1.96
 """Standard deviations from zero beyond which a size is that of a cause: the 95 % interval excludes zero."""
-LEAST_STATED = 0.005
-"""Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"."""
+LEAST_STATED, LISTED = 0.005, 12
+"""Probability below which a table does not list a hypothesis, and a sentence says "< 0.01"; hypotheses in the ranking, besides
+none and unknown, which always are."""
 CREDIBLE_SHARE = 0.95
 """Probability of the credible set of hypotheses."""
 COMPARABLE = 0.4

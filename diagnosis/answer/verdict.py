@@ -36,9 +36,6 @@ from .result import Attribute, Carries, Conclusion, Data, FittedRobot, Ranked, R
 from .size import Size, as_fitted, sizes, values
 from .unseen import share_closed
 
-LISTED = 12
-"""Hypotheses shown in the ranking, besides none and unknown, which always are."""
-
 
 def data_section(p: Prepared, table: Table) -> Data:
     """Describe the data that were diagnosed."""
@@ -65,7 +62,7 @@ def attribute_section(
     the robot with the named effects, whose sizes are stated; `doubtful`: robot.yaml is too far from the data to name a cause.
     """
     d = f.decision
-    leading, others = f.posterior.ranking[:LISTED], f.posterior.ranking[LISTED:]
+    leading, others = f.posterior.ranking[: judgement.LISTED], f.posterior.ranking[judgement.LISTED :]
     ranked = []
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
