@@ -40,6 +40,11 @@ def _shared_pressure(q: Quantities, v: Values) -> None:
     q.pressure = q.pressure + v["share"][..., None] * (mean - p)[..., back]
 
 
+def _zeros(q: Quantities, v: Values) -> None:
+    azimuth = np.radians(q.robot.actuators.azimuths_deg)
+    q.pressure = q.pressure + v["x"][..., None] * np.cos(azimuth) + v["y"][..., None] * np.sin(azimuth)
+
+
 def _times(name: str, growth: Callable[[Quantities, Values], Array]) -> Law:
     """Of a quantity that grows by a share."""
     return Law(before=lambda q, v: setattr(q, name, getattr(q, name) * (1 + growth(q, v))))
@@ -75,6 +80,10 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
             "shared_pressure", "actuation", "leaks between neighbouring chambers",
             "measure the pressure in a vented chamber while its neighbour is inflated",
             Law(before=_shared_pressure), Parameter("share", "1", 0.15, -0.5, 0.5)),
+        _relative(
+            "regulator_offset", "actuation", "an offset of one {actuator}'s regulator",
+            "read the pressure gauges with all {actuators} open to the air",
+            Law(before=_zeros), Parameter("x", "Pa", 2.5e3, -25e3, 25e3), Parameter("y", "Pa", 2.5e3, -25e3, 25e3)),
         _relative(
             "gauge_drift", "actuation", "drift of the pressure gauges", AGAIN,
             _times("pressure", lambda q, v: (v["gain"] * q.design.progress)[..., None]), Parameter("gain", "1", 0.05, -0.5, 0.5)),
