@@ -229,9 +229,10 @@ def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool)
     by_number = None if speech.robot is None else by_actuator(speech.robot, spec, sizes)
     if by_number is not None:
         return by_number.says(words, spread)
+    quoted = "{:.3g} {}".format(*for_people(speech.d.data.quoted_pressure, "Pa", words))
     parts = [p for p in spec.parameters if p.role == "size" and f"{effect}.{p.name}" in sizes]
     if not any(sizes[f"{effect}.{p.name}"].determined for p in parts):
-        return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount")
+        return words.fill(re.sub(r"\[(\w+)\|(\w+)\]", r"\1 or \2", spec.says), "some amount", quoted=quoted)
     values = [sizes[f"{effect}.{p.name}"] for p in parts if p.unit == parts[0].unit]
     total = parts[0].sign == "positive" and len(values) > 1
     numbers = [v.value for v in values]
@@ -240,7 +241,7 @@ def _says(effect: str, sizes: Mapping[str, Value], speech: Speech, spread: bool)
     sd = 0.0 if total or not size else math.hypot(*(v.value / size * v.sd for v in values))
     template = re.sub(r"\[(\w+)\|(\w+)\]", r"\1" if size >= 0 else r"\2", spec.says)
     amount = _amount(abs(size) if "[" in spec.says else size, sd if spread else 0.0, parts[0].unit, words)
-    return words.fill(template, amount)
+    return words.fill(template, amount, quoted=quoted)
 
 
 def _amount(value: float, sd: float, unit: str, words: Words) -> str:

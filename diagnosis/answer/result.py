@@ -43,6 +43,8 @@ class Data:
     noise_mm: Number
     """White noise of a tip coordinate, or of stiffness trials alone of a deflection, mm."""
     noise_from: str
+    quoted_pressure: Number = math.nan
+    """Pa, at which sizes that grow with pressure are stated."""
 
 
 @dataclass(frozen=True)

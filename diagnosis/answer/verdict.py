@@ -45,7 +45,7 @@ def data_section(p: Prepared, table: Table) -> Data:
     if p.pushes is not None and p.pushes_only:
         noise = float(np.median(p.pushes.noise_components.channel["force"] / p.pushes.stiffness))
     channels = tuple(dict.fromkeys(p.labels.channel.tolist()))
-    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * 1e3, source)
+    return Data(len(table), len(np.unique(p.states.trial)), channels, noise * 1e3, source, p.forward.scales.pressure)
 
 
 def attribute_section(

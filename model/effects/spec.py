@@ -131,7 +131,8 @@ class EffectSpec:
     """The effect as a noun phrase, for tables and figures, in which {actuators} and the like (`Words`) stand for what the robot
     has; empty: its id in words."""
     says: str = ""
-    """The effect in plain words, {} for its size, as [more|less] a word by the sign of a size; empty: its id says it."""
+    """The effect in plain words, {} for its size, {quoted} for the pressure at which it is stated, as [more|less] a word by the
+    sign of a size; empty: its id says it."""
     standard: bool = False
     """Whether sizes are those of a robot with the scales `scales.STANDARD`, and others have theirs in proportion."""
     family: str = ""
@@ -152,7 +153,7 @@ class EffectSpec:
         if self.stage not in get_args(Stage):
             raise BadEffect(f"effect {self.id}: stage {self.stage!r} must be one of {', '.join(STAGES)}")
         try:
-            Chambers.words.fill(f"{self.label}{self.says}", "")
+            Chambers.words.fill(f"{self.label}{self.says}", "", quoted="")
         except (LookupError, ValueError, AttributeError) as error:
             raise BadEffect(
                 f"effect {self.id}: label and says: {error} in braces is no word for actuators; leave it out"

@@ -218,7 +218,7 @@ SPECS = (
     EffectSpec(
         id="chamber_ballooning",
         label="ballooning of the {actuators}",
-        says="the {actuator_area} [grows|shrinks] by {} at the largest {pressure}",
+        says="the {actuator_area} [grows|shrinks] by {} at {quoted}",
         stage="actuation",
         equation="A_eff = A (1 + b (f(P) / f(P_max))^(1.25 + g)), f(P) what P is above an onset P0, its corner rounded over "
         "P0 / 2, P_max the largest pressure",
