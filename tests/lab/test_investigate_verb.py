@@ -27,7 +27,7 @@ from lab.verbs.run import Outcome, protocol_plan
 from model.robot import load_robot
 from protocols.errors import NotReached
 from protocols.parameters import RobotFacts
-from recordings.campaign.labels import labels_of
+from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, examined_once
@@ -59,7 +59,7 @@ def test_an_experiment_is_predicted_done_and_added(virtual_lab: VirtualLab, tmp_
     assert len(done) == len(found["inputs"]) - 1 == 1 and "hands" not in done[0]["experiment"]
     (below,) = [p for p in place.iterdir() if p.is_dir()]
     recording = Recording.open(Path(found["inputs"][1]))
-    assert recording.path.parent == below and labels_of(recording) == {"investigation": "why", "operator": "Ada"}
+    assert recording.path.parent == below and recording.metadata[RECORD] == {"investigation": "why", "operator": "Ada"}
     predicted = json.loads((below / "predicted.json").read_text())
     begun = time.mktime(time.strptime(recording.path.stem[-15:], "%Y%m%d-%H%M%S"))
     assert int((below / "predicted.json").stat().st_mtime) <= begun
