@@ -142,8 +142,6 @@ class Guard:
             return self.make_safe("pause", keep_vacuum=True)
         if order is Order.RESUME:
             self.resume()
-        elif order is Order.UNLOCK:
-            self.unlock()
         return None
 
     def do(self, command: Command[Any]) -> Any:

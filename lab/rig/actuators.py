@@ -213,10 +213,6 @@ class Actuators:
         """A person has confirmed: reconnect what has to be, take commands again."""
         self._sent(Order.RESUME)
 
-    def unlock(self) -> None:
-        """Remove the latch."""
-        self._sent(Order.UNLOCK)
-
     def close(self) -> str:
         """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
 
