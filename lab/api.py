@@ -241,7 +241,7 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
     source = source_of(protocol)
-    run_job = job(protocol, where, [], replace(source, data={**source.table, **parameters}), rig=rig.read)
+    run_job = job(replace(source, data={**source.table, **parameters}), where, rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     outcome = execute(rig, run_job, folder, Screen(run_job.experiment.name, rig.clock.speed, quiet=True))

@@ -25,7 +25,7 @@ from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
 from ..options import OWN_EFFECTS, READS, Result, Verb, option, rig, settings
-from ..verbs.run import planned_columns, protocol_plan, robot_facts
+from ..verbs.run import planned_columns, protocol_plan, robot_facts, source_of
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """What motion capture tells of the tip."""
@@ -84,7 +84,7 @@ def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
     else:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
     facts = robot_facts(robot, rig)
-    _, parameters, plan = protocol_plan(a.protocol, a.set, facts)
+    _, parameters, plan = protocol_plan(source_of(a.protocol, a.set), facts)
     rows = planned_rows(plan, parameters, facts.chambers)
     return robot, partial(foreseen, robot, planned_columns(rows, robot, READ))
 

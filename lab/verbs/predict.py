@@ -36,7 +36,7 @@ from ..files.own_effects import stated_by
 from ..imports.headings import unit_named
 from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import Columns, planned_columns, protocol_plan, robot_facts
+from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """Columns of states that are each reached from rest by one ramp."""
@@ -214,7 +214,7 @@ def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:
 def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns:
     """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
     known = robot_facts(robot)
-    _, parameters, plan = protocol_plan(protocol, settings, known)
+    _, parameters, plan = protocol_plan(source_of(protocol, settings), known)
     rows = planned_rows(plan, parameters, known.chambers)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")

@@ -23,7 +23,7 @@ from lab.files.inputs import Case, read_case
 from lab.files.robot_file import paper_robot
 from lab.investigation.command import write_page
 from lab.verbs.diagnose import write_protocols
-from lab.verbs.run import Outcome, protocol_plan
+from lab.verbs.run import Outcome, protocol_plan, source_of
 from model.robot import load_robot
 from protocols.errors import NotReached
 from protocols.parameters import RobotFacts
@@ -153,7 +153,7 @@ def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Pa
         name = experiment.protocol["protocol"]
         values = {key: value for key, value in experiment.protocol.items() if key != "protocol"}
         meant = found_protocols().usable[name].parameters.model_validate(values)
-        assert protocol_plan(str(path), [], RobotFacts(9, (), meant.tip_mass, True))[1] == meant
+        assert protocol_plan(source_of(str(path)), RobotFacts(9, (), meant.tip_mass, True))[1] == meant
 
 
 @pytest.mark.parametrize("id", sorted(MENU))
