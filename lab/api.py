@@ -218,12 +218,11 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
     `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError."""
     from .files.rig_file import load_rig
     from .rig.assembly import Rig
+    from .verbs.run import connect
 
     rig = Rig(load_rig(Path(path)))
     try:
-        failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))
-        if failures:
-            raise failures[0]
+        connect(rig, needs, quiet=True)
     except BaseException:
         rig.close()
         raise

@@ -462,15 +462,15 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
     return j
 
 
-def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
-    """Open the instruments of an experiment with these needs. Raises the first InstrumentError after trying all."""
+def connect(rig: Rig, needs: Sequence[str] | None, quiet: bool = False) -> None:
+    """Open the instruments of an experiment with these needs, or all. Raises the first InstrumentError after trying all."""
     quiet = quiet or out.quiet
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
         if not (quiet or isinstance(result, InstrumentError)):
             out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
 
-    failures = rig.open_all(announce, rig.needed(needs))
+    failures = rig.open_all(announce, None if needs is None else rig.needed(needs))
     if failures:
         for failure in () if quiet else failures[1:]:
             err.print(str(failure))
