@@ -54,7 +54,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..files.units import shown
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
-from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, rig, settings
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, path_option, rig, settings
 from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
@@ -660,8 +660,8 @@ VERBS = (
             option("protocol", nargs="?", help=PROTOCOL),
             rig(),
             SET,
-            option("--out", type=Path, metavar="FOLDER", help="folder for the recording (default: this one)"),
-            option("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)"),
+            path_option("--out", "FOLDER", "folder for the recording (default: this one)"),
+            path_option("--resume", "RUN", "continue an interrupted run (.mcap)"),
             option("--watch", action="store_true", help="show the run on a page in the browser"),
             YES,
             *LABELS,
