@@ -321,8 +321,7 @@ class Guard:
 
     def locked(self) -> str:
         """Why the rig is locked; empty when it is free."""
-        entry = self.latch.read() if self.latch is not None else None
-        return str(entry or "")
+        return (self.latch.read() if self.latch is not None else None) or ""
 
     def resume(self) -> None:
         """A person has confirmed: reopen what has to be, and take commands again. Raises RigLanded after `hand_over`.

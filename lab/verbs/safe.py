@@ -130,7 +130,7 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
             "`lab safe` there"
         )
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
-        result.locked = str(latch.read() or "")
+        result.locked = latch.read() or ""
     return result
 
 
