@@ -58,8 +58,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{pressures}{units}; until then no cause is reported as certain"
         ),
         "unconfirmed_guesses": (
-            "{count} guesses of the map are unconfirmed ({guesses}): check and correct each in {path}, remove it from "
-            "`{key}`, and import again"
+            "{are} unconfirmed ({guesses}): check and correct each in {path}, remove it from `{key}`, and import again"
         ),
     },
     "warning": {

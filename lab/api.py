@@ -218,12 +218,11 @@ def open_rig(path: Place, needs: Sequence[str] | None = None) -> Rig:
     `needs`: those that an experiment needs; all unless given. Raises ConfigError, RigLocked, InstrumentError."""
     from .files.rig_file import load_rig
     from .rig.assembly import Rig
+    from .verbs.run import connect
 
     rig = Rig(load_rig(Path(path)))
     try:
-        failures = rig.open_all(lambda name, outcome: None, None if needs is None else rig.needed(needs))
-        if failures:
-            raise failures[0]
+        connect(rig, needs, quiet=True)
     except BaseException:
         rig.close()
         raise
@@ -241,7 +240,7 @@ def run(rig: Rig, protocol: str, out: Place = ".", **parameters: Any) -> Path:
     if where is None:
         raise ConfigError("the rig was not read from a file; open it with lab.open_rig")
     source = source_of(protocol)
-    run_job = job(protocol, where, [], replace(source, data={**source.table, **parameters}), rig=rig.read)
+    run_job = job(replace(source, data={**source.table, **parameters}), where, rig=rig.read)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     outcome = execute(rig, run_job, folder, Screen(run_job.experiment.name, rig.clock.speed, quiet=True))

@@ -18,9 +18,8 @@ from .rig.actuators import ActuatorsLost
 
 def explained(error: Exception) -> tuple[str, int] | None:
     """Message and exit code of a failure that is not a mistake in this program; None for anything else."""
-    if isinstance(error, (ConfigError, ModelError, DiagnosisError, MissingInstrument, LimitExceeded, BadProtocol)):
-        return str(error), 2
-    if isinstance(error, (BadTable, Foreign, MissingStream)):
+    asked_wrong = (ConfigError, ModelError, DiagnosisError, MissingInstrument, LimitExceeded, BadProtocol)
+    if isinstance(error, (*asked_wrong, BadTable, Foreign, MissingStream)):
         return str(error), 2
     if isinstance(error, ValidationError):
         return "\n".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in error.errors()), 2

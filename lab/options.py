@@ -128,9 +128,14 @@ def option(*names: str, **how: Any) -> Option:
     return Option(names, how)
 
 
+def path_option(name: str, metavar: str, help: str, **how: Any) -> Option:
+    """Return an option that names a file or folder."""
+    return option(name, type=Path, metavar=metavar, help=help, **how)
+
+
 def rig(required: bool = True) -> Option:
     """Return the option --rig."""
-    return option("--rig", type=Path, required=required, metavar="RIG.yaml", help="rig.yaml")
+    return path_option("--rig", "RIG.yaml", "rig.yaml", required=required)
 
 
 def settings(text: str) -> Option:
@@ -150,11 +155,11 @@ ANY_SIZE = option(
 """For every verb that reads recordings: lifts the limits of size."""
 REPLACE = option("--replace", action="store_true", help="delete and replace the output folder with everything in it")
 INPUTS = inputs("recordings (.mcap) or case folders, read as one campaign")
-ROBOT = option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one in the input)")
+ROBOT = path_option("--robot", "ROBOT.yaml", "robot.yaml (default: the one in the input)")
 READS, OF_CASE = (JSON, ANY_SIZE), (ANY_SIZE, INPUTS, ROBOT)
 WORKERS = option("--workers", type=int, metavar="N", help="processor cores to use (default: all)")
 SCHEDULER = option("--scheduler", help="use a Dask scheduler instead, tcp://host:port (extra `cluster`)")
-OWN_EFFECTS = option("--effects", type=Path, metavar="FILE.py", help="Python file with your own effects (a tuple named EFFECTS)")
+OWN_EFFECTS = path_option("--effects", "FILE.py", "Python file with your own effects (a tuple named EFFECTS)")
 YES = option("--yes", action="store_true", help="do not ask: all is prepared, and nobody is within reach")
 LABELS = (
     option("--operator", metavar="NAME", help="name of the operator; recorded, as are the next two"),

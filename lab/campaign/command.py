@@ -31,7 +31,7 @@ from ..files.resume import Broken
 from ..files.units import shown
 from ..guard.messages import RigLanded
 from ..live.beside import Page, page_where
-from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, rig
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, path_option, rig
 from ..plain import typed
 from ..rig.actuators import ActuatorsLost
 from ..rig.assembly import Rig
@@ -446,8 +446,8 @@ VERBS = (
             option("file", nargs="?", type=Path, help="campaign.yaml"),
             rig(),
             option("--plan", action="store_true", help="what it will do, how long it takes, its limits; nothing moves"),
-            option("--out", type=Path, metavar="FOLDER", help="folder for all its recordings (default: the campaign's name)"),
-            option("--resume", type=Path, metavar="FOLDER", help="go on with the campaign of this folder"),
+            path_option("--out", "FOLDER", "folder for all its recordings (default: the campaign's name)"),
+            path_option("--resume", "FOLDER", "go on with the campaign of this folder"),
             option("--watch", action="store_true", help="show run after run on a page in the browser"),
             YES,
             *LABELS,

@@ -231,7 +231,7 @@ def _jobs(
         lines = _lines(source, place, picked)
         run_source = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
         try:
-            yield condition, job(name, rig_path, [], run_source, experiment if file is not None else None, rig)
+            yield condition, job(run_source, rig_path, (), experiment if file is not None else None, rig)
         except ConfigError as e:
             where = "" if e.placed or not condition else f"{condition}: "
             for problem in e.problems:
@@ -277,7 +277,7 @@ def _warm_up(file: CampaignFile, runs: tuple[CampaignRun, ...], rig_path: Path, 
     }  # fmt: skip
     if speed:
         values["spine"] = {"speed": speed}
-    return job("cycles", rig_path, [], Source("warm_up", values, {}), rig=rig)
+    return job(Source("warm_up", values, {}), rig_path, rig=rig)
 
 
 def planned_table(campaign: CampaignDesign, channels: Sequence[str] = ()) -> Columns:

@@ -21,7 +21,6 @@ from pydantic_core import ErrorDetails
 
 from model.errors import alike, nearest, unit_text
 from model.plain_yaml import MOST_CHARACTERS, MOST_PROBLEMS, BadYaml, parse
-from model.robot import Uncertainty
 from recordings.bounded import read_bounded
 from recordings.numbers import number
 
@@ -217,6 +216,8 @@ def _uncertain(field: FieldInfo) -> str:
 
 def _spread(value: str, beside: str, field: FieldInfo, loc: Loc, problems: dict[Loc, Any]) -> float | None:
     """The deviation after +- in "505 kPa +- 30 %" or "40 cm +- 1 mm": a share or a difference, as the table has it."""
+    from model.robot import Uncertainty  # with NumPy, which the guard does without
+
     share = unit_of(Uncertainty.model_fields[_uncertain(field)]) == "1"
     try:
         whole = to_si(value, unit_of(field) or "1")

@@ -94,7 +94,7 @@ def _mapped(path: Path) -> Mapped | None:
     try:
         stated = read_yaml(path).table
         frame = {"x": "x", "y": "y", "z": "z"} | (stated.get("frame") or {})
-        given = stated.get("columns") or {}
+        given = {name: of if isinstance(of, dict) else {"column": of} for name, of in (stated.get("columns") or {}).items()}
         columns = tuple((str(name), str(of["column"])) for name, of in given.items())
         first, *others = {of.get("unit") for name, of in given.items() if name[0] == "p"} or {None}
         axes = tuple((*map(float, a),) if isinstance(a := frame[axis], list) else str(a) for axis in "xyz")
@@ -185,8 +185,11 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
             continue
         if isinstance(listed, list) and listed:
             more = f" and {len(listed) - MOST_GUESSES} more" if len(listed) > MOST_GUESSES else ""
-            guesses = "; ".join(str(text)[:MOST_OF_GUESS] for text in listed[:MOST_GUESSES]) + more
-            yield finding("unconfirmed_guesses", count=len(listed), guesses=guesses, path=str(path), key=UNCONFIRMED)
+            half = MOST_OF_GUESS // 2 - 2  # of one that is too long, at whose end its remedy stands
+            texts = (t if len(t) <= MOST_OF_GUESS else f"{t[:half]} .. {t[-half:]}" for t in map(str, listed[:MOST_GUESSES]))
+            are = "1 guess of the map is" if len(listed) == 1 else f"{len(listed)} guesses of the map are"
+            guesses = "; ".join(texts) + more
+            yield finding("unconfirmed_guesses", count=len(listed), are=are, guesses=guesses, path=str(path), key=UNCONFIRMED)
 
 
 UNCONFIRMED = "unconfirmed"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocols.registry import Experiment
-from recordings.campaign.labels import labels_of
+from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import campaign_of, merged
 from recordings.file.journal import Progress, read
 from recordings.file.reader import Recording
@@ -76,7 +76,7 @@ def find(run: Path) -> Broken:
         raise ConfigError(f"{first.path}: has no {', '.join(missing)} attached; it cannot be resumed")
     return Broken(
         journal, progress, finished, table.take(table.trial <= finished),
-        labels_of(first), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
+        dict(first.metadata.get(RECORD, {})), attached(first, "protocol.yaml"), first.attachments["robot.yaml"],
         first.attachments.get("protocol.py"), first.path.stat().st_uid == os.getuid(),
     )  # fmt: skip
 

@@ -22,6 +22,8 @@ import timing
 from ..priority import FIRST, Priority, put_in_place
 
 Child = subprocess.Popen[bytes]
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Those that a terminal sends to everybody; a child must not even see them while it starts."""
 
 
 def start_child(module: str, passed: Sequence[int] = (), *more: str, place: Priority = FIRST, **streams: Any) -> Child:
@@ -60,6 +62,6 @@ def processor_time(process: Child) -> float:
 
 def begin_child() -> list[int]:
     """What a child that holds instruments does first; returns the file descriptors that it was given."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     return [int(given) for given in sys.argv[1:]]

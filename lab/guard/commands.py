@@ -23,7 +23,6 @@ class Order(StrEnum):
     MAKE_SAFE = "the landing"
     PAUSE = "the pause"
     RESUME = "the end of a pause"
-    UNLOCK = "unlocking"
     END = "the end"
 
 

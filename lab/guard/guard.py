@@ -29,7 +29,7 @@ from .instruments import ACTUATORS, POLLED, PollRate, of_driver, owned_names
 from .landing import Landing, Owned
 from .last_used import forget, remember
 from .latch import Latch, RigLocked
-from .limit_monitor import DriverSettings, LimitMonitor
+from .limit_monitor import DriverSettings, LimitMonitor, NotHeld
 from .messages import Event, RigLanded, SafeReport, SafeStep
 from .under_force import UnderForce
 
@@ -142,8 +142,6 @@ class Guard:
             return self.make_safe("pause", keep_vacuum=True)
         if order is Order.RESUME:
             self.resume()
-        elif order is Order.UNLOCK:
-            self.unlock()
         return None
 
     def do(self, command: Command[Any]) -> Any:
@@ -323,8 +321,7 @@ class Guard:
 
     def locked(self) -> str:
         """Why the rig is locked; empty when it is free."""
-        entry = self.latch.read() if self.latch is not None else None
-        return str(entry or "")
+        return (self.latch.read() if self.latch is not None else None) or ""
 
     def resume(self) -> None:
         """A person has confirmed: reopen what has to be, and take commands again. Raises RigLanded after `hand_over`.
@@ -385,15 +382,14 @@ class Guard:
         """The reading, or the error in its place; an error lands an energised rig, or is reported where a pause is enough."""
         if self.settings.may_have_changed(name, sample):  # its unit of measure was changed at the instrument's panel
             self.settings.confirm(name, trial=False)
-        finding = self.monitor.check(name, sample)
-        if finding is None:
-            return sample
-        if finding.act == "pause":
-            self.tell(Event("pause", str(finding.error), finding.error))
+        fault = self.monitor.check(name, sample)
+        if isinstance(fault, NotHeld):
+            self.tell(Event("pause", str(fault), fault))
+        if fault is None or isinstance(fault, NotHeld):
             return sample
         if self.energised:
-            self.land(str(finding.error), finding.error)
-        return finding.error
+            self.land(str(fault), fault)
+        return fault
 
     # -- the arm under force
     def _begin_motion(self, motion: Callable[[], Any]) -> Any:

@@ -11,7 +11,6 @@ import contextlib
 import json
 import os
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,17 +27,6 @@ class RigLocked(RuntimeError):
     """The rig may not be used: its last safe state is not confirmed, or another program owns it. Nothing was opened."""
 
 
-@dataclass(frozen=True)
-class LatchEntry:
-    """Why a rig is locked."""
-
-    since: str
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.why} (since {self.since})"
-
-
 class Latch:
     """Latch and journal of one rig.yaml."""
 
@@ -47,20 +35,20 @@ class Latch:
         self.path = rig.with_suffix(".latch")
         self.journal = rig.with_suffix(".guard.log")
 
-    def read(self) -> LatchEntry | None:
-        """The entry that locks the rig; None when it is free. A file that cannot be understood locks too."""
+    def read(self) -> str | None:
+        """Why the rig is locked, and since when; None when it is free. A file that cannot be understood locks too."""
         try:
             with open(opened(self.path, os.O_RDONLY), encoding="utf-8") as file:
                 text = file.read(100_000)
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as e:
-            return LatchEntry("an unknown time", f"{self.path} cannot be read ({getattr(e, 'strerror', None) or e})")
+            return f"{self.path} cannot be read ({getattr(e, 'strerror', None) or e}) (since an unknown time)"
         try:
             data: Any = read_json(text)
-            return LatchEntry(str(data["since"]), str(data["why"]))
+            return f"{data['why']} (since {data['since']})"
         except (ValueError, KeyError, TypeError):
-            return LatchEntry("an unknown time", f"{self.path} is damaged")
+            return f"{self.path} is damaged (since an unknown time)"
 
     def demand_free(self) -> None:
         """Raises RigLocked if a person has to attend to the rig first."""

@@ -1,6 +1,6 @@
 """Checks commands and readings against the rig's limits: set-points are clipped, readings outside the limits reported.
 
-A finding calls for "land" (the guard lands the rig at once) or "pause" (the experiment pauses and can go on).
+The guard lands the rig at once, except for `NotHeld`: the experiment pauses and can go on.
 The instruments' settings are read again when a trial begins (the regulators are vented before each, so what is energised first
 after that begins one), and when a pressure jumps by a ratio of units of measure.
 """
@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from drivers.chambers import ChamberMap
 from drivers.errors import DeviceFault
@@ -88,14 +87,6 @@ class NotHeld(DeviceFault):
     """A pressure stays below its set-point: low supply, a leak or a burst chamber."""
 
 
-@dataclass(frozen=True)
-class LimitFinding:
-    """A problem and the action it requires."""
-
-    act: Literal["land", "pause"]
-    error: DeviceFault
-
-
 class LimitMonitor:
     """Limits of one rig."""
 
@@ -135,14 +126,14 @@ class LimitMonitor:
         share = min(1.0, self._limits.max_total_pressure / total) if total > 0 else 1.0
         return tuple(p * share for p in pressures)
 
-    def check(self, name: str, sample: Any) -> LimitFinding | None:
+    def check(self, name: str, sample: Any) -> DeviceFault | None:
         """The first limit that a reading of the instrument `name` is beyond; None where there is none."""
         if isinstance(sample, PressureSample):
             return self._pressure(name, sample)
         if isinstance(sample, GaugeSample):
             lowest = AMBIENT - self._limits.max_vacuum
             if not math.isfinite(sample.absolute) or sample.absolute < lowest:
-                return _landing(
+                return DeviceFault(
                     name,
                     f"{sample.absolute / 1e3:.1f} kPa absolute is below {lowest / 1e3:.1f} kPa, the lowest by "
                     "limits.max_vacuum; turn the supply down",
@@ -150,14 +141,14 @@ class LimitMonitor:
         if isinstance(sample, SpineSample) and sample.homed:
             most = self._rig.instruments.spine.max_length + SLACK if self._rig.instruments.spine else math.inf
             if not -SLACK <= sample.length <= most:
-                return _landing(
+                return DeviceFault(
                     name,
                     f"length {sample.length * 1e3:.1f} mm is outside {-SLACK * 1e3:.0f} to {most * 1e3:.0f} mm; "
                     "check drum and encoder, then home it",
                 )
         return None
 
-    def _pressure(self, name: str, sample: PressureSample) -> LimitFinding | None:
+    def _pressure(self, name: str, sample: PressureSample) -> DeviceFault | None:
         """The first that is wrong: a channel, the sum over chambers, a set-point lost, a channel that does not follow its own."""
         pressure = self._rig.instruments.pressure
         if pressure is None:
@@ -165,22 +156,22 @@ class LimitMonitor:
         highest = pressure.max_pressure + self._limits.pressure_error
         for channel, p in enumerate(sample.measured, 1):
             if not math.isfinite(p):
-                return _landing(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
+                return DeviceFault(name, f"channel {channel} measures {p} Pa; check the regulator's sensor")
             if p > highest:
-                return _landing(
+                return DeviceFault(
                     name, f"channel {channel} measures {p / 1e3:.1f} kPa, limit {highest / 1e3:.1f} kPa; check the regulator"
                 )
         total = sum(p * n for p, n in zip(sample.measured, self._sizes, strict=True))
         most = self._limits.max_total_pressure + self._limits.pressure_error * sum(self._sizes)
         if total > most:
-            return _landing(
+            return DeviceFault(
                 name,
                 f"the chambers' pressures sum to {total / 1e3:.0f} kPa, limits.max_total_pressure is "
                 f"{self._limits.max_total_pressure / 1e3:.0f} kPa; check the regulators",
             )
         return self._setpoint_lost(name, sample) or self._holds(name, sample)
 
-    def _setpoint_lost(self, name: str, sample: PressureSample) -> LimitFinding | None:
+    def _setpoint_lost(self, name: str, sample: PressureSample) -> DeviceFault | None:
         """Land if a regulator holds another set-point than it confirmed; while none are confirmed nothing is lost."""
         last_confirmed = self.setpoints_confirmed or sample.setpoint
         differing = [
@@ -193,14 +184,14 @@ class LimitMonitor:
         if not twice:
             return None
         channel, confirmed, held = twice[0]
-        return _landing(
+        return DeviceFault(
             name,
             f"channel {channel} was set to {confirmed / 1e3:.1f} kPa but its set-point is {held / 1e3:.1f} kPa: it "
             "restarted (power failure?) or something else set it (front panel, second program); check its supply",
         )
 
-    def _holds(self, name: str, sample: PressureSample) -> LimitFinding | None:
-        """The channel that is farthest above its set-point (land), else below it (pause), of those that do not follow theirs."""
+    def _holds(self, name: str, sample: PressureSample) -> DeviceFault | None:
+        """The channel that is farthest above its set-point, else below it (NotHeld), of those that do not follow theirs."""
         channels = enumerate(zip(self._envelopes, sample.setpoint, sample.measured, strict=True), 1)
         deviating = [(p, asked, i) for i, (envelope, asked, p) in channels if envelope.update(sample.t, asked, p)]
         if not deviating:
@@ -211,12 +202,8 @@ class LimitMonitor:
             f"{self._limits.pressure_error_time:g} s"
         )
         if p < asked:
-            return LimitFinding("pause", NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber"))
-        return _landing(name, f"{text}; the regulator does not vent: shut off its supply")
-
-
-def _landing(name: str, text: str) -> LimitFinding:
-    return LimitFinding("land", DeviceFault(name, text))
+            return NotHeld(name, f"{text}; check for low supply pressure, a leak or a burst chamber")
+        return DeviceFault(name, f"{text}; the regulator does not vent: shut off its supply")
 
 
 PA = (1.0, 98.0665, 100.0, 133.322, 249.089, 1e3, 3386.39, 6894.757, 98_066.5, 1e5, 101_325.0, 1e6)

@@ -211,7 +211,7 @@ def read_numpy(path: Path, source: Source) -> Series:
 NPY = b"\x93NUMPY"
 OBJECTS = "holds Python objects, which could run code; save columns, a .npz of plain arrays, or Parquet instead"
 CELL = 256
-"""Bytes of memory of a text or a nested cell, about, besides what it holds."""
+"""Bytes of memory of a text, a nested cell or an array within a variable, about, besides what it holds."""
 
 
 def _members(path: Path, data: bytes) -> Iterator[tuple[str, bytes]]:

@@ -13,21 +13,20 @@ from numpy.typing import NDArray
 
 from model.arrays import Array
 
-from .headings import unit_named
+from .headings import unit_named, word_set
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-MISSING_WORDS = """
+MISSING = word_set("""
 na n/a n.a. n.a nan -nan nan(ind) -nan(ind) 1.#qnan -1.#qnan -1.#ind 1.#ind 1.#inf -1.#inf
 nan(snan) -nan(snan) nat null \\n nil none no nothing void empty blank undef
 undefined invalid missing hidden lost occluded untracked unseen inf -inf +inf infinity -infinity dropout out_of_range
 #n/a #na #value! #div/0! #num! #ref! #name? #null! <na> error err #error overflow over ovf ol o.l.
 - -- --- ---- – — ― − * ** *** ? ?? ??? . .. ... … / \\ x xx xxx _ __ k.a. o.a. n.d. n/d nd nv n.v.
 fehlt leer keine verdeckt ungültig ungueltig manquant absent vide falta vacío mancante
-"""
-MISSING = frozenset(MISSING_WORDS.split()) | {
+""") | {
     "not available", "not visible", "no data", "out of range", "not a number", "not tracked", "not measured", "no signal",
 }  # fmt: skip
 """Words for a value that was not measured, in lower case; more in `source.missing`."""

@@ -246,7 +246,10 @@ def _guess_frame(g: Guess, tip: Array, rest: Mask, markers: Sequence[Array], rob
     least = {z: min(lack[z], swapped[z]) for z in turns}
     best = min(lack, key=(swapped if _clear(min(swapped.values()), min(lack.values())) else lack).__getitem__)
     model = driven.predicted(robot, _some(rest))
-    lies, points = _lies_along(at_rest, markers, robot), _points_along(at_rest, markers, robot, model)
+    # the body rests along an axis of the file from the origin: it sags least at its base, so the first marker shows it best
+    lies = _straight_along(markers[0], robot.markers[0]) if markers else None
+    lies = lies or _straight_along(at_rest, robot.length)
+    points = _points_along(at_rest, markers, robot, model)
     z = best if likeness.any() else _axis(at_rest)
     exact = abs(np.linalg.norm(at_rest) - np.linalg.norm(model.tip, axis=1).mean()) < EXACT * robot.length
     if points is not None and lies != best:  # a body that is bent at rest may point elsewhere
@@ -354,13 +357,6 @@ def _turned(z: str) -> list[tuple[str, str]]:
 
 
 # ------------------------------------------------------------------ place
-def _lies_along(at_rest: Array, markers: Sequence[Array], robot: Robot) -> str | None:
-    """The axis of the file along which the body rests from the origin; None where this is not at the base."""
-    # it sags least at its base, so the first marker shows it best
-    first = _straight_along(markers[0], robot.markers[0]) if markers else None
-    return first or _straight_along(at_rest, robot.length)
-
-
 def _points_along(at_rest: Array, markers: Sequence[Array], robot: Robot, model: Prediction) -> str | None:
     """The axis of the file along which the tip rests from the first marker; None where their distance or that of the model,
     or the model's direction, is not that of a straight body."""

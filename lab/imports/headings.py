@@ -22,41 +22,39 @@ WORDS = {
     "force": "force kraft",
 }
 """Words of a heading by column of trials.csv."""
-TENDON_WORDS = """
+
+
+def word_set(text: str) -> frozenset[str]:
+    """Words between blanks."""
+    return frozenset(text.split())
+
+
+TENDON = word_set("""
 tendon tendons tension tensions cable cables wire wires rope ropes pull pulls
 zug züge seil seile sehne sehnen zugkraft zugkräfte seilkraft seilkräfte sehnenkraft sehnenkräfte draht drähte bowdenzug
 câble câbles fil fils corde cordes tirant tirants
 tendón tendones tensión tensiones hilo hilos cuerda cuerdas cordón cordones tirante tirantes cordon
 cavo cavi filo fili fune funi tendine tendini tensione tensioni tiranti
-"""
-TENDON = frozenset(TENDON_WORDS.split())
+""")
 """Words of a heading for a tendon or its tension."""
-INFLATED_WORDS = """
+INFLATED = TENDON | word_set("""
 chamber chambers kammer kammern actuator actuators aktor aktoren muscle muscles muskel muskeln
 bladder bladders pouch pouches valve valves ventil ventile channel channels kanal kanäle inflated active aktiv group gruppe side
 seite direction richtung pattern muster combination kombination
-"""
-INFLATED = frozenset(INFLATED_WORDS.split()) | TENDON
+""")
 """Words of a heading under which stands what is inflated or pulled, as a number or a word."""
 PRESSURE = re.compile(r"(?<![^\W\d_])(?:p|pressures?|druck|chamber|kammer|press|pr|ch|sp|pv)(\d+)")
-PRESSURE_WORDS = frozenset(
-    ["p", "pressure", "pressures", "druck", "chamber", "kammer", "press", "presion", "regulator", "regulators", "regler"]
-)  # fmt: skip
-ASKED_FOR_WORDS = """
+PRESSURE_WORDS = word_set("p pressure pressures druck chamber kammer press presion regulator regulators regler")
+ASKED_FOR = word_set("""
 set setpoint setpoints setpt sp soll sollwert cmd command commanded target desired ref reference des goal demand
 demanded requested req consigne vorgabe consigna input
-"""
-ASKED_FOR = frozenset(ASKED_FOR_WORDS.split())
-OTHER_PRESSURES_WORDS = """
+""")
+OTHER_PRESSURES = word_set("""
 supply reservoir tank source vacuum vakuum ambient atmosphere atmospheric barometric baro inlet compressor versorgung
 umgebung jamming layout offset stamp stride status
-"""
-OTHER_PRESSURES = frozenset(OTHER_PRESSURES_WORDS.split())
+""")
 """Words of pressures that are none of a chamber."""
-READ_WORDS = """
-meas measured mes mesure ist istwert act actual pv fb feedback read reading sensor sensed real medida
-"""
-READ = frozenset(READ_WORDS.split())
+READ = word_set("meas measured mes mesure ist istwert act actual pv fb feedback read reading sensor sensed real medida")
 COMPOUND = re.compile(
     rf"^(p|pr|press|pressure|druck|chamber|kammer)(\d*)({'|'.join(sorted(ASKED_FOR | READ, key=len, reverse=True))})(\d*)$"
 )
@@ -70,18 +68,12 @@ WORDS_OF_BRANCH = {
 }
 UNITS = {unit.casefold(): (kind, unit) for kind in ("m", "Pa", "Pa/s", "s", "kg", "N", "N/s", "deg") for unit in KINDS[kind]}
 UNITS |= {word: UNITS[unit.casefold()] for word, unit in SPELLED.items()}
-UNSTATED_WORDS = """
-1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless
-"""
-UNSTATED = frozenset(UNSTATED_WORDS.split()) | {""}
+UNSTATED = word_set("1 - -- – a.u. au n/a none n.u. frame frames sample samples # date iso8601 date/time unitless") | {""}
 """Cells in a row of units that state no unit."""
-OTHER_UNIT_WORDS = """
+OTHER_UNITS = UNSTATED | word_set("""
 v mv uv ma a hz khz °c c k % nm n·m n*m m/s mm/s rad/s deg/s °/s m/s² m/s^2 in/s ft kgf lbf gf lb oz at °f °k g/s l/min ml/min
 sccm v/v bool boolean px counts lsb s^-1 ohm kohm nt ut mt gauss hh:mm:ss hh:mm:ss.000
-"""
-OTHER_UNITS = frozenset(OTHER_UNIT_WORDS.split()) | UNSTATED
-
-
+""")
 ALONE = frozenset(["mm", "s", "ms", "millis", "micros"])
 """Units that may be all of a heading."""
 ELECTRIC = frozenset({"v", "mv", "ma", "a", "counts", "lsb"})
@@ -199,9 +191,7 @@ def tendon(h: Heading) -> int | None:
     return int(found[2]) if h.kind == "N" or found[1] not in ("f", "t", "p") else None
 
 
-TURN_WORDS = frozenset(
-    ["rotation", "rot", "euler", "angle", "angles", "winkel", "orientation", "attitude", "rotvec", "rpy", "turn", "drehung"]
-)  # fmt: skip
+TURN_WORDS = word_set("rotation rot euler angle angles winkel orientation attitude rotvec rpy turn drehung")
 TURNS = (("roll", "pitch", "yaw"), ("rollen", "nicken", "gieren"), ("roulis", "tangage", "lacet"),
          ("alabeo", "cabeceo", "guiñada"),
          ("rollio", "beccheggio", "imbardata"), ("bank", "pitch", "heading"), ("roll", "nick", "gier"), ("rx", "ry", "rz"),

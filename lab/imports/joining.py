@@ -80,13 +80,8 @@ def stream_of(series: Series, label: str, given: Map | None = None) -> Stream:
     line = timeline(t, tick, series.place, several=False)
     true_times = np.full(len(t), np.nan)
     true_times[line.rows] = line.t + (source.offset if source else 0.0)
-    return Stream(
-        series,
-        label,
-        true_times,
-        tuple(f"{label}, {text}" for text in line.questions),
-        source is not None and "offset" in source.model_fields_set,
-    )
+    questions = tuple(f"{label}, {text}" for text in line.questions)
+    return Stream(series, label, true_times, questions, source is not None and "offset" in source.model_fields_set)
 
 
 def on_one_clock(streams: Sequence[Stream]) -> list[Stream]:

@@ -16,7 +16,7 @@ import numpy as np
 from recordings.bounded import read_bounded
 
 from ..files.config import ConfigError
-from .arrays import columns_of
+from .arrays import CELL, columns_of
 from .map_file import Source
 from .series import LARGEST, Series, demand_bounded, package, readable, reason
 
@@ -30,8 +30,6 @@ MI_INT32, MI_UINT32, MI_MATRIX, MI_COMPRESSED = 5, 6, 14, 15
 """Kinds of elements: the dimensions, the flags, an array, and one that is compressed."""
 MX_STRUCT, MX_OBJECT, MX_SPARSE, MX_OPAQUE = 2, 3, 5, 17
 """Classes of arrays that are not one cell after the other."""
-CELL = 256
-"""Bytes of memory of an array within a variable, about, besides what it holds."""
 OBJECTS = "__function_workspace__"
 """Where SciPy leaves what objects hold: a file within the file."""
 KINDS = frozenset([*range(1, 8), 9, *range(12, 19)])

@@ -34,7 +34,7 @@ TIMES_WORSE, DEGREES_WORSE = 3.0, 0.5
 """By how much more than another an order must miss to be asked about: factor and deg."""
 FURTHER = re.compile("sensor_|sd_|tip_moment_")
 """Begin of the columns of sensors of the lab's own, of standard deviations and of moments."""
-ON_LINE = 0.02
+LEAST_WIDTH = 0.02
 """Share of the markers' extent along their line that they reach across it, below which they show no turn about it."""
 HALF = 0.5
 """Norm below which a quaternion stands for an orientation that was not seen."""
@@ -372,7 +372,7 @@ def _fitted(file: File, points: Points) -> tuple[scipy.spatial.transform.Rotatio
         raise ConfigError("points.tip.turn: needs three markers or more, seen together at least once")
     about = np.where(seen[:, None, None], every - every.mean(axis=1, keepdims=True), 0.0)
     extent = np.linalg.svd(about, compute_uv=False)
-    there = extent[:, 1] > ON_LINE * extent[:, 0]
+    there = extent[:, 1] > LEAST_WIDTH * extent[:, 0]
     if (flat := seen & ~there).any():
         where = f"{int(flat.sum())} of {int(seen.sum())} rows (first: {file.series.place(int(np.argmax(flat)))})"
         lost = f"points.tip.turn: the markers lie on one line in {where}, so that the turn about it is not determined"

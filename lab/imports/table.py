@@ -44,7 +44,7 @@ MOST_JUMPS = 3
 """Jumps of places that are told one by one."""
 FOLLOWS, FEW_SETTINGS = 0.9, 4
 """Share of a column's variance that the pressures account for in no table of mountings, and values of which there are fewer."""
-ON_LINE = 1e-3
+LEAST_ACROSS = 1e-3
 """Share of the length by which tips are off a line, below which they show no turn about it."""
 MOST_STRAY = 0.2
 """Share of a state's rows that may hold a place elsewhere; of more, none is taken for the right one."""
@@ -255,7 +255,7 @@ def conclude(
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
     across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
-    if across < ON_LINE * robot.length:
+    if across < LEAST_ACROSS * robot.length:
         questions.append(
             robot.actuators.words.fill(
                 f"the tip stays within {1e3 * across:.2g} mm (rms) of one line through the base: these states do not determine "

@@ -44,6 +44,7 @@ from ..options import (
     given_labels,
     inputs,
     option,
+    path_option,
     rig,
     settings,
 )
@@ -201,7 +202,7 @@ class RigLaboratory:
         """The job to run, or why it cannot run."""
         try:
             given = Source(proposal.id, dict(proposal.protocol), {})
-            found = job(proposal.id, self._wanted.rig, self._wanted.set, given, rig=self._rig)
+            found = job(given, self._wanted.rig, self._wanted.set, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
         if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):
@@ -355,9 +356,7 @@ VERBS = (
             settings("change a parameter of every experiment (repeatable)"),
             option("--no-hands", action="store_true", help="only experiments that need no work by hand"),
             YES,
-            option(
-                "--out", type=Path, default=Path("investigation"), metavar="FOLDER", help="folder for recordings, answer and page"
-            ),
+            path_option("--out", "FOLDER", "folder for recordings, answer and page", default=Path("investigation")),
             ROBOT,
             WORKERS,
             option("--watch", action="store_true", help="show the experiments on a page in the browser"),

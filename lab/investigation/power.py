@@ -24,8 +24,8 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import OWN_EFFECTS, READS, Result, Verb, option, rig, settings
-from ..verbs.run import planned_columns, protocol_plan, robot_facts
+from ..options import OWN_EFFECTS, READS, Result, Verb, option, path_option, rig, settings
+from ..verbs.run import planned_columns, protocol_plan, robot_facts, source_of
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
 """What motion capture tells of the tip."""
@@ -84,7 +84,7 @@ def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
     else:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
     facts = robot_facts(robot, rig)
-    _, parameters, plan = protocol_plan(a.protocol, a.set, facts)
+    _, parameters, plan = protocol_plan(source_of(a.protocol, a.set), facts)
     rows = planned_rows(plan, parameters, facts.chambers)
     return robot, partial(foreseen, robot, planned_columns(rows, robot, READ))
 
@@ -151,10 +151,10 @@ VERBS = (
             *READS,
             option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
             settings("change one of its parameters"),
-            option("--campaign", type=Path, metavar="FILE.yaml", help="a campaign instead"),
+            path_option("--campaign", "FILE.yaml", "a campaign instead"),
             option("--case", type=Path, nargs="+", default=[], metavar="CASE", help="a measured case instead"),
             rig(required=False),
-            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the rig's, or the case's)"),
+            path_option("--robot", "ROBOT.yaml", "robot.yaml (default: the rig's, or the case's)"),
             option("--worlds", type=int, default=30, metavar="N", help="robots drawn of each cause (default 30)"),
             option("--seed", type=int, default=1, help="seed of the drawn robots"),
             option("--no-additions", action="store_true", help="do not look for experiments to add"),

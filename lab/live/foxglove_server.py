@@ -15,6 +15,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mcap.records import Schema
+
 from recordings.events import BASE_FRAME
 from recordings.file.contents import Contents
 from recordings.file.tail import Piece
@@ -31,6 +33,7 @@ WAITING = 2**16
 """Messages that may wait for one viewer: two minutes of a rig."""
 ENDS_WITHIN = 1.0
 """Host seconds allowed for disconnecting viewers."""
+NO_SCHEMA = Schema(id=0, name="", encoding="", data=b"")
 SPHERE = 0.008
 """Diameter that stands for the expected tip, m."""
 
@@ -90,14 +93,10 @@ class Foxglove(AbstractContextManager["Foxglove"]):
         for number, channel in contents.channels.items():
             if number in self._channels:
                 continue
-            schema = contents.schemas.get(channel.schema_id)
+            schema = contents.schemas.get(channel.schema_id, NO_SCHEMA)
             self._channels[number] = self._library.Channel(
                 channel.topic,
-                schema=self._library.Schema(
-                    name="" if schema is None else schema.name,
-                    encoding="" if schema is None else schema.encoding,
-                    data=b"" if schema is None else schema.data,
-                ),
+                schema=self._library.Schema(name=schema.name, encoding=schema.encoding, data=schema.data),
                 message_encoding=channel.message_encoding,
                 metadata=dict(channel.metadata),
                 context=self._context,

@@ -99,12 +99,8 @@ def about(path: Path, contents: Contents) -> About:
     )
 
 
-def robot_text(contents: Contents) -> str | None:
-    """The attached robot.yaml; None where there is none."""
-    return _text(contents, "robot.yaml")
-
-
-def _text(contents: Contents, name: str) -> str | None:
+def text_of(contents: Contents, name: str) -> str | None:
+    """An attached file; None where there is none."""
     data = contents.attachments.get(name)
     return None if data is None else data.decode("utf-8", "backslashreplace")
 
@@ -113,11 +109,11 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
     """Rig, robot and limits (SI) from the attached files; None or none where a file cannot be read, which `missing` then says."""
     rig, robot = None, None
     try:
-        robot = check(parse_yaml(robot_text(contents) or "", "robot.yaml"), Robot)
+        robot = check(parse_yaml(text_of(contents, "robot.yaml") or "", "robot.yaml"), Robot)
     except ConfigError as e:
         missing.append(f"no model and no prediction: {e}")
     try:
-        rig = check(parse_yaml(_text(contents, "rig.yaml") or "", "rig.yaml"), RigFile)
+        rig = check(parse_yaml(text_of(contents, "rig.yaml") or "", "rig.yaml"), RigFile)
     except ConfigError as e:
         missing.append(f"no limits: {e}")
         return None, robot, {}
@@ -131,7 +127,7 @@ def _rig(contents: Contents, missing: list[str]) -> tuple[RigFile | None, Robot 
 
 def _protocol(contents: Contents, missing: list[str]) -> str:
     try:
-        table = parse_yaml(_text(contents, "protocol.yaml") or "", "protocol.yaml").data
+        table = parse_yaml(text_of(contents, "protocol.yaml") or "", "protocol.yaml").data
     except ConfigError as e:
         missing.append(str(e))
         return ""

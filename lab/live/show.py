@@ -23,7 +23,7 @@ from recordings.file.tail import Piece, Tail
 from ..guard.child import Child, start_child
 from ..priority import BEHIND
 from .foxglove_server import Foxglove
-from .picture import About, Picture, about, robot_text, shown
+from .picture import About, Picture, about, shown, text_of
 from .viewers import LARGEST_HEAD, Steer, Viewers
 
 
@@ -240,7 +240,7 @@ class Show:
                     self._picture = Picture(self._about(tail))
                     self._tell(self._whole(), "whole")
                     if self._with_model:
-                        asking = asyncio.create_task(self._ask(robot_text(tail.contents)))
+                        asking = asyncio.create_task(self._ask(text_of(tail.contents, "robot.yaml")))
                         tasks.append(asking)
                 self._keep_time(tail, pieces)
                 if self._foxglove is not None:

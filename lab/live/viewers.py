@@ -15,7 +15,6 @@ import json
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Any
@@ -57,15 +56,7 @@ class RefusedRequest(Exception):
         self.status = status
 
 
-@dataclass(frozen=True)
-class PageRequest:
-    """A request: the name behind the token, and what is posted there."""
-
-    name: str
-    posted: dict[str, Any] | None = None
-
-
-async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> PageRequest:
+async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False) -> str | dict[str, Any]:
     """Read a request: a fixed name behind the token, or with `posting` what is posted to ASK. Raises `RefusedRequest`."""
     try:
         head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_WITHIN)
@@ -87,10 +78,10 @@ async def asked(reader: asyncio.StreamReader, token: str, posting: bool = False)
     if request[1] == b"POST":
         if name != ASK:
             raise RefusedRequest(HTTPStatus.METHOD_NOT_ALLOWED)
-        return PageRequest(name, await _posted(reader, request[3]))
+        return await _posted(reader, request[3])
     if not slash or (name not in PAGE and name != EVENTS):
         raise RefusedRequest(HTTPStatus.NOT_FOUND)
-    return PageRequest(name)
+    return name
 
 
 async def _posted(reader: asyncio.StreamReader, head: bytes) -> dict[str, Any]:
@@ -199,8 +190,8 @@ class Viewers:
         writer.transport.set_write_buffer_limits(high=0)  # `drain` returns when all is on its way
         try:
             request = await asked(reader, self._token, self._steer is not None)
-            if request.posted is not None:
-                self._ask(request.posted)
+            if isinstance(request, dict):
+                self._ask(request)
                 writer.write(response(HTTPStatus.NO_CONTENT))
                 await asyncio.wait_for(writer.drain(), STUCK)
                 return
@@ -208,10 +199,10 @@ class Viewers:
             writer.write(refusal(e.status))
             await asyncio.wait_for(_linger(reader, writer), LINGER)
             return
-        if request.name == EVENTS:
+        if request == EVENTS:
             await self._stream(writer)
             return
-        writer.write(response(HTTPStatus.OK, *self._files[request.name]))
+        writer.write(response(HTTPStatus.OK, *self._files[request]))
         await asyncio.wait_for(writer.drain(), STUCK)
 
     def _ask(self, posted: dict[str, Any]) -> None:

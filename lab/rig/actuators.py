@@ -24,7 +24,7 @@ from drivers.interfaces import Identity, Instrument
 from timing import RigClock
 
 from ..files.rig_file import RigFile
-from ..guard.child import end_child, processor_time, start_child
+from ..guard.child import SIGNALS, end_child, processor_time, start_child
 from ..guard.commands import Command, Order, R, RemoteArm, RemoteGauge, RemoteLengthUnit, RemoteRegulators, RemoteValve
 from ..guard.messages import Event, SafeReport, Start
 from ..guard.pulse import Pulse
@@ -38,8 +38,6 @@ BEATS_MISSED = 2.0
 SLICE = 0.05
 LIVING_ON: list[subprocess.Popen[bytes]] = []
 """Guards that go on landing their rigs without this program."""
-HELD_BACK = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-"""Signals that a terminal sends to everybody; the guard must not even see them while it starts."""
 
 
 class ActuatorsLost(RuntimeError):
@@ -213,10 +211,6 @@ class Actuators:
         """A person has confirmed: reconnect what has to be, take commands again."""
         self._sent(Order.RESUME)
 
-    def unlock(self) -> None:
-        """Remove the latch."""
-        self._sent(Order.UNLOCK)
-
     def close(self) -> str:
         """Land safe and end the process; kills it when it does not end by itself, and raises ActuatorsLost then.
 
@@ -246,8 +240,8 @@ def _about() -> str:
 
 @contextlib.contextmanager
 def _signals_blocked() -> Any:
-    """Block the signals HELD_BACK while this is entered: a process that is started meanwhile inherits that."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_BACK)
+    """Block the signals SIGNALS while this is entered: a process that is started meanwhile inherits that."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:

@@ -13,9 +13,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from ..guard.child import SIGNALS
 from ..guard.pulse import SIGNAL, Pulse
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupts:

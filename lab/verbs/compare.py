@@ -15,7 +15,7 @@ from ..console import note, out
 from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
-from ..options import JSON, OF_CASE, REPLACE, Result, Verb, option
+from ..options import JSON, OF_CASE, REPLACE, Result, Verb, path_option
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
@@ -80,7 +80,7 @@ VERBS = (
         options=(
             JSON,
             *OF_CASE,
-            option("--out", type=Path, metavar="FOLDER", help="folder for the figures"),
+            path_option("--out", "FOLDER", "folder for the figures"),
             REPLACE,
         ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),

@@ -23,7 +23,7 @@ from sim_fakes.virtual_robot import draw_effect, list_effects
 from ..console import out, styled
 from ..files.config import ConfigError
 from ..files.rig_file import found_drivers
-from ..options import Result, Verb, option
+from ..options import Result, Verb, option, path_option
 from ..priority import BEHIND
 from ..processes import processes
 from .check import check
@@ -121,12 +121,8 @@ VERBS = (
         "demo",
         lambda a: demo(a.out, a.seed, a.speed, a.effect),
         options=(
-            option(
-                "--out",
-                type=Path,
-                default=Path("demo"),
-                metavar="FOLDER",
-                help="for recordings and report; an earlier demo in it is replaced",
+            path_option(
+                "--out", "FOLDER", "for recordings and report; an earlier demo in it is replaced", default=Path("demo")
             ),  # fmt: skip
             option("--seed", type=int, help="choose withheld effect and noise"),
             option("--speed", type=float, default=20.0, help="clock speed of the rig, times real time (default 20)"),

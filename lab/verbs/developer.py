@@ -73,7 +73,6 @@ def _or_text(field: dict[str, Any]) -> dict[str, Any]:
     return field
 
 
-SHELLS = ("bash", "zsh")
 FOLDERS = ("folder",)
 """Arguments, by their name, that are folders."""
 
@@ -128,7 +127,7 @@ VERBS = (
     Verb(
         "completion",
         lambda a: completion(a.shell, a.parser()),
-        options=(option("shell", choices=SHELLS),),
+        options=(option("shell", choices=tuple(FUNCTIONS)),),
         examples=("lab completion bash > completions/lab", "lab completion zsh > completions/_lab"),
         page="docs/howto/command.md",
     ),

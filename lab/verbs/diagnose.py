@@ -40,7 +40,7 @@ from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..next_step import FIRST, command, nothing_next
-from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result, Verb, option
+from ..options import OF_CASE, OWN_EFFECTS, REPLACE, SCHEDULER, WORKERS, Result, Verb, option, path_option
 from ..processes import cluster, for_case
 
 
@@ -275,19 +275,18 @@ VERBS = (
         _diagnose_verb,
         options=(
             *OF_CASE,
-            option("--json", type=Path, metavar="OUT", help="write diagnosis.json here"),
-            option("--report", type=Path, metavar="OUT.html", help="write the page with all figures here"),
-            option(
+            path_option("--json", "OUT", "write diagnosis.json here"),
+            path_option("--report", "OUT.html", "write the page with all figures here"),
+            path_option(
                 "--protocols",
-                type=Path,
-                metavar="FOLDER",
-                help="write the proposed experiments as protocol files; to get them later you must run the whole diagnosis again",
+                "FOLDER",
+                "write the proposed experiments as protocol files; to get them later you must run the whole diagnosis again",
             ),
             REPLACE,
-            option("--reference", type=Path, metavar="CASE", help="an earlier campaign: report what has changed since"),
-            option("--holdout", type=Path, metavar="CASE", help="a campaign (case folder or .mcap) to test the answer on"),
-            option("--candidates", type=Path, metavar="POSES.csv", help="for an arm: poses from which the next ones are chosen"),
-            option("--baseline", type=Path, metavar="PREDICTED.csv", help="predictions of another simulator: diagnose its gap"),
+            path_option("--reference", "CASE", "an earlier campaign: report what has changed since"),
+            path_option("--holdout", "CASE", "a campaign (case folder or .mcap) to test the answer on"),
+            path_option("--candidates", "POSES.csv", "for an arm: poses from which the next ones are chosen"),
+            path_option("--baseline", "PREDICTED.csv", "predictions of another simulator: diagnose its gap"),
             option("--simulator", metavar="NAME|FILE.py", help="the same, but call the simulator itself"),
             WORKERS,
             SCHEDULER,

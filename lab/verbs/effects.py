@@ -31,7 +31,7 @@ from ..files.config import load
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import paper_robot
-from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, option
+from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, path_option
 from ..pages.figures import colours, drawing
 
 Columns = dict[str, NDArray[np.generic]]
@@ -252,9 +252,9 @@ VERBS = (
         lambda a: run(a.out, load(a.robot, Robot) if a.robot else None, a.effects, a.replace),
         options=(
             JSON,
-            option("--out", type=Path, default=Path("out/effects"), metavar="FOLDER", help="folder for the picture"),
+            path_option("--out", "FOLDER", "folder for the picture", default=Path("out/effects")),
             REPLACE,
-            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the paper's robot)"),
+            path_option("--robot", "ROBOT.yaml", "robot.yaml (default: the paper's robot)"),
             OWN_EFFECTS,
         ),
         examples=("lab effects", "lab effects --robot robot.yaml --effects my_effects.py"),

@@ -31,7 +31,7 @@ from ..files.config import ConfigError
 from ..files.inputs import marked_notes, same_body, without_torn
 from ..files.output_folder import CRATE as METADATA
 from ..files.output_folder import names_apart, whole
-from ..options import READS, REPLACE, OneOf, Option, Result, Verb, inputs, option
+from ..options import READS, REPLACE, OneOf, Option, Result, Verb, inputs, option, path_option
 from ..version import NAME, installed, source
 
 DIAGNOSIS = "diagnosis.json"
@@ -249,7 +249,7 @@ VERBS = (
         options=(
             *READS,
             inputs("recordings (.mcap); with --crate also a case folder"),
-            option("--out", type=Path, required=True, metavar="FOLDER", help="new or empty folder to write"),
+            path_option("--out", "FOLDER", "new or empty folder to write", required=True),
             REPLACE,
             OneOf(
                 _form("case", "write a case for other tools: robot.yaml and trials.csv"),

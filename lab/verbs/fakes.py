@@ -33,7 +33,7 @@ from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
-from ..options import Option, Result, Verb, option
+from ..options import Option, Result, Verb, option, path_option
 from ..rig.real_time import process_of
 
 PATIENT: dict[str, Any] = {
@@ -319,8 +319,8 @@ VERBS = (
             _driver("mocap", "natnet", "the motion capture"),
             option("--without", metavar="KEY[,KEY..]", help="instruments to leave out (default: what the robot does not need)"),
             option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
-            option("--robot", type=Path, metavar="ROBOT.yaml", help="the robot to simulate (default: the paper's robot)"),
-            option("--rig", type=Path, metavar="RIG.yaml", help="write rig.yaml and robot.yaml here instead of printing"),
+            path_option("--robot", "ROBOT.yaml", "the robot to simulate (default: the paper's robot)"),
+            path_option("--rig", "RIG.yaml", "write rig.yaml and robot.yaml here instead of printing"),
             option("--list-effects", action="store_true", help="list the effects of --effect"),
         ),
         examples=("lab fakes --rig rig/rig.yaml --speed 20", "lab fakes --list-effects"),

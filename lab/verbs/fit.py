@@ -30,7 +30,7 @@ from ..files.inputs import Case, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
-from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, option
+from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, option, path_option
 
 SAME_FIT = 0.05
 """Relative difference of two residuals of one robot."""
@@ -213,7 +213,7 @@ VERBS = (
         options=(
             JSON,
             *OF_CASE,
-            option("--out", type=Path, metavar="FOLDER", help="folder for robot.yaml as fitted, and --samples"),
+            path_option("--out", "FOLDER", "folder for robot.yaml as fitted, and --samples"),
             REPLACE,
             option(
                 "--with",

@@ -24,7 +24,7 @@ from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, asking, guess_text
 from ..imports.series import Series, listed
 from ..imports.table import imported
-from ..options import READS, REPLACE, Result, Verb, inputs, option
+from ..options import READS, REPLACE, Result, Verb, inputs, option, path_option
 from ..plain import typed
 
 MAP, PICTURE = "map.yaml", "states.png"
@@ -175,12 +175,10 @@ VERBS = (
         options=(
             *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
-            option("--map", type=Path, metavar="MAP.yaml", help="map.yaml: columns, units, frame (axes or directions), states"),
+            path_option("--map", "MAP.yaml", "map.yaml: columns, units, frame (axes or directions), states"),
             option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
-            option("--robot", type=Path, metavar="ROBOT.yaml", help="robot.yaml (default: the one that the map names)"),
-            option(
-                "--out", type=Path, required=True, metavar="FOLDER", help="case folder to write; with --guess: where the map goes"
-            ),
+            path_option("--robot", "ROBOT.yaml", "robot.yaml (default: the one that the map names)"),
+            path_option("--out", "FOLDER", "case folder to write; with --guess: where the map goes", required=True),
             REPLACE,
         ),
         examples=(

@@ -16,7 +16,7 @@ from ..console import out
 from ..files.config import ConfigError, check, demand_writable, in_si, parse_yaml
 from ..files.rig_file import RigFile, drivers
 from ..files.units import to_si, written
-from ..options import OneOf, Result, Verb, option
+from ..options import OneOf, Result, Verb, option, path_option
 from ..rig.limits import NO_TENDONS
 
 HARDWARE = Path(__file__).parents[1] / "files" / "hardware_rig.yaml"
@@ -180,8 +180,8 @@ VERBS = (
             option("--density", metavar="DENSITY", help="such as '1070 kg/m^3'"),
             option("--max-pressure", metavar="PRESSURE", help="what its chambers bear"),
             option("--max-tension", metavar="FORCE", help=f"what its tendons bear, such as '5 N' (1 N is {1 / PULL_AREA:g} Pa)"),
-            option("--out", type=Path, default=Path("robot.yaml"), metavar="ROBOT.yaml", help="where to write it"),
-            option("--rig", type=Path, metavar="RIG.yaml", help="also write a rig.yaml for hardware"),
+            path_option("--out", "ROBOT.yaml", "where to write it", default=Path("robot.yaml")),
+            path_option("--rig", "RIG.yaml", "also write a rig.yaml for hardware"),
             option("--instruments", metavar="KEY[=DRIVER],..", help="of that rig, such as pressure=smc_itv,mocap=natnet"),
         ),
         examples=(

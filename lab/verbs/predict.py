@@ -35,8 +35,8 @@ from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..imports.headings import unit_named
 from ..imports.map_file import factor
-from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, settings
-from .run import Columns, planned_columns, protocol_plan, robot_facts
+from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, settings
+from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
 """Columns of states that are each reached from rest by one ramp."""
@@ -214,7 +214,7 @@ def _with_known_intervals(robot: Robot, prediction: Prediction) -> Prediction:
 def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns:
     """The states that a protocol will read, as its plan has them; raises ConfigError for one that inflates nothing."""
     known = robot_facts(robot)
-    _, parameters, plan = protocol_plan(protocol, settings, known)
+    _, parameters, plan = protocol_plan(source_of(protocol, settings), known)
     rows = planned_rows(plan, parameters, known.chambers)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
@@ -342,18 +342,12 @@ def _predict_verb(a: argparse.Namespace) -> Result:
 
 GIVEN = OneOf(
     option("--protocol", help="predict the states of a protocol: its name or its file (.yaml, .py)"),
-    option(
+    path_option(
         "--table",
-        type=Path,
-        metavar="STATES.csv",
-        help="predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
+        "STATES.csv",
+        "predict the states of a table: p1 .. in Pa ('p1 [kPa]', tendons 'p1 [N]'), spine_length in m; or a trials.csv",
     ),
-    option(
-        "--inverse",
-        type=Path,
-        metavar="TARGETS.csv",
-        help="find pressures for these tips: x, y, z in m; an empty cell is free",
-    ),
+    path_option("--inverse", "TARGETS.csv", "find pressures for these tips: x, y, z in m; an empty cell is free"),
     required=True,
 )
 
@@ -363,9 +357,7 @@ VERBS = (
         _predict_verb,
         options=(
             JSON,
-            option(
-                "--robot", type=Path, required=True, metavar="ROBOT.yaml", help="robot.yaml, with its effects (lab fit --with)"
-            ),
+            path_option("--robot", "ROBOT.yaml", "robot.yaml, with its effects (lab fit --with)", required=True),
             GIVEN,
             settings("with --protocol: change one parameter"),
             option("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m"),
@@ -375,8 +367,8 @@ VERBS = (
                 metavar="'9,1,2 3,4,5'",
                 help="with --inverse: chambers that share a regulator (others stay vented)",
             ),
-            option("--out", type=Path, metavar="FILE.csv", help="write all rows to this file"),
-            option("--figure", type=Path, metavar="FILE.svg", help="draw them in this file (.svg, .png or .pdf)"),
+            path_option("--out", "FILE.csv", "write all rows to this file"),
+            path_option("--figure", "FILE.svg", "draw them in this file (.svg, .png or .pdf)"),
             OWN_EFFECTS,
         ),
         examples=(

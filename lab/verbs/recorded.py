@@ -33,7 +33,7 @@ from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si
-from ..options import READS, Result, Verb, option
+from ..options import READS, Result, Verb, option, path_option
 from ..plain import typed
 
 SHOWN = 20
@@ -295,7 +295,7 @@ VERBS = (
         options=(
             *READS,
             option("file", type=Path),
-            option("--out", type=Path, metavar="FILE", help="the new file (default: <name>-recovered.mcap beside the old one)"),
+            path_option("--out", "FILE", "the new file (default: <name>-recovered.mcap beside the old one)"),
         ),
         examples=("lab recover runs/sweep.mcap", "lab recover runs/sweep.mcap --out saved.mcap"),
         page="docs/howto/resume.md",

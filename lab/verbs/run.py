@@ -54,7 +54,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..files.units import shown
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
-from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, rig, settings
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, path_option, rig, settings
 from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
@@ -89,21 +89,20 @@ class Job:
 
 
 def job(
-    protocol: str,
+    protocol: str | Source,
     rig_path: Path,
-    settings: list[str],
-    source: Source | None = None,
+    settings: Sequence[str] = (),
     of_file: Experiment | None = None,
     rig: RigFile | None = None,
 ) -> Job:
     """Read and check everything before anything moves; raises ConfigError with all problems.
 
-    `source`, `rig`: the protocol file and rig.yaml, when they were read already; `of_file`: the protocol of a Python file."""
+    `protocol`, `rig`: the protocol file and rig.yaml may have been read already; `of_file`: the protocol of a Python file."""
     rig = load_rig(rig_path) if rig is None else rig
     robot = rig.body
     facts = robot_facts(robot, rig)
-    given = _with(source or source_of(protocol), settings)
-    experiment, parameters, plan = protocol_plan(protocol, [], facts, given, of_file)
+    given = source_of(protocol, settings) if isinstance(protocol, str) else _with(protocol, settings)
+    experiment, parameters, plan = protocol_plan(given, facts, of_file)
     if not facts.spine:
         experiment = replace(experiment, needs=tuple(n for n in experiment.needs if n not in OF_SPINE))
     if missing := [n for n in experiment.needs if getattr(rig.instruments, n) is None]:
@@ -117,14 +116,11 @@ def job(
     return Job(experiment, parameters, plan, rig, rig_path)
 
 
-def protocol_plan(
-    protocol: str, settings: list[str], facts: RobotFacts, source: Source | None = None, of_file: Experiment | None = None
-) -> tuple[Experiment, Parameters, Plan]:
-    """A protocol (by name or file) with its parameters, `settings` put in, and its plan; raises ConfigError.
+def protocol_plan(source: Source, facts: RobotFacts, of_file: Experiment | None = None) -> tuple[Experiment, Parameters, Plan]:
+    """The protocol of a file with its parameters, and its plan; raises ConfigError.
 
-    `facts`: what is known of the robot; `source`: the protocol's file where it was read; `of_file`: a protocol of Python."""
-    source = _with(source or source_of(protocol), settings)
-    experiment = _experiment(source.table.get("protocol", protocol), of_file, source.name)
+    `facts`: what is known of the robot; `of_file`: a protocol of Python."""
+    experiment = _experiment(source, of_file)
     values, lines = _by_new_names({k: v for k, v in source.table.items() if k != "protocol"}, source, experiment)
     values = {**_defaults(experiment, facts), **values}
     parameters = check(Source(source.name, values, lines), experiment.parameters)
@@ -174,15 +170,15 @@ def planned_columns(rows: Sequence[Mapping[str, Any]], robot: Robot, channels: S
     return columns | {name: np.full(len(rows), float(name == "qw")) for name in channels}
 
 
-def source_of(protocol: str) -> Source:
-    """What a protocol file says, or a name alone."""
-    if Path(protocol).suffix in (".yaml", ".yml"):
-        return read_yaml(Path(protocol))
-    return Source(protocol, {"protocol": protocol}, {})
+def source_of(protocol: str, settings: Sequence[str] = ()) -> Source:
+    """What a protocol file says, or a name alone, with `settings` put in; raises ConfigError."""
+    is_file = Path(protocol).suffix in (".yaml", ".yml")
+    return _with(read_yaml(Path(protocol)) if is_file else Source(protocol, {"protocol": protocol}, {}), settings)
 
 
-def _experiment(name: object, of_file: Experiment | None, where: str) -> Experiment:
+def _experiment(source: Source, of_file: Experiment | None = None) -> Experiment:
     """The protocol that a file, a run or a person names; `of_file` comes before those that are installed."""
+    name, where = source.table.get("protocol", source.name), source.name
     if of_file is not None:
         if of_file.name != name:
             raise ConfigError(f"{of_file.source}: defines the protocol {of_file.name}, but {where} needs {name}")
@@ -232,7 +228,7 @@ def _planned(experiment: Experiment, parameters: Parameters) -> Plan:
     return plan
 
 
-def _with(source: Source, settings: list[str]) -> Source:
+def _with(source: Source, settings: Sequence[str]) -> Source:
     """Return the source with `--set key=value` (dotted keys) applied."""
     data: Any = copy.deepcopy(source.data)
     for setting in settings:
@@ -319,13 +315,13 @@ def folded(steps: Sequence[Step]) -> tuple[Sequence[Step], int]:
 def keys(protocol: str, rig_path: Path | None) -> Result:
     """What can be set of a protocol: key, unit, default (for the robot of the rig, where one is given), limits."""
     source = source_of(protocol)
-    experiment = _experiment(source.table.get("protocol", protocol), None, source.name)
+    experiment = _experiment(source)
     defaults, allowed = dict[str, Any](), list[str]()
     if rig_path is not None:
         rig = load_rig(rig_path)
         defaults = _defaults(experiment, facts := robot_facts(rig.body, rig))
         with contextlib.suppress(ConfigError, BadProtocol):  # a key has no default
-            planned = protocol_plan(protocol, [], facts, source)[2]
+            planned = protocol_plan(source, facts)[2]
             bounds = [f"{m.name} {shown(m.limit, m.unit)}" for m in margins(planned, rig, rig.body) if m.limit is not None]
             allowed = [*bounds, f"chambers 1 to {facts.chambers}"]
     listed = protocol_keys(experiment.parameters, defaults)
@@ -459,23 +455,22 @@ def job_again(broken: Broken, rig_path: Path, of_file: Experiment | None = None,
     """Return the job of an interrupted run on the present rig. Raises ConfigError if the robot differs.
 
     `of_file`: the protocol of a Python file, where it came from one; `rig`: rig.yaml, when it was read already."""
-    name = f"{broken.journal}: protocol.yaml"
-    source = parse_yaml(broken.protocol, name)
-    j = job(name, rig_path, [], source, of_file, rig)
+    source = parse_yaml(broken.protocol, f"{broken.journal}: protocol.yaml")
+    j = job(source, rig_path, of_file=of_file, rig=rig)
     if not same_body(j.rig.texts["robot.yaml"], broken.robot):
         raise ConfigError(f"{j.rig.robot}: differs from the robot.yaml of the run to resume; start a new run instead")
     return j
 
 
-def connect(rig: Rig, needs: Sequence[str], quiet: bool = False) -> None:
-    """Open the instruments of an experiment with these needs. Raises the first InstrumentError after trying all."""
+def connect(rig: Rig, needs: Sequence[str] | None, quiet: bool = False) -> None:
+    """Open the instruments of an experiment with these needs, or all. Raises the first InstrumentError after trying all."""
     quiet = quiet or out.quiet
 
     def announce(name: str, result: Identity | InstrumentError) -> None:
         if not (quiet or isinstance(result, InstrumentError)):
             out.print(f"  {name}: {result.maker} {result.model} {result.serial}".rstrip())
 
-    failures = rig.open_all(announce, rig.needed(needs))
+    failures = rig.open_all(announce, None if needs is None else rig.needed(needs))
     if failures:
         for failure in () if quiet else failures[1:]:
             err.print(str(failure))
@@ -665,8 +660,8 @@ VERBS = (
             option("protocol", nargs="?", help=PROTOCOL),
             rig(),
             SET,
-            option("--out", type=Path, metavar="FOLDER", help="folder for the recording (default: this one)"),
-            option("--resume", type=Path, metavar="RUN", help="continue an interrupted run (.mcap)"),
+            path_option("--out", "FOLDER", "folder for the recording (default: this one)"),
+            path_option("--resume", "RUN", "continue an interrupted run (.mcap)"),
             option("--watch", action="store_true", help="show the run on a page in the browser"),
             YES,
             *LABELS,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..guard.door import Landed, land, names_of_path, owners
 from ..guard.messages import SafeReport, SafeStep
-from ..options import JSON, OneOf, Result, Verb, option
+from ..options import JSON, OneOf, Result, Verb, option, path_option
 from ..plain import typed
 from ..priority import coming_first
 
@@ -130,7 +130,7 @@ def _landed(rig_path: Path, clear: bool) -> RigLanding:
             "`lab safe` there"
         )
     if not result.names or os.access(latch.path.parent, os.R_OK | os.X_OK):
-        result.locked = str(latch.read() or "")
+        result.locked = latch.read() or ""
     return result
 
 
@@ -220,7 +220,7 @@ VERBS = (
         options=(
             JSON,
             OneOf(
-                option("--rig", type=Path, metavar="RIG.yaml", help="rig.yaml"),
+                path_option("--rig", "RIG.yaml", "rig.yaml"),
                 option("--all", action="store_true", help="every rig of this computer that is in use or was not left safe"),
                 required=True,
             ),

@@ -18,7 +18,7 @@ from ..files.config import ConfigError
 from ..live.beside import opened_in_browser
 from ..live.foxglove_server import LAYOUT, Foxglove
 from ..live.show import LOOPBACK, PageAddress, Show, ShownRecording, place
-from ..options import READS, Result, Verb, option
+from ..options import READS, Result, Verb, option, path_option
 from ..plain import typed
 
 LOOK = 0.2
@@ -112,7 +112,7 @@ VERBS = (
         lambda a: watch(a.what, a.speed, a.bind, a.port, not a.no_browser, a.foxglove),
         options=(
             *READS,
-            option("what", type=Path, metavar="FILE|RIG", help="a recording (.mcap), or the rig.yaml of the run"),
+            path_option("what", "FILE|RIG", "a recording (.mcap), or the rig.yaml of the run"),
             option("--speed", type=float, help="play a recording this many times faster than rig time (default 1)"),
             option(
                 "--bind",

@@ -73,14 +73,12 @@ def _columns(recording: Recording, topic: str) -> list[_ExportColumn]:
     for name in samples.dtype.names or ():
         field = own_fields.get(name) or Field(name, "double", doc=f"{name} measured by the sensor {topic.removeprefix(SENSORS)}")
         unit, values = units.get(name, ""), samples[name].reshape(len(samples), -1)
-        if name == "t":
+        if samples[name].ndim == 1:
             since = ""
-            if recording.metadata.get("recording", {}).get("start_wall_ns"):
+            if name == "t" and recording.metadata.get("recording", {}).get("start_wall_ns"):
                 start = datetime.fromtimestamp(recording.start_wall_ns / 1e9, UTC)
                 since = f"; t = 0 at {start.isoformat(timespec='milliseconds')}"
-            out.append(_ExportColumn(name, samples[name], unit, f"rig time{since}"))
-        elif samples[name].ndim == 1:
-            out.append(_ExportColumn(name, samples[name], unit, field.doc))
+            out.append(_ExportColumn(name, samples[name], unit, f"{'rig time' if name == 't' else field.doc}{since}"))
         else:
             part_units, count = unit.split(", "), values.shape[1]
             for i in range(count):

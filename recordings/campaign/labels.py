@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 from .. import events
 from ..errors import BadMessage
-from ..file.reader import Recording
 from ..messages import NAME
 
 RECORD = "labels"
@@ -41,8 +40,3 @@ def labels(pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     if len(texts) > MOST:
         raise BadMessage(f"{len(texts)} labels are given, at most {MOST}")
     return texts
-
-
-def labels_of(recording: Recording) -> dict[str, str]:
-    """What was said of a recording's run."""
-    return dict(recording.metadata.get(RECORD, {}))

@@ -7,7 +7,6 @@ time of change differ, and the whole index is made anew when it is missing, dama
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -22,7 +21,7 @@ from ..file.reader import Recording
 from ..json_text import Plain, read_json
 from ..own_files import replaced
 from .info import info, planned_of
-from .labels import MOST, labels_of
+from .labels import MOST, RECORD
 from .replay import campaign_of
 
 INDEX = ".recordings.json"
@@ -124,6 +123,6 @@ def _entry(file: Path, name: str, status: os.stat_result) -> RecordedRun:
         outcome=(summary.outcome or "finished") if summary.finished else "abrupt", detail=summary.detail[:2000],
         states=summary.states, rows=summary.rows,
         lost=sum((s.dropped or 0) + (s.lost or 0) for s in summary.streams.values()),
-        campaign=(campaign_of(recording) or "")[:200], labels=dict(itertools.islice(labels_of(recording).items(), MOST)),
+        campaign=(campaign_of(recording) or "")[:200], labels=dict([*recording.metadata.get(RECORD, {}).items()][:MOST]),
         notes=sum(request.kind == "note" for request in summary.requests), planned=summary.planned,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from virtual_lab import VirtualLab, go_on, journal_says, lab, meanwhile, press_c
 from benchmarks.faults.night import KILL, Night, Trouble, write_campaign
 from lab.campaign.design import campaign_of, planned_table
 from lab.files.inputs import read_case
-from recordings.campaign.labels import labels_of
+from recordings.campaign.labels import RECORD
 from recordings.campaign.shelf import runs
 from recordings.file.reader import Recording
 
@@ -82,7 +82,7 @@ def test_a_night_with_kills_and_a_fault_loses_nothing_and_doubles_nothing(real_l
     assert report.kills == 2 and report.faults == 1 and report.sessions >= 3 and report.torn >= 1
     assert report.planned == report.found == 9 and report.sound, report
     torn = [Recording.open(f) for f in (tmp_path / "night").glob("0002-*/*-recovered.mcap")]
-    assert len(torn) == 1 and labels_of(torn[0])["run"] == "2"
+    assert len(torn) == 1 and torn[0].metadata[RECORD]["run"] == "2"
     lines = [json.loads(line) for line in (tmp_path / "night" / "campaign.journal").read_text().splitlines()]
     assert sorted(line["run"] for line in lines if line.get("outcome") == "completed" and "run" in line) == [1, 2, 3]
 

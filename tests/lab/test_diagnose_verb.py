@@ -15,7 +15,7 @@ from pages import read_as_text
 
 from diagnosis.answer.result import Diagnosis
 from diagnosis.diagnose import Options, diagnose
-from lab.files.inputs import Case
+from lab.files.inputs import Case, read_case, unconfirmed_guesses
 from lab.files.own_effects import effects_from_file
 from lab.files.robot_file import paper_robot
 from lab.verbs.diagnose import show
@@ -160,6 +160,15 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     text = read_as_text(page.read_text())
     assert "Too little data to name a cause" in text and "A single trial" in text
     assert "Only one spine length" in text and "Only one pressure" in text
+
+
+def test_one_guess_is_in_the_singular_a_long_one_keeps_its_remedy_and_a_map_in_short_form_is_known(tmp_path: Path) -> None:
+    case = folder(tmp_path / "case", campaign({}, repeats=1, lengths=(0.2,), pressures=(160e3,)))
+    (case / "map.yaml").write_text(f"columns: {{p1: P}}\nunconfirmed:\n- '{'is it so? ' * 30}write kPa'\n")
+    (said,) = map(str, unconfirmed_guesses([case]))
+    assert said.startswith("1 guess of the map is unconfirmed (is it so?") and "write kPa): check" in said and len(said) < 400
+    mapped = read_case([case]).table.mapped
+    assert mapped is not None and mapped.headings == (("p1", "P"),)
 
 
 def test_campaigns_of_two_robots_are_not_mixed(answered: Answered, tmp_path: Path, cli: Cli) -> None:

@@ -23,11 +23,11 @@ from lab.files.inputs import Case, read_case
 from lab.files.robot_file import paper_robot
 from lab.investigation.command import write_page
 from lab.verbs.diagnose import write_protocols
-from lab.verbs.run import Outcome, protocol_plan
+from lab.verbs.run import Outcome, protocol_plan, source_of
 from model.robot import load_robot
 from protocols.errors import NotReached
 from protocols.parameters import RobotFacts
-from recordings.campaign.labels import labels_of
+from recordings.campaign.labels import RECORD
 from recordings.file.reader import Recording
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, examined_once
@@ -59,7 +59,7 @@ def test_an_experiment_is_predicted_done_and_added(virtual_lab: VirtualLab, tmp_
     assert len(done) == len(found["inputs"]) - 1 == 1 and "hands" not in done[0]["experiment"]
     (below,) = [p for p in place.iterdir() if p.is_dir()]
     recording = Recording.open(Path(found["inputs"][1]))
-    assert recording.path.parent == below and labels_of(recording) == {"investigation": "why", "operator": "Ada"}
+    assert recording.path.parent == below and recording.metadata[RECORD] == {"investigation": "why", "operator": "Ada"}
     predicted = json.loads((below / "predicted.json").read_text())
     begun = time.mktime(time.strptime(recording.path.stem[-15:], "%Y%m%d-%H%M%S"))
     assert int((below / "predicted.json").stat().st_mtime) <= begun
@@ -153,7 +153,7 @@ def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Pa
         name = experiment.protocol["protocol"]
         values = {key: value for key, value in experiment.protocol.items() if key != "protocol"}
         meant = found_protocols().usable[name].parameters.model_validate(values)
-        assert protocol_plan(str(path), [], RobotFacts(9, (), meant.tip_mass, True))[1] == meant
+        assert protocol_plan(source_of(str(path)), RobotFacts(9, (), meant.tip_mass, True))[1] == meant
 
 
 @pytest.mark.parametrize("id", sorted(MENU))

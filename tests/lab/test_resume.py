@@ -20,7 +20,7 @@ from lab.files.checked import recording_of
 from lab.files.inputs import read_case
 from lab.verbs import run as run_verb
 from lab.verbs.fakes import PATIENT_SETTLE
-from recordings.campaign.labels import labels_of
+from recordings.campaign.labels import RECORD
 from recordings.campaign.shelf import runs
 from recordings.file.journal import read
 from recordings.file.reader import Recording
@@ -88,8 +88,8 @@ def test_a_run_that_was_stopped_says_how_to_go_on_and_that_does(virtual_lab: Vir
     assert words == ["lab", "run", "--resume", str(first), "--rig", str(virtual_lab.rig)]
     assert lab(*words[1:], "--tag", "batch=4") in SOUND
     (second,) = set(folder.glob("*.mcap")) - {first}
-    assert labels_of(Recording.open(first)) == {"operator": "Ada", "batch": "3"}
-    assert labels_of(Recording.open(second)) == {"operator": "Ada", "batch": "4"}
+    assert Recording.open(first).metadata[RECORD] == {"operator": "Ada", "batch": "3"}
+    assert Recording.open(second).metadata[RECORD] == {"operator": "Ada", "batch": "4"}
     assert {row.trial for row in read_case([first, second]).table} == {1, 2, 3}
 
 
