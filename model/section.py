@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "combined_modulus", "rods_of"]
 
-INNER, OUTER = 0, 1
-"""Elements of a uniform robot's rod: from the base to the spine's end, and from there to the tip."""
-
 
 def body_area(robot: Robot) -> float:
     """EA / E of the body, m^2: of the annulus as drawn; of sections, that of a uniform body which a pull stretches as much."""
