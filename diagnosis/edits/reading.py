@@ -41,10 +41,7 @@ OF_NUMBERS = 2.0
 """Factor on all pressures within which an area factor or a modulus is off, and no unit."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
-PUSH_UNITS = [
-    *(("force", "N", u, NEWTONS[u]) for u in ("mN", "gram-force")),
-    *(("deflection", "m", u, METRES[u]) for u in ("mm", "cm", "inches")),
-]
+PUSH_UNITS = {"mN": "force", "gram-force": "force", "mm": "deflection", "cm": "deflection", "inches": "deflection"}
 PRIOR, MODULUS_SD = 0.01, {"body": np.log(3.0), "spine": np.log(6.0)}
 """Of each of them; s: a body's modulus is known within a few, a jammed spine's may be a guess."""
 FOLLOWS = 0.9
@@ -163,12 +160,13 @@ def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
         own = trials.take((trials.get("specimen") == specimen) & (cantilevers(robot, trials) >= SHORTEST))
         if not (ratio := _stiffness_ratio(robot, own, specimen)) > 0:
             continue
-        factors = np.array([1.0, *(1 / size if column == "force" else size for column, *_, size in PUSH_UNITS)])
+        factors = np.array([1.0, *(1 / NEWTONS[u] if u in NEWTONS else METRES[u] for u in PUSH_UNITS)])
         prior = np.log([1 - PRIOR * len(PUSH_UNITS), *[PRIOR] * len(PUSH_UNITS)])
         p = scipy.special.softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
         if p[0] > 1 - judgement.CAUSE_PROBABILITY:
             continue
-        column, si, unit, size = PUSH_UNITS[int(np.argmax(p[1:]))]
+        unit, column = [*PUSH_UNITS.items()][int(np.argmax(p[1:]))]
+        si, size = ("N", NEWTONS[unit]) if column == "force" else ("m", METRES[unit])
         largest = int(np.argmax(np.abs(own.get(column))))
         yield finding(
             "stiffness_unit", place=own.place(largest), column=column, value=float(own.get(column)[largest]), si=si,
