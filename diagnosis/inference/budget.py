@@ -141,7 +141,7 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
         if id(c.fit) not in squares:
             squares[id(c.fit)] = _squares(problem, where, c.fit)
-        in_metres, in_floors = _carried(p, where, c.fit, squares[id(c.fit)], drawn)
+        in_metres, in_floors = _carried(p, where, squares[id(c.fit)], drawn - c.fit.theta[p.of_effect] / p.scale)
         size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
         tolerant = c.grid_point.spike > 0.0
         form_error = float(KNOWN.form_errors.max()) if tolerant else c.grid_point.form_error
@@ -240,16 +240,14 @@ def weighed(
     return WeighedCauses(search, whole, known, carried, leading, best)
 
 
-def _carried(
-    p: FitParameters, where: Sequence[BudgetPart], fit: Fit, squares: Sequence[Products], size: Array
-) -> tuple[Array, Array]:
-    """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), at draws of the
-    parameters `size` (d, p) in units of the effects' scales."""
-    at, by_part = fit.theta[p.of_effect] / p.scale, []
+def _carried(p: FitParameters, where: Sequence[BudgetPart], squares: Sequence[Products], change: Array) -> tuple[Array, Array]:
+    """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), which have changed
+    since by (d, p) in units of the effects' scales."""
+    by_part = []
     for products in squares:
         columns = []
         for effect in p.ids:
-            x = np.column_stack([(size - at)[:, p.mask((effect,))], np.ones(len(size))])
+            x = np.column_stack([change[:, p.mask((effect,))], np.ones(len(change))])
             columns.append(np.sqrt(np.maximum(((x @ products[effect]) * x).sum(axis=1), 0.0)))
         by_part.append(np.column_stack(columns))
     floors = [m / part.floor for m, part in zip(by_part, where, strict=True)]
