@@ -241,8 +241,8 @@ def weighed(
 
 
 def _carried(p: FitParameters, where: Sequence[BudgetPart], squares: Sequence[Products], change: Array) -> tuple[Array, Array]:
-    """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), which have changed
-    since by (d, p) in units of the effects' scales."""
+    """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), from which they
+    have moved by `change` (d, p) in units of the effects' scales."""
     by_part = []
     for products in squares:
         columns = []
