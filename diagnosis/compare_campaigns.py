@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from model.actuators import Chambers, Words
+from model.actuators import Words
 from model.effects.catalogue import CATALOGUE
 from model.effects.design import design_from_columns
 from model.effects.scales import scales
@@ -86,12 +86,7 @@ def _comparable(before: Campaign, after: Campaign) -> tuple[Campaign, Campaign]:
     return before.take(kinds[before.pushed.astype(int)]), after.take(kinds[after.pushed.astype(int)])
 
 
-def sentence(
-    posterior: EffectPosterior,
-    sizes: Mapping[str, float],
-    catalogue: Mapping[str, EffectSpec],
-    words: Words = Chambers.words,
-) -> str:
+def sentence(posterior: EffectPosterior, sizes: Mapping[str, float], catalogue: Mapping[str, EffectSpec], words: Words) -> str:
     """What changed, in words; `sizes` of the most probable change's parameters."""
     named, p = posterior.ranking[0]
     probability = f"p = {p:.2f}, {BENCHMARK}"

@@ -246,19 +246,18 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))
     covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect, columns)
-    named = np.isin(parameters.effects, c.named)[columns]
     scale = np.sqrt(np.diag(covariance))
-    widened = np.where(named, SIZE_SD_FACTOR, 1.0) * scale
     area = float(p.forward.area_factor[0])
     stated: dict[str, Value] = {}
-    for (name, i), relative_sd, stated_sd in zip(index_of.items(), scale.tolist(), widened.tolist(), strict=True):
-        value, value_sd = float(c.fit.theta[i]), stated_sd * float(parameters.sd[i])
+    for (name, i), relative_sd in zip(index_of.items(), scale.tolist(), strict=True):
+        named = parameters.effects[i] in c.named
+        value, value_sd = float(c.fit.theta[i]), (SIZE_SD_FACTOR if named else 1.0) * relative_sd * float(parameters.sd[i])
         if name == AREA_FACTOR:
             value, value_sd = area * (1 + value), area * value_sd
         info, ends = parameters.infos[i], {"low": parameters.lower[i], "high": parameters.upper[i]}
         bound = next((end for end, at in ends.items() if np.isclose(c.fit.theta[i], at)), "")
         of_shape = info.role == "shape" and bound != ""  # its bounds are no physics
-        undetermined = of_shape or (parameters.effects[i] in c.named and relative_sd > UNDETERMINED_SHARE)
+        undetermined = of_shape or (named and relative_sd > UNDETERMINED_SHARE)
         stated[name] = Value(rounded(value), rounded(value_sd), info.unit, not undetermined, bound)
     trials, components = len(np.unique(p.states.trial)), p.noise_components
     # m^2 by which the mean square exceeds what the noise floor gives in as many trials, with two standard errors
@@ -294,8 +293,7 @@ def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
 
 def _model_errors(c: Candidate, linear: Linear, parameters: FitParameters) -> tuple[float, float]:
     """Posterior rms of the model-form error (share) and of the discrepancy (units of `Linear.discrepancy`), on a grid of both."""
-    weights = np.full(len(FITTED_LAW_ERRORS), 1 / len(FITTED_LAW_ERRORS))
-    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS, form_error_weights=weights)
+    grid = replace(KNOWN.part(c.with_tolerances), form_errors=FITTED_LAW_ERRORS)
     probability = softmax(weigh(linear, grid, parameters, [c.named])[0].log_terms)  # (spikes, sizes, form errors)
     # without a named effect, no law can be wrong: one form error, the first, 0
     form_errors = FITTED_LAW_ERRORS[: probability.shape[2]]

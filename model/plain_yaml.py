@@ -1,4 +1,5 @@
 """YAML as a person writes it: tables, lists, numbers, texts, true, false and null. Everything else is an error with its line.
+A file's fields are checked by a model of pydantic: each that is wrong gets a line with place, value, unit and limit.
 
 YAML can say much more (dates, sets, references, numbers of any size, tables as deep as memory). None of it has a
 meaning in the files of this project, and each is a way to make a program stumble or a small file large.
@@ -8,11 +9,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
+from pydantic import BaseModel, ValidationError
+
+from model.errors import ModelError
+
+M = TypeVar("M", bound=BaseModel)
+Nested = Mapping[str, type[BaseModel]]
+"""Key -> the model of the table that it holds."""
 
 MOST_CHARACTERS = 500_000
 """Of a file that a person writes; the longest of this project has 5000."""
@@ -92,22 +100,60 @@ def parse(text: str) -> tuple[object, yaml.Node | None]:
             loader.dispose()  # type: ignore[no-untyped-call]
 
 
-def read_table(path: Path, name: str, start: str) -> dict[Any, Any]:
-    """The fields of a file, called `name`, that begins with the fields `start`; raises `BadYaml` with the path in its message."""
+def loaded(path: Path, name: str, start: str, make: Callable[[Mapping[str, Any]], M], refused: type[ModelError]) -> M:
+    """What is made of the fields of a file, called `name`, that begins with the fields `start`; raises `refused`, as `make` does,
+    with the path in its message."""
     if Path(path).exists() and not Path(path).is_file():
-        raise BadYaml(f"{path}: is not a file: give the path of {name}")
+        raise refused(f"{path}: is not a file: give the path of {name}")
     try:
         with open(path, encoding="utf-8") as file:
             data, _ = parse(file.read(MOST_CHARACTERS + 1))
     except OSError as error:
-        raise BadYaml(f"{path}: cannot be read ({error.strerror}): check the path") from error
+        raise refused(f"{path}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
-        raise BadYaml(f"{path}: is not a text file: check that this is the right file") from error
+        raise refused(f"{path}: is not a text file: check that this is the right file") from error
     except BadYaml as error:
-        raise BadYaml(f"{path}: {error}") from error
+        raise refused(f"{path}: {error}") from error
     if not isinstance(data, dict):
-        raise BadYaml(f"{path}: holds no table of fields: start with {start}")
-    return data
+        raise refused(f"{path}: holds no table of fields: start with {start}")
+    try:
+        return make(data)
+    except refused as error:
+        raise refused(f"{path}:\n{error}") from error
+
+
+def checked(model: type[M], data: Mapping[str, Any], nested: Nested, refused: type[ModelError]) -> M:
+    """A model of these fields; raises `refused` naming every field that is wrong."""
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        raise refused("\n".join(_complaint(e, model, nested) for e in error.errors()[:MOST_PROBLEMS])) from error
+
+
+def _complaint(error: Any, model: type[BaseModel], nested: Nested) -> str:
+    """Place, value, unit and limit of one error of validation."""
+    place = ".".join(str(part) for part in error["loc"] if part not in ("number", "table", "[key]")) or model.__name__.lower()
+    message = str(error["msg"]).removeprefix("Value error, ")
+    if error["type"] in ("missing", "value_error"):
+        return f"{place}: {message}"
+    unit = unit_at(error["loc"], model, nested)
+    return f"{place} = {repr(error['input'])[:60]}{' ' + unit if unit else ''}: {message}"
+
+
+def unit_at(loc: Sequence[int | str], owner: type[BaseModel], nested: Nested) -> str:
+    """The unit of the field at a place of a validation error (keys and indices from the model down); empty for none."""
+    if "[key]" in loc:
+        return "m"
+    unit = ""
+    for part in loc:
+        if not isinstance(part, str):
+            continue
+        info = owner.model_fields.get(part)
+        extra = info.json_schema_extra if info is not None else None
+        if isinstance(extra, dict):
+            unit = str(extra.get("unit", ""))
+        owner = nested.get(part, owner)
+    return "" if unit == "1" else unit
 
 
 def _value(loader: _Loader, node: yaml.Node) -> object:

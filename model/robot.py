@@ -14,13 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 from pydantic.types import Discriminator, Tag
 
 from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
 from model.errors import BadRobot
-from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
+from model.plain_yaml import checked, loaded, unit_at
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
@@ -376,7 +376,8 @@ class Robot(Shown, BaseModel):
     def _columns(self) -> dict[str, Any]:
         parts = {(): self, (self.actuators.words.kind,): self.actuators, ("spine",): self.spine}
         given = {(*at, name): value for at, part in parts.items() for name, value in part or () if value not in (None, ())}
-        rows = {".".join(p): (v, _unit_of(p)) for p, v in given.items() if not isinstance(v, BaseModel) and p[0] not in STATED}
+        own = {p: v for p, v in given.items() if not isinstance(v, BaseModel) and p[0] not in STATED}
+        rows = {".".join(p): (v, unit_at(p, Robot, NESTED)) for p, v in own.items()}
         rows |= {name: (stated.value, stated.unit.strip("1")) for name, stated in self.stated.items()}
         return {"parameter": list(rows), "value": [v for v, _ in rows.values()], "unit": [unit for _, unit in rows.values()]}
 
@@ -393,10 +394,7 @@ class Robot(Shown, BaseModel):
 
 def robot_from_dict(data: Mapping[str, Any]) -> Robot:
     """A robot from plain numbers in SI units; raises `BadRobot` naming every field that is wrong."""
-    try:
-        return Robot.model_validate(dict(data))
-    except ValidationError as error:
-        raise BadRobot("\n".join(_line(e) for e in error.errors()[:MOST_PROBLEMS])) from error
+    return checked(Robot, data, NESTED, BadRobot)
 
 
 def load_robot(path: Path) -> Robot:
@@ -405,41 +403,11 @@ def load_robot(path: Path) -> Robot:
     >>> load_robot(Path("robot.yaml")).length
     0.4
     """
-    try:
-        data = read_table(path, "a robot.yaml", "`name:` and `length:`")
-    except BadYaml as error:
-        raise BadRobot(str(error)) from error
-    try:
-        return robot_from_dict(data)
-    except BadRobot as error:
-        raise BadRobot(f"{path}:\n{error}") from error
+    return loaded(path, "a robot.yaml", "`name:` and `length:`", robot_from_dict, BadRobot)
 
 
-def _line(error: Any) -> str:
-    field = ".".join(str(part) for part in error["loc"] if part not in ("number", "table", "[key]")) or "robot"
-    message = str(error["msg"]).removeprefix("Value error, ")
-    if error["type"] in ("missing", "value_error"):
-        return f"{field}: {message}"
-    unit = _unit_of(error["loc"])
-    return f"{field} = {repr(error['input'])[:60]}{' ' + unit if unit else ''}: {message}"
-
-
-def _unit_of(loc: tuple[int | str, ...]) -> str:
-    """The unit of the field at a place of a validation error (keys and indices from the robot down); empty for none."""
-    nested: dict[str, type[BaseModel]] = {
-        "chambers": Chambers, "tendons": Tendons, "spine": Spine, "base_to_world": Pose, "posterior": Posterior, "noise": Noise,
-        "residual": Residual, "uncertainty": Uncertainty, "sections": Section,
-    }  # fmt: skip
-    owner: type[BaseModel] = Robot
-    if "[key]" in loc:
-        return "m"
-    unit = ""
-    for part in loc:
-        if not isinstance(part, str):
-            continue
-        info = owner.model_fields.get(part)
-        extra = info.json_schema_extra if info is not None else None
-        if isinstance(extra, dict):
-            unit = str(extra.get("unit", ""))
-        owner = nested.get(part, owner)
-    return "" if unit == "1" else unit
+NESTED: Mapping[str, type[BaseModel]] = {
+    "chambers": Chambers, "tendons": Tendons, "spine": Spine, "base_to_world": Pose, "posterior": Posterior, "noise": Noise,
+    "residual": Residual, "uncertainty": Uncertainty, "sections": Section,
+}  # fmt: skip
+"""Key of robot.yaml -> the table that it holds."""

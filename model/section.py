@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["annulus_second_moment", "body_area", "body_mass", "body_second_moment", "combined_modulus", "rods_of"]
 
-INNER, OUTER = 0, 1
-"""Elements of a uniform robot's rod: from the base to the spine's end, and from there to the tip."""
-
 
 def body_area(robot: Robot) -> float:
     """EA / E of the body, m^2: of the annulus as drawn; of sections, that of a uniform body which a pull stretches as much."""
@@ -68,7 +65,7 @@ def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None =
     from model.effects.compose import rod_columns
     from model.effects.layout import layout_of
     from model.effects.quantities import baseline
-    from model.effects.solver import plain_rods
+    from model.effects.solver import rods_from
     from model.effects.spine import ShearSpine
 
     states.check(robot)
@@ -79,4 +76,4 @@ def rods_of(robot: Robot, states: States, variants: Mapping[str, Array] | None =
     for name, values in (variants or {}).items():
         setattr(q, name, values)
     count = max(map(len, (variants or {}).values()), default=1)
-    return plain_rods(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states), count)).check()
+    return rods_from(layout, rod_columns(q, ShearSpine(1.0, 1.0, 1.0)).rows(len(states), count), plain=True).check()

@@ -34,7 +34,7 @@ from diagnosis.inference.executor import one_thread
 from diagnosis.inference.fit import Fit, fit
 from diagnosis.inference.prepare import Prepared, prepare
 from diagnosis.inference.problem import Problem
-from diagnosis.inference.starts import Starts
+from diagnosis.inference.starts import starts
 from lab.files.inputs import read_case
 from model.prediction.residual import section_sums
 
@@ -61,8 +61,8 @@ def fitted(problem: Problem, named: Hypothesis, start: Array | Fit, rounds: int 
 
 def best(problem: Problem, named: Hypothesis, here: Fit) -> Fit:
     """The fit of least cost from another fit and from the starting points of the diagnosis."""
-    starts = [here.theta, *(s for s in Starts(problem).of(named, here) if not isinstance(s, Fit))]
-    return min((fitted(problem, named, theta) for theta in starts), key=lambda f: f.cost)
+    begun = [here.theta, *(s for s in starts(problem.parameters, named, here) if not isinstance(s, Fit))]
+    return min((fitted(problem, named, theta) for theta in begun), key=lambda f: f.cost)
 
 
 def stated(criteria: dict[Hypothesis, float]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ..criticism.gaussian import Gaussian
 from ..data.campaign import Campaign
 from ..inference.on_baseline import SHARE
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
-from ..inference.problem import linearise
+from ..inference.problem import derivatives
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO, TENSE_SD
 from .attribute import Attribution
 from .result import Alike, Calibration, Origin, SetUp, Simulator
@@ -183,7 +183,7 @@ def simulator(f: Attribution) -> Simulator | None:
     difference = (p.problem.forward.predict(theta_simulator) - p.problem.forward.predict(theta_rod))[tips]  # m
     count = len(np.unique(p.labels.state[tips]))
     free = [i for i in np.flatnonzero(parameters.calibration).tolist() if i != share_index]
-    slope = linearise(p.problem.forward, fitted.theta, free)[1][tips]
+    slope = derivatives(p.problem.forward, fitted.theta, free)[1].whole[tips]
     beyond_area = difference - slope @ np.linalg.lstsq(slope, difference, rcond=None)[0]
     share = float(fitted.theta[share_index])
     in_all_mm, beyond_mm = (float(np.sqrt(d @ d / count)) * 1e3 for d in (difference, beyond_area))

@@ -18,7 +18,7 @@ from recordings.json_text import read_json
 from ..criticism.stage_errors import StageError
 from ..errors import BadCase
 from ..findings import Finding, Severity
-from ..judgement import SIZE_CERTAIN_SD, TENSE_SD
+from ..judgement import SIZE_CERTAIN_SD
 from .decision import Decision
 
 SCHEMA = "diagnosis/1"
@@ -137,11 +137,6 @@ class Calibration:
     """rms by which both move what the gap is of."""
     set_up: tuple[SetUp, ...] = ()
     """Those that move it by `OUTSTANDING_FLOORS` noise floors or more, most first."""
-
-    @property
-    def beyond(self) -> bool:
-        """Whether it moves any of `set_up` far beyond its tolerance."""
-        return any(s.value > TENSE_SD * s.sd for s in self.set_up)
 
     @property
     def stiffness(self) -> float:

@@ -131,8 +131,9 @@ def _gap(d: Diagnosis) -> str:
 
 
 def within(d: Diagnosis) -> str:
-    """Whether calibration leaves the set-up within or beyond its tolerances."""
-    return "beyond" if d.calibration is not None and d.calibration.beyond else "within"
+    """Whether calibration leaves the set-up within its tolerances, or moves any of it far beyond."""
+    moved = () if d.calibration is None else d.calibration.set_up
+    return "beyond" if any(s.value > judgement.TENSE_SD * s.sd for s in moved) else "within"
 
 
 def _set_up(d: Diagnosis) -> str:

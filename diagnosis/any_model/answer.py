@@ -168,14 +168,9 @@ class Answer(Decision, Shown):
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON: the keys of diagnosis.json where they apply, residuals in each output's unit."""
         plain = asdict(self)
-        attribute = {k: plain[k] for k in ("verdict", "effects", "probability", "ranking", "cannot_tell_apart", "doubts")}
+        of_attribute = ("verdict", "effects", "probability", "ranking", "cannot_tell_apart", "doubts", "outside", "relatives")
+        attribute = {k: plain[k] for k in of_attribute}
         rest = {k: plain[k] for k in ("steps", "how", "share_closed", "budget", "next_experiment", "calibration", "notes")}
         data = {"rows": self.rows, "outputs": plain["outputs"], "noise_from": self.noise_from}
         words = {"schema": SCHEMA, "headline": self.headline, "statement": self.statement}
-        return {
-            **words,
-            "data": data,
-            "attribute": {**attribute, "outside": self.outside, "relatives": self.relatives},
-            "values": dict(self.values),
-            **rest,
-        }
+        return {**words, "data": data, "attribute": attribute, "values": dict(self.values), **rest}

@@ -14,7 +14,6 @@ from scipy.special import chdtrc, logsumexp
 
 from ..arrays import Array, Ints, Mask
 from ..inference.candidate import Candidate
-from ..inference.evidence import KNOWN
 from ..inference.jacobian import Columns
 from ..inference.linear import Linear, SizePrior
 from ..inference.problem import Problem
@@ -92,7 +91,7 @@ def misfit_diagnostics(
     linear, prior, law_error = best.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
     law_error_gain = 0.0
     if answer.linear(problem).form_error.shape[1]:
-        by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1)) - np.log(KNOWN.form_error_weights)
+        by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1))  # all shares are equally probable before
         law_error_gain = float(by_share[-1] - by_share[0])
     lack_of_fit = Gaussian(linear, prior, 0.0, law_error).misfit_per_dof()
     predictive, trials = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), law_error), np.unique(trial)

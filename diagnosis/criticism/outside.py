@@ -33,7 +33,7 @@ from ..inference.fit import fit
 from ..inference.jacobian import Columns
 from ..inference.posterior import log_weight, odds_of_relatives
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
-from ..inference.problem import FitParameters, MaskedForward, linearise
+from ..inference.problem import FitParameters, MaskedForward, derivatives
 from .relatives import RELATIVES
 from .stage_errors import odds_unnamed
 
@@ -153,7 +153,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     fitted = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
     theta = np.array([fitted.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
-    slope = linearise(forward, theta, own)[1][_measured(p, forward)]
+    slope = derivatives(forward, theta, own)[1].whole[_measured(p, forward)]
     infos = parameters(tuple(forward.parameters[i] for i in own)).infos
     sd = np.array([i.sd for i in infos])
     known, free = problem.parameters, problem.parameters.calibration

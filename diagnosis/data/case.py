@@ -22,7 +22,7 @@ from ..remedies import of_trials
 from . import levels as gaps
 from .campaign import Campaign
 from .levels import by_frequency, distinct, levels, pressure_gap, step_gap
-from .plausible import complete, of_body, require_plausible, require_plausible_pushes
+from .plausible import complete, implausible_values, of_body, require_plausible_pushes
 
 
 class CaseLike(Protocol):
@@ -58,7 +58,8 @@ def states(case: CaseLike) -> tuple[Campaign, tuple[Finding, ...]]:
     if not good:
         raise BadCase(f"all {every} states have values that are not finite: nothing can be compared")
     concerns = [finding("states_not_finite", left_out=every - good, states=every)] if good < every else []
-    require_plausible(robot, table.take(np.concatenate([usable, usable_pushes])))
+    if wrong := implausible_values(robot, table.take(np.concatenate([usable, usable_pushes])))[0]:
+        raise BadCase("\n".join(wrong))
     require_plausible_pushes(robot, table.take(usable_pushes))
     campaign = campaign_of(table, usable, usable_pushes)
     return campaign, (*concerns, *_concerns(campaign, robot))

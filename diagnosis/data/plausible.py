@@ -11,8 +11,7 @@ Other mistakes are judged by the list of edits, see `edits.reading`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from itertools import permutations
 
 import numpy as np
@@ -39,38 +38,12 @@ USUAL_PRESSURE = 60e3
 CHECK_FRAME = "check the unit (m) and the frame (base of the robot)"
 ROUNDED = 0.05
 """Difference of a quaternion's norm from one: rounding to two digits makes less."""
-
-
-@dataclass(frozen=True)
-class Unit:
-    """`per_si`: how many of it make one of the SI unit."""
-
-    name: str
-    per_si: float
-
-    @property
-    def remedy(self) -> str:
-        """What to do with the numbers."""
-        return f"divide by {self.per_si:g}" if self.per_si > 1 else f"multiply by {1 / self.per_si:g}"
-
-
-LENGTH_UNITS = (Unit("mm", 1000.0), Unit("cm", 100.0), Unit("inches", 1 / 0.0254))
-PRESSURE_UNITS = (
-    Unit("mbar", 1e-2), Unit("kPa", 1e-3), Unit("psi", 1 / 6895.0), Unit("bar", 1e-5), Unit("MPa", 1e-6),
-)  # fmt: skip
-FORCE_UNITS = (Unit("mN", 1000.0), Unit("gram-force", 1000 / 9.80665))
-NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665} | {unit.name: 1 / unit.per_si for unit in FORCE_UNITS}
-PASCALS, METRES = ({si: 1.0} | {unit.name: 1 / unit.per_si for unit in units}
-                   for si, units in (("Pa", PRESSURE_UNITS), ("m", LENGTH_UNITS)))  # fmt: skip
-"""Unit -> its size in SI, of columns of tensions, pressures and positions."""
+METRES = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
+PASCALS = {"Pa": 1.0, "mbar": 1e2, "kPa": 1e3, "psi": 6895.0, "bar": 1e5, "MPa": 1e6}
+NEWTONS = {"N": 1.0, "lbf": 4.44822, "kgf": 9.80665, "mN": 1e-3, "gram-force": 9.80665e-3}
+"""Unit -> its size in SI, of positions, pressures, and forces or tensions."""
 SAME_RATIO = 1.25
 """Factor by which a found ratio may differ from that of two units which explain it: as well as a modulus is known."""
-
-
-def require_plausible(robot: Robot, table: Table) -> None:
-    """Raises `BadCase`, one line for each thing that is wrong."""
-    if wrong := implausible_values(robot, table)[0]:
-        raise BadCase("\n".join(wrong))
 
 
 def implausible_values(robot: Robot, table: Table) -> tuple[tuple[str, ...], Table, str]:
@@ -111,15 +84,16 @@ def _distances(robot: Robot, tips: Table) -> tuple[str, Table]:
         f"{tips.place(worst)}, columns x, y, z: the tip lies {distance[worst]:.3g} m from the base of a robot that is "
         f"{robot.length:g} m long ({far.sum()} of {len(tips)} states)"
     )
-    units = units_near(float(np.median(distance)) / robot.length, LENGTH_UNITS, 1.6)
+    units = units_near(float(np.median(distance)) / robot.length, METRES, 1.6)
     if not units:
         *others, widest = np.sort(np.ptp(tips.tip, axis=0))
         apart = float(np.hypot(np.linalg.norm(others), widest))
         if apart > 2 * robot.length and 6 * np.linalg.norm(others) > widest:  # along more than one axis, wherever the base is
             return f"{head}: tips lie up to {apart:.3g} m apart: check unit (m) and `scale` first", tips.take(np.arange(0))
         return f"{head}: {CHECK_FRAME}", tips
-    in_m = tips.replaced({axis: tips.get(axis) / units[0].per_si for axis in "xyz"})
-    return f"{head}: looks like {units[0].name}; positions are in m: {units[0].remedy}", in_m
+    size = METRES[units[0]]
+    in_m = tips.replaced({axis: tips.get(axis) * size for axis in "xyz"})
+    return f"{head}: looks like {units[0]}; positions are in m: {in_si(size)}", in_m
 
 
 def _highest(robot: Robot, tips: Table) -> str:
@@ -130,9 +104,9 @@ def _highest(robot: Robot, tips: Table) -> str:
     unit, pascal, looks = robot.actuators.words.unit, robot.actuators.words.pascal, ""
     if robot.chambers is not None:
         ratio = (robot.max_pressure or USUAL_PRESSURE) / size[state, column]
-        units = units_near(ratio, PRESSURE_UNITS, 3.0) or units_near(ratio, PRESSURE_UNITS, math.inf)[:1]
+        units = units_near(ratio, PASCALS, 3.0) or units_near(ratio, PASCALS, math.inf)[:1]
         unit, pascal = "Pa gauge", 1.0
-        looks = f", it looks like Pa read as {' or '.join(f'{u.name} (divide by {1 / u.per_si:.4g})' for u in units)}"
+        looks = f", it looks like Pa read as {' or '.join(f'{u} (divide by {PASCALS[u]:.4g})' for u in units)}"
     return (
         f"{tips.place(state)}, column p{column + 1}: {tips.pressures[state, column] / pascal:g} {unit}, must be at most "
         f"{HIGHEST_PRESSURE / pascal:g} {unit}: check its unit{looks}"
@@ -215,8 +189,7 @@ def differ_by(factor: float, words: Words) -> str:
     """Name in brackets the units that differ from that of pressures or tensions by about a factor, nearest first; "" for none."""
     sizes = NEWTONS if words.unit in NEWTONS else PASCALS
     ratios = {unit: max(size / sizes[words.unit], sizes[words.unit] / size) for unit, size in sizes.items() if unit != words.unit}
-    off = {unit: abs(math.log(max(factor, 1 / factor) / ratio)) for unit, ratio in ratios.items()}
-    near = [unit for unit in sorted(off, key=off.__getitem__) if off[unit] < math.log(SAME_RATIO)]
+    near = units_near(max(factor, 1 / factor), {unit: 1 / ratio for unit, ratio in ratios.items()}, SAME_RATIO)
     found = ", ".join(f"{unit} and {words.unit} differ by {ratios[unit]:.4g}" for unit in near)
     return f" ({found})" if found else ""
 
@@ -233,7 +206,12 @@ def misread(robot: Robot, mapped: Mapped | None) -> dict[float, list[str]]:
     return {ratio: [n for n in names if known or n.endswith("read as Pa")] or names for ratio, names in out.items()}
 
 
-def units_near(ratio: float, units: Sequence[Unit], within: float) -> list[Unit]:
-    """All units whose `per_si` is within a factor of a ratio of numbers found to numbers expected, the nearest first."""
-    distance = {unit: abs(math.log(ratio / unit.per_si)) if ratio > 0 else math.inf for unit in units}
-    return sorted((unit for unit in units if distance[unit] < math.log(within)), key=distance.__getitem__)
+def units_near(ratio: float, sizes: Mapping[str, float], within: float) -> list[str]:
+    """All units but that of SI that explain a ratio of numbers found to numbers expected within a factor, the nearest first."""
+    distance = {unit: abs(math.log(ratio * size)) if ratio > 0 else math.inf for unit, size in sizes.items() if size != 1.0}
+    return sorted((unit for unit in distance if distance[unit] < math.log(within)), key=distance.__getitem__)
+
+
+def in_si(size: float) -> str:
+    """What to do with numbers in a unit of this size."""
+    return f"divide by {1 / size:g}" if size < 1 else f"multiply by {size:g}"

@@ -106,20 +106,6 @@ class Sample:
     def __hash__(self) -> int:
         return hash(self._content)
 
-    @classmethod
-    def of(cls, robot: Robot, states: Campaign) -> Sample:
-        """Of states with a tip: three of each of 20 conditions, or more of fewer."""
-        condition = np.unique(states.condition, return_inverse=True)[1]
-        count = int(condition.max()) + 1
-        used = spread_over(count, MOST // 3)
-        each = MOST // len(used)
-        rows = [own[spread_over(len(own), each)] for c in used for own in [np.flatnonzero(condition == c)]]
-        kept = np.sort(np.concatenate(rows))
-        sample = cls(robot, states.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
-        if not isinstance(robot.area_factor, dict):
-            return sample
-        return _with_areas(sample, float(np.mean(robot.area_factor_at(states.spine_length[kept]))))
-
     @property
     def ambient(self) -> float:
         """Pa, the lowest pressure where no chamber is ever below ambient pressure, as if they were absolute; else 0."""
@@ -296,9 +282,19 @@ class Sample:
 
 
 def sample_of(robot: Robot, states: Campaign) -> Sample | None:
-    """Of the states that can be compared; None where there are too few."""
+    """Of the states that can be compared, three of each of 20 conditions, or more of fewer; None where there are too few."""
     tips = states.take(~states.pushed & finite(states.trials))
-    return Sample.of(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else None
+    if len(tips) < judgement.EDIT_FEWEST:
+        return None
+    condition = np.unique(tips.condition, return_inverse=True)[1]
+    used = spread_over(int(condition.max()) + 1, MOST // 3)
+    each = MOST // len(used)
+    rows = [own[spread_over(len(own), each)] for c in used for own in [np.flatnonzero(condition == c)]]
+    kept = np.sort(np.concatenate(rows))
+    sample = Sample(robot, tips.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
+    if not isinstance(robot.area_factor, dict):
+        return sample
+    return _with_areas(sample, float(np.mean(robot.area_factor_at(tips.spine_length[kept]))))
 
 
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:

@@ -17,7 +17,7 @@ from model.rotation import CONJUGATE, multiply
 from recordings.trials import Mapped, Table
 
 from ..arrays import Array, Mask
-from ..data.plausible import METRES, PRESSURE_UNITS, Unit
+from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
 from .listed import FRAMES, MIRROR, axes_say, gravity_says
@@ -42,12 +42,12 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
     for factor in (1e-3, 1e3):
         says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
         yield Edit("modulus", 0.01, says, times(factor, "modulus"))
-    for of in PRESSURE_UNITS if robot.chambers is not None else ():
-        if AMBIENT[0] < (ambient := float(table.pressures.min() / of.per_si)) < AMBIENT[1]:
-            remedy, short = of_unit(table.mapped, robot, of.name), "gauge or absolute pressures"
-            in_unit = mistake("pressures_in_unit", short, factor=1 / of.per_si, looks=of.name, remedy=remedy)
+    for unit, size in PASCALS.items() if robot.chambers is not None else ():
+        if unit != "Pa" and AMBIENT[0] < (ambient := float(table.pressures.min() * size)) < AMBIENT[1]:
+            remedy, short = of_unit(table.mapped, robot, unit), "gauge or absolute pressures"
+            in_unit = mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)
             says = stating("pressures_absolute", short, in_unit, ambient=ambient)
-            yield Edit("zero", 0.01, says, partial(_absolute, of, ambient))
+            yield Edit("zero", 0.01, says, partial(_absolute, size, ambient))
     rest = _at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
@@ -55,7 +55,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         says = stating("points_exchanged", "tip and markers", number=k + 1)
         for about_rest in (True, False):
             yield Edit("points", 0.02 / markers, says, partial(_exchanged, k, about_rest))
-    rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(-1, markers))
+    rods, every = sample.rods(sample.edited([((), near.x[None])])), tuple(range(1 + markers))
     seen = (v.tip[0][np.isfinite(v.tip[0]).all(axis=1)] for v in (sample.described, sample.rods(sample.described), rods))
     moves, *able = (tip.std(axis=0) if len(tip) else np.zeros(3) for tip in seen)  # no rod may stand
     columns = [(axis, of[-1]) for axis, of in enumerate((table.mapped or Mapped()).frame) if isinstance(of, str)]
@@ -67,7 +67,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit(f"unit of {name}", 0.001, says, partial(_scaled, np.where(np.arange(3) == axis, factor, 1.0)))
     apart = markers or np.isfinite(sample.described.orientation).any()
     for bodies, handed in ((every, (1,)), (every, (-1,)), *(((body,), (1, -1)) for body in every if apart)):
-        predicted, measured = ([_from_rest(_place(v, body), rest)[0] for body in bodies] for v in (rods, sample.described))
+        predicted, measured = ([_from_rest(_points(v)[:, :, body], rest)[0] for body in bodies] for v in (rods, sample.described))
         axes = _nearest_axes(predicted, measured, [m for m in FRAMES if round(np.linalg.det(m)) in handed])
         if not np.array_equal(axes, np.eye(3)):
             whole = len(handed) == 1
@@ -103,9 +103,9 @@ def _gravity_from_rest(down: Array, shift: Sequence[Array], v: Variants, own: Ar
     return replace(v, gravity=gravity, tip=v.tip + shift[0], markers=v.markers + shift[1].reshape(1, 1, -1, 3))
 
 
-def _place(v: Variants, body: int) -> Array:
-    """(v, n, 3) m of the tip (-1) or a marker."""
-    return v.tip if body < 0 else v.markers[:, :, body]
+def _points(v: Variants) -> Array:
+    """(v, n, 1 + k, 3) m of the tip, then the k markers."""
+    return np.concatenate([v.tip[:, :, None], v.markers], axis=2)
 
 
 def _from_rest(places: Array, rest: Mask) -> Array:
@@ -128,34 +128,30 @@ def _nearest_axes(predicted: Sequence[Array], measured: Sequence[Array], frames:
 
 def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Variants, own: Array) -> Variants:
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
-    tip, markers, orientation = v.tip, v.markers.copy(), v.orientation
+    points, orientation = _points(v), v.orientation
     for body in bodies:
-        moved = _from_rest(_place(v, body), _at_rest(v.table))
-        placed = _place(v, body) - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
-        if body < 0:
-            tip = placed
-        else:
-            markers[:, :, body] = placed
+        moved = _from_rest(points[:, :, body], _at_rest(v.table))
+        points[:, :, body] = points[:, :, body] - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
     if turn is not None:
         orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
-    return replace(v, tip=tip, markers=markers, orientation=orientation)
+    return replace(v, tip=points[:, :, 0], markers=points[:, :, 1:], orientation=orientation)
 
 
 def _scaled(factors: Array, v: Variants, own: Array) -> Variants:
     """Places with each axis times a factor: about where they rest if the map moved them there, else from the origin."""
     if v.table.moved_to_model:
-        return _about_rest(np.diag(factors), range(-1, v.markers.shape[2]), None, v, own)
+        return _about_rest(np.diag(factors), range(1 + v.markers.shape[2]), None, v, own)
     return replace(v, tip=v.tip * factors, markers=v.markers * factors)
 
 
 def _axes_of_one_say(body: int, axes: Array) -> Says:
-    point = "the tip" if body < 0 else f"marker {body + 1}"
+    point = f"marker {body}" if body else "the tip"
     axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
     return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
 
 
-def _absolute(unit: Unit, ambient: float, v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure / unit.per_si - ambient)
+def _absolute(size: float, ambient: float, v: Variants, own: Array) -> Variants:
+    return replace(v, pressure=v.pressure * size - ambient)
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:

@@ -25,7 +25,7 @@ from recordings.trials import Table
 from .. import judgement
 from ..data import plausible
 from ..data.case import campaign_of
-from ..data.plausible import FORCE_UNITS, LENGTH_UNITS, SHORTEST, cantilevers, complete, implausible_values
+from ..data.plausible import METRES, NEWTONS, SHORTEST, cantilevers, complete, implausible_values, in_si
 from ..findings import Finding, finding
 from ..remedies import misread_by, of_origin, of_unit
 from .edit import AREA, MODULUS
@@ -41,7 +41,7 @@ OF_NUMBERS = 2.0
 """Factor on all pressures within which an area factor or a modulus is off, and no unit."""
 OF_NO_UNIT = ("column_in_unit", "scale_far_off", "tip_far_off")
 """What follows from pressures that were read in another unit."""
-PUSH_UNITS = [*(("force", "N", unit) for unit in FORCE_UNITS), *(("deflection", "m", unit) for unit in LENGTH_UNITS)]
+PUSH_UNITS = {"mN": "force", "gram-force": "force", "mm": "deflection", "cm": "deflection", "inches": "deflection"}
 PRIOR, MODULUS_SD = 0.01, {"body": np.log(3.0), "spine": np.log(6.0)}
 """Of each of them; s: a body's modulus is known within a few, a jammed spine's may be a guess."""
 FOLLOWS = 0.9
@@ -160,16 +160,17 @@ def _wrong_units(robot: Robot, table: Table) -> Iterator[Finding]:
         own = trials.take((trials.get("specimen") == specimen) & (cantilevers(robot, trials) >= SHORTEST))
         if not (ratio := _stiffness_ratio(robot, own, specimen)) > 0:
             continue
-        factors = np.array([1.0, *(unit.per_si if column == "force" else 1 / unit.per_si for column, _, unit in PUSH_UNITS)])
+        factors = np.array([1.0, *(1 / NEWTONS[u] if u in NEWTONS else METRES[u] for u in PUSH_UNITS)])
         prior = np.log([1 - PRIOR * len(PUSH_UNITS), *[PRIOR] * len(PUSH_UNITS)])
         p = scipy.special.softmax(prior - np.log(ratio / factors) ** 2 / (2 * sd**2))
         if p[0] > 1 - judgement.CAUSE_PROBABILITY:
             continue
-        column, si, unit = PUSH_UNITS[int(np.argmax(p[1:]))]
+        unit, column = [*PUSH_UNITS.items()][int(np.argmax(p[1:]))]
+        si, size = ("N", NEWTONS[unit]) if column == "force" else ("m", METRES[unit])
         largest = int(np.argmax(np.abs(own.get(column))))
         yield finding(
             "stiffness_unit", place=own.place(largest), column=column, value=float(own.get(column)[largest]), si=si,
-            looks=unit.name, p=float(p[1:].max()), ratio=ratio, remedy=unit.remedy,
+            looks=unit, p=float(p[1:].max()), ratio=ratio, remedy=in_si(size),
         )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ from .executor import Executor
 from .fit import Fit
 from .jacobian import Columns
 from .posterior import EffectPosterior, posterior, shares
-from .problem import Problem
+from .problem import FitParameters, Problem
 from .search import Search
 
 DEVIATES = ndtri((np.arange(15) + 0.5) / 15)
@@ -41,6 +41,8 @@ DRAWS, SEED = 256, 11
 """Of each hypothesis."""
 JITTER, TINY = 1e-8, 1e-300
 """Added to the diagonal of correlations, which may be singular; least variance."""
+Products = dict[str, Array]
+"""See `_squares`."""
 
 
 class Naming(NamedTuple):
@@ -130,14 +132,16 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
     weights = shares(candidates, len(p.ids)).tolist()
-    carry = _Carrying(problem, where)
+    squares: dict[int, list[Products]] = {}  # by fit, which many candidates share
     least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
     draws: list[tuple[Any, ...]] = []
     for c, w in zip(candidates, weights, strict=True):
         if w < LEAST_DRAWN:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
-        in_metres, in_floors = carry.of(c.fit, drawn)
+        if id(c.fit) not in squares:
+            squares[id(c.fit)] = _squares(problem, where, c.fit)
+        in_metres, in_floors = _carried(p, where, squares[id(c.fit)], drawn - c.fit.theta[p.of_effect] / p.scale)
         size = np.sqrt(np.where(p.sizes, drawn, 0.0) ** 2 @ p.members)
         tolerant = c.grid_point.spike > 0.0
         form_error = float(KNOWN.form_errors.max()) if tolerant else c.grid_point.form_error
@@ -236,59 +240,48 @@ def weighed(
     return WeighedCauses(search, whole, known, carried, leading, best)
 
 
-class _Carrying:
-    """c_e of all effects of one problem, with d_e linear in the effect's parameters about a fit."""
-
-    def __init__(self, problem: Problem, where: Sequence[BudgetPart]) -> None:
-        self._problem, self._parts = problem, where
-        self._of_fit: dict[int, tuple[Fit, list[dict[str, Array]]]] = {}
-
-    def of(self, fit: Fit, size: Array) -> tuple[Array, Array]:
-        """c_e (d, e) in m and in noise floors, at draws of the parameters `size` (d, p) in units of the effects' scales."""
-        p = self._problem.parameters
-        at = fit.theta[p.of_effect] / p.scale
-        if id(fit) not in self._of_fit:
-            self._of_fit[id(fit)] = fit, self._squares(fit)
-        by_part = []
-        for squares in self._of_fit[id(fit)][1]:
-            columns = []
-            for effect in p.ids:
-                mask = p.mask((effect,))
-                x = np.column_stack([(size - at)[:, mask], np.ones(len(size))])
-                columns.append(np.sqrt(np.maximum(((x @ squares[effect]) * x).sum(axis=1), 0.0)))
-            by_part.append(np.column_stack(columns))
-        floors = [m / part.floor for m, part in zip(by_part, self._parts, strict=True)]
-        return by_part[0], np.max(floors, axis=0)
-
-    def _squares(self, fit: Fit) -> list[dict[str, Array]]:
-        """For tips and for forces: effect -> M (m + 1, m + 1) in m^2, with which c_e^2 = x^T M x for x = (change of its m
-        parameters since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration. d_e is the effect's
-        slope times its size; where that exceeds `LEAST_NAMED_FLOORS` noise floors, the difference of the model with and without
-        the effect."""
-        p, problem = self._problem.parameters, self._problem
-        responses = {} if fit.form_error is None else dict(fit.form_error.responses)
-        slope, theta = problem.slope(fit.derivatives(problem)), fit.theta[p.of_effect]
-        of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
-        sized = after_calibration(problem, self._parts, slope, of_effects * p.scale)
-        products: list[dict[str, Array]] = [{} for _ in self._parts]
-
-        def fill(changes: Mapping[str, Array]) -> None:
-            changed = after_calibration(problem, self._parts, slope, np.column_stack(list(changes.values())))
-            for squares, part, by_size, by_effect in zip(products, self._parts, sized, changed, strict=True):
-                for effect, change in zip(changes, by_effect.T, strict=True):
-                    x = np.column_stack([by_size[:, slots[effect]], change])
-                    squares[effect] = x.T @ x / part.states
-
-        fill({e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()})
-        asked_anew = dict[str, Array]()
+def _carried(p: FitParameters, where: Sequence[BudgetPart], squares: Sequence[Products], change: Array) -> tuple[Array, Array]:
+    """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), from which they
+    have moved by `change` (d, p) in units of the effects' scales."""
+    by_part = []
+    for products in squares:
+        columns = []
         for effect in p.ids:
-            if effect not in responses and any(
-                m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, self._parts, strict=True)
-            ):
-                # Even a soft stop holds the tip: its effect is not its slope times its size.
-                response = problem.response(fit.theta, fit.predicted, effect)
-                if np.isfinite(response).all():
-                    asked_anew[effect] = response
-        if asked_anew:
-            fill(asked_anew)
-        return products
+            x = np.column_stack([change[:, p.mask((effect,))], np.ones(len(change))])
+            columns.append(np.sqrt(np.maximum(((x @ products[effect]) * x).sum(axis=1), 0.0)))
+        by_part.append(np.column_stack(columns))
+    floors = [m / part.floor for m, part in zip(by_part, where, strict=True)]
+    return by_part[0], np.max(floors, axis=0)
+
+
+def _squares(problem: Problem, where: Sequence[BudgetPart], fit: Fit) -> list[Products]:
+    """For tips and for forces: effect -> M (m + 1, m + 1) in m^2, with which c_e^2 = x^T M x for x = (change of its m parameters
+    since the fit, 1): mean products of its columns, and of d_e at the fit, after calibration. d_e is the effect's slope times its
+    size; where that exceeds `LEAST_NAMED_FLOORS` noise floors, the difference of the model with and without the effect."""
+    p = problem.parameters
+    responses = {} if fit.form_error is None else dict(fit.form_error.responses)
+    slope, theta = problem.slope(fit.derivatives(problem)), fit.theta[p.of_effect]
+    of_effects, slots = slope.take(p.of_effect).whole, {e: np.flatnonzero(p.mask((e,))) for e in p.ids}
+    sized = after_calibration(problem, where, slope, of_effects * p.scale)
+    products: list[Products] = [{} for _ in where]
+
+    def fill(changes: Mapping[str, Array]) -> None:
+        changed = after_calibration(problem, where, slope, np.column_stack(list(changes.values())))
+        for squares, part, by_size, by_effect in zip(products, where, sized, changed, strict=True):
+            for effect, change in zip(changes, by_effect.T, strict=True):
+                x = np.column_stack([by_size[:, slots[effect]], change])
+                squares[effect] = x.T @ x / part.states
+
+    fill({e: responses.get(e, of_effects[:, i] @ theta[i]) for e, i in slots.items()})
+    asked_anew = dict[str, Array]()
+    for effect in p.ids:
+        if effect not in responses and any(
+            m[effect][-1, -1] > (LEAST_NAMED_FLOORS * part.floor) ** 2 for m, part in zip(products, where, strict=True)
+        ):
+            # Even a soft stop holds the tip: its effect is not its slope times its size.
+            response = problem.response(fit.theta, fit.predicted, effect)
+            if np.isfinite(response).all():
+                asked_anew[effect] = response
+    if asked_anew:
+        fill(asked_anew)
+    return products

@@ -34,13 +34,12 @@ class Grid:
     """(g,) size of the discrepancy, of the unit in the problem's columns."""
     size_weights: Array
     form_errors: Array
-    """(f,) standard deviation of the model-form error, as a share of what the named effect does."""
-    form_error_weights: Array
+    """(f,) standard deviation of the model-form error, as a share of what the named effect does; equally probable."""
 
     @property
     def log_weights(self) -> Array:
         """(s, g, f)."""
-        s, g, f = (np.log(w) for w in (self.spike_weights, self.size_weights, self.form_error_weights))
+        s, g, f = (np.log(w) for w in (self.spike_weights, self.size_weights, _equal(self.form_errors)))
         out: Array = s[:, None, None] + g[None, :, None] + f[None, None, :]
         return out
 
@@ -67,7 +66,7 @@ def _equal(values: Array) -> Array:
     return np.full(len(values), 1 / len(values))
 
 
-KNOWN = Grid(TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS, _equal(LAW_ERRORS))
+KNOWN = Grid(TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 
 
@@ -101,7 +100,7 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     """
     masks = np.array([parameters.mask(h) for h in named])
     if not linear.form_error.shape[1]:
-        grid = replace(grid, form_errors=np.zeros(1), form_error_weights=np.ones(1))
+        grid = replace(grid, form_errors=np.zeros(1))
     log_weights = grid.log_weights
     log_terms = np.empty((len(masks), *log_weights.shape))
     most = np.full(len(masks), -np.inf)

@@ -124,10 +124,11 @@ class _Descent:
         least_promise: float, dampings: Sequence[float],
     ) -> None:  # fmt: skip
         """Derivatives by `fresh` parameters are taken anew, the others are those of `frozen`."""
-        self._p, self._forward, self._misfit = problem.parameters, problem.forward, _FitMisfit(problem, size)
-        self._scale, self._mean = problem.parameters.scaled(prior)
+        self.problem, self.size, self._p, self._forward = problem, size, problem.parameters, problem.forward
+        self.scale, self.mean = problem.parameters.scaled(prior)
         self._frozen, self._fresh, self._least, self._dampings = frozen, fresh, least_promise, dampings
-        self._problem = problem
+        m = problem.whitened_discrepancy.shape[1]
+        self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
 
     def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
         """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or it promises too little."""
@@ -147,7 +148,7 @@ class _Descent:
             predicted, slope = self._linearised(theta)
             if not np.isfinite(predicted).all():  # a trial mistook a state for one in equilibrium
                 break
-            decrease, local = local.cost - cost, self._local(theta, predicted, slope, cost)
+            decrease, local = local.cost - cost, _Local(self, theta, predicted, slope, cost)
             if decrease < max(LEAST_GAIN, self._least):
                 break
             level = max(level - 2, 0)
@@ -156,16 +157,25 @@ class _Descent:
     def _promise(self, local: _Local) -> float:
         return max(local.cost - self.cost(local.optimum, local.missed_at(local.optimum)), 0.0)
 
+    def missed(self, predicted: Array) -> Array:
+        """Measured minus predicted values (n,), whitened."""
+        return self.problem.noise.whiten(self.problem.observed - predicted)
+
     def cost(self, theta: Array, missed: Array) -> float:
         """Of parameters (k,) and what they miss, whitened (n,); infinite where a state has no equilibrium."""
-        free = self._scale > 0
-        away = (theta - self._mean)[free] / self._scale[free]
-        return self._misfit.cost(missed) + 0.5 * float((away**2).sum())
+        if not np.isfinite(missed).all():
+            return np.inf
+        free, taken = self.scale > 0, 0.0
+        away = (theta - self.mean)[free] / self.scale[free]
+        if self._factor is not None:
+            along = self.size * (self.problem.whitened_discrepancy.T @ missed)
+            taken = float(along @ cho_solve(self._factor, along, check_finite=False))
+        return 0.5 * (float(missed @ missed) - taken) + 0.5 * float((away**2).sum())
 
     def begin(self, start: Array | Fit) -> _Local:
         """The linear problem at a start; one without equilibrium is moved half way to the baseline, where all have one."""
         if isinstance(start, Fit):
-            theta, predicted, slope = start.theta, start.predicted, start.derivatives(self._problem)
+            theta, predicted, slope = start.theta, start.predicted, start.derivatives(self.problem)
         else:
             within = np.clip(start, self._p.lower, self._p.upper)
             for share in (*0.5 ** np.arange(HALVINGS), 0.0):
@@ -174,9 +184,8 @@ class _Descent:
                 if np.isfinite(predicted).all():
                     break
         # a start with more than the hypothesis has is left at any cost
-        allowed = (theta == self._mean)[self._scale == 0].all()
-        cost = self.cost(theta, self._misfit.missed(predicted)) if allowed else np.inf
-        return self._local(theta, predicted, slope, cost)
+        allowed = (theta == self.mean)[self.scale == 0].all()
+        return _Local(self, theta, predicted, slope, self.cost(theta, self.missed(predicted)) if allowed else np.inf)
 
     def step_down(self, local: _Local, level: int) -> tuple[Array, float, int] | None:
         """A point of no higher cost, its cost, and the level of damping that led there, from `level` up; None if there is none.
@@ -205,7 +214,7 @@ class _Descent:
         promised = local.cost - self.cost(goal, linear)
         if 0 <= promised < self._least:
             return None
-        missed = self._misfit.missed(self._forward.predict(goal, trial, whole=not trial))
+        missed = self.missed(self._forward.predict(goal, trial, whole=not trial))
         goal_cost = self.cost(goal, missed)
         if local.cost - goal_cost >= TRUST_RATIO * promised or not np.isfinite(goal_cost):
             return goal, goal_cost
@@ -213,73 +222,44 @@ class _Descent:
         sd = self._p.sd
         if np.linalg.norm((corrected - goal) / sd) > MOST_CORRECTION * np.linalg.norm((goal - local.theta) / sd):
             return goal, goal_cost
-        corrected_cost = self.cost(corrected, self._misfit.missed(self._forward.predict(corrected, trial, whole=not trial)))
+        corrected_cost = self.cost(corrected, self.missed(self._forward.predict(corrected, trial, whole=not trial)))
         return (corrected, corrected_cost) if corrected_cost < goal_cost else (goal, goal_cost)
 
     def _linearised(self, theta: Array) -> tuple[Array, Jacobian]:
         predicted, columns = derivatives(self._forward, theta, self._fresh.tolist())
-        white = columns.whitened(self._problem.noise, self._p.sd[self._fresh])
+        white = columns.whitened(self.problem.noise, self._p.sd[self._fresh])
         return predicted, Jacobian(len(theta), self._fresh, white, self._frozen)
-
-    def _local(self, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> _Local:
-        return _Local(self._misfit, theta, predicted, slope, cost, self._scale, self._mean)
-
-
-class _FitMisfit:
-    """Squared misfits with the discrepancy of one size integrated out."""
-
-    def __init__(self, problem: Problem, size: float) -> None:
-        self.problem, self.size = problem, size
-        m = problem.whitened_discrepancy.shape[1]
-        self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
-
-    def missed(self, predicted: Array) -> Array:
-        """Measured minus predicted values (n,), whitened."""
-        return self.problem.noise.whiten(self.problem.observed - predicted)
-
-    def cost(self, missed: Array) -> float:
-        """Half the squared misfit, of what a prediction misses (n,); infinite where a state has no equilibrium."""
-        if not np.isfinite(missed).all():
-            return np.inf
-        taken = 0.0
-        if self._factor is not None:
-            along = self.size * (self.problem.whitened_discrepancy.T @ missed)
-            taken = float(along @ cho_solve(self._factor, along, check_finite=False))
-        return 0.5 * (float(missed @ missed) - taken)
 
 
 class _Local:
     """The linear problem around parameters (k,), in which optima are found quickly. It is solved for the k parameters and the m
     coefficients of the discrepancy together, in units of their priors about their means."""
 
-    def __init__(
-        self, misfit: _FitMisfit, theta: Array, predicted: Array, slope: Jacobian, cost: float, scale: Array, mean: Array
-    ) -> None:
-        """`scale` and `mean` (k,): prior of the parameters; those of scale 0 are held at their mean."""
+    def __init__(self, descent: _Descent, theta: Array, predicted: Array, slope: Jacobian, cost: float) -> None:
+        """Parameters whose prior has the scale 0 are held at their mean."""
         self.theta, self.predicted, self.slope, self.cost = theta, predicted, slope, cost
-        self._misfit, problem = misfit, misfit.problem
+        self._size, problem, scale, mean = descent.size, descent.problem, descent.scale, descent.mean
         p = self._p = problem.parameters
         free = self._free = scale > 0
         self._scale, self._mean, self._rest = scale, mean, np.where(free, theta, mean)
         self._ratio = scale / p.sd
-        discrepancy = problem.whitened_discrepancy
+        discrepancy = self._discrepancy = problem.whitened_discrepancy
         count = len(theta) + discrepancy.shape[1]
         self._of_parameter = np.where(np.arange(count) < len(theta), 1.0, 0.0)
         self._here, self._low, self._high = np.zeros(count), np.full(count, -np.inf), np.full(count, np.inf)
-        self._missed = misfit.missed(predicted)
-        if misfit.size and not np.isfinite(self._missed).all():
+        self._missed = descent.missed(predicted)
+        if descent.size and not np.isfinite(self._missed).all():
             raise np.linalg.LinAlgError("the rod has no equilibrium there")
         where = np.flatnonzero(free)
         self._here[where] = (theta - mean)[free] / scale[free]
         self._low[where], self._high[where] = ((bound - mean)[free] / scale[free] for bound in (p.lower, p.upper))
-        sizes = np.full(discrepancy.shape[1], misfit.size)
+        sizes = np.full(discrepancy.shape[1], descent.size)
         self._curve = slope.information(discrepancy).scaled(np.concatenate([self._ratio, sizes]))
         self._score = self._pulled(self.missed_at(self._rest)) + self._curve.times(self._here)
 
     def _pulled(self, white: Array) -> Array:
         """(k + m,) projection of whitened values (n,) on the columns."""
-        of_discrepancy = self._misfit.size * (self._misfit.problem.whitened_discrepancy.T @ white)
-        return np.concatenate([self._ratio * self.slope.against(white), of_discrepancy])
+        return np.concatenate([self._ratio * self.slope.against(white), self._size * (self._discrepancy.T @ white)])
 
     def missed_at(self, theta: Array) -> Array:
         """What the linear problem misses at parameters (k,), whitened (n,)."""

@@ -95,22 +95,17 @@ class MaskedForward:
         return MaskedForward(self._forward.near(theta), self._kept)
 
 
-def linearise(forward: FitForward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
-    """As the forward model's; where there is no derivative (next to a snap-through) it is 0."""
-    predicted, slope = forward.linearise(theta, columns)
-    return predicted, np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0)
-
-
 def derivatives(forward: FitForward, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Columns]:
-    """As `linearise`, without the zeros of parameters that few values depend on."""
+    """As the forward model's, without the zeros of parameters that few values depend on; where there is no derivative (next to a
+    snap-through) it is 0."""
     if isinstance(forward, MaskedForward):
         return forward.derivatives(theta, columns)
     if isinstance(forward, CopiedForward):
         predicted, slope, column = forward.slopes(theta, columns)
         count = len(theta) if columns is None else len(columns)
         return predicted, Columns.of_copies(np.nan_to_num(slope, nan=0.0, posinf=0.0, neginf=0.0), column, count)
-    predicted, whole = linearise(forward, theta, columns)
-    return predicted, Columns.of(whole)
+    predicted, whole = forward.linearise(theta, columns)
+    return predicted, Columns.of(np.nan_to_num(whole, nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def _each(read: Callable[[FitParameter], Any], of_effects: bool = False) -> cached_property[NDArray[Any]]:
@@ -159,11 +154,6 @@ class FitParameters:
     def ids(self) -> tuple[str, ...]:
         """The effects, once each, in order."""
         return tuple(dict.fromkeys(e for e in self.effects if e))
-
-    @cached_property
-    def calibrated(self) -> Mask:
-        """(k - p,) which of the other parameters are fitted in every model."""
-        return self.calibration[~self.of_effect]
 
     @cached_property
     def scale(self) -> Array:

@@ -35,7 +35,7 @@ from .jacobian import Jacobian
 from .linear import Linear
 from .posterior import hypothesis_prior
 from .problem import FormError, Problem
-from .starts import Starts
+from .starts import far, needs_own, recalibrated, starts
 
 Key = tuple[Hypothesis, bool]
 """A hypothesis, and whether all other effects are free within their tolerances."""
@@ -67,7 +67,6 @@ class Search:
 
     def __init__(self, problem: Problem, executor: Executor = SINGLE_THREAD) -> None:
         self.problem, self._executor = problem, executor
-        self._starts = Starts(problem)
         self._tried: dict[Key, Candidate] = {}
         self._queue: list[Candidate] = []
         self._promised: dict[Key, float] = {}
@@ -138,12 +137,12 @@ class Search:
         p = self.problem.parameters
         near = max(map(_evidence, self._none.values())) - judgement.SEARCH_MARGIN
         for c in (c for w, none in self._none.items() for c in self.around(none.fit, [(e,) for e in p.ids], w)):
-            needs_own = self._starts.needs_own(c.named)
+            own_starts = needs_own(p, c.named)
             # with tolerances, none may have moved to where the effect acts, and then promises more
-            if not needs_own or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
+            if not own_starts or c.log_evidence > self._none[c.with_tolerances].log_evidence + judgement.UNCONVERGED:
                 out.append(c)
             both = not p.tolerable[p.mask(c.named)].any()
-            if needs_own and (both or self._none[c.with_tolerances].log_evidence > near):
+            if own_starts and (both or self._none[c.with_tolerances].log_evidence > near):
                 at_starts.append(c)
         for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
             out += candidates
@@ -152,7 +151,7 @@ class Search:
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
         out = []
-        for start in self._starts.of(c.named, c.fit):
+        for start in starts(self.problem.parameters, c.named, c.fit):
             begun = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base)
             out.append(self._weigh(c.named, begun, c.with_tolerances, shared=True))
         return out
@@ -231,7 +230,7 @@ class Search:
         if (c.named, switched.with_tolerances) in self._standing.searched:
             return [extended, switched, *others]
         points = [switched]
-        if len(c.named) == 1 and self._starts.needs_own(c.named):
+        if len(c.named) == 1 and needs_own(self.problem.parameters, c.named):
             none = self._none[switched.with_tolerances].fit
             points += self._at_starts(*self.around(none, [c.named], switched.with_tolerances))
         return [extended, *map(self._turn, points), *others]
@@ -261,9 +260,9 @@ class Search:
         rounds, frozen = (ROUNDS, None) if c.turns else (FIRST_ROUNDS, c.base)
         if c.turns and c.base is not None:
             start = c.fit.theta  # all derivatives are recomputed
-        elif not c.turns and self._starts.far(c.fit.predicted, self._none[c.with_tolerances].fit):
+        elif not c.turns and far(self.problem, c.fit.predicted, self._none[c.with_tolerances].fit):
             # Far from where it was calibrated the robot needs another calibration and other derivatives first.
-            start, rounds, frozen = self._starts.recalibrated(c.fit.theta), ROUNDS, None
+            start, rounds, frozen = recalibrated(self.problem, c.fit.theta), ROUNDS, None
         fitted = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, rounds, frozen)
         weighed = self._weigh(c.named, fitted, c.with_tolerances, shared=frozen is not None)
         # where no step leads to a prediction, both are minus infinity

@@ -24,7 +24,7 @@ from ..judgement import FIT_DISCREPANCY_SIZE, ON_WALLS, WALLS_GAIN
 from .fit import fit
 from .prepare import prepare
 from .reading_noise import USUAL
-from .starts import Starts
+from .starts import recalibrated
 
 BESIDE = ("pressure_offset", "chamber_gain", "chamber_azimuth", "base_tilt", "body_modulus", "tip_payload")
 """Effects that may also act and would hide the difference."""
@@ -66,7 +66,7 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
 
     cap, _ = fitted(other_effects, np.zeros_like(parameters.sd))
     start = np.array([float(name == f"{THRUST}.share") for name in parameters.names])
-    walls, theta = fitted((THRUST, *other_effects), Starts(p.problem).recalibrated(start))
+    walls, theta = fitted((THRUST, *other_effects), recalibrated(p.problem, start))
     found = dict(zip(parameters.names, theta.tolist(), strict=True))
     if walls > WALLS_GAIN * cap or found[f"{THRUST}.share"] < ON_WALLS:
         return None

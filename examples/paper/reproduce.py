@@ -25,9 +25,10 @@ from lab.pages.figures import BLUE, GREY, STYLE, colours, save
 from model.calibration import fit_area_factor_by_length
 from model.compare import error_table
 from model.condition import States, conditions
+from model.effects.layout import INNER, OUTER
 from model.robot import Robot, load_robot
 from model.rods import FINE, PAPER, Paper, Rods, solve
-from model.section import INNER, OUTER, annulus_second_moment, body_area, body_second_moment, combined_modulus, rods_of
+from model.section import annulus_second_moment, body_area, body_second_moment, combined_modulus, rods_of
 
 Array = NDArray[np.float64]
 ROBOT = load_robot(Path(__file__).with_name("robot.yaml"))

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from model.errors import BadArm
-from model.plain_yaml import MOST_PROBLEMS, BadYaml, read_table
+from model.plain_yaml import checked, loaded
 from model.robot import Array, Pose, Vector3
 
 PARALLEL = math.radians(10)
@@ -123,10 +123,7 @@ class Arm(BaseModel):
 
 def arm_from_dict(data: Mapping[str, Any]) -> Arm:
     """An arm from plain numbers; raises `BadArm` naming every field that is wrong."""
-    try:
-        return Arm.model_validate(dict(data))
-    except ValidationError as error:
-        raise BadArm("\n".join(_line(e) for e in error.errors()[:MOST_PROBLEMS])) from error
+    return checked(Arm, data, {"links": Link, "base_to_world": Pose}, BadArm)
 
 
 def load_arm(path: Path) -> Arm:
@@ -135,24 +132,4 @@ def load_arm(path: Path) -> Arm:
     >>> load_arm(Path("arm.yaml")).joints
     ('q1', 'q2', 'q3', 'q4', 'q5', 'q6')
     """
-    try:
-        data = read_table(path, "an arm.yaml", "`name:` and `links:`")
-    except BadYaml as error:
-        raise BadArm(str(error)) from error
-    try:
-        return arm_from_dict(data)
-    except BadArm as error:
-        raise BadArm(f"{path}:\n{error}") from error
-
-
-def _line(error: Any) -> str:
-    """Place, value, unit and limit of one error of validation."""
-    place = ".".join(map(str, error["loc"])) or "arm"
-    message = str(error["msg"]).removeprefix("Value error, ")
-    if error["type"] in ("missing", "value_error"):
-        return f"{place}: {message}"
-    owner = Link if error["loc"][0] == "links" else Pose if error["loc"][0] == "base_to_world" else Arm
-    field = next((owner.model_fields[p] for p in reversed(error["loc"]) if p in owner.model_fields), None)
-    extra = field.json_schema_extra if field is not None else None
-    unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
-    return f"{place} = {repr(error['input'])[:60]}{'' if unit == '1' else ' ' + unit}: {message}"
+    return loaded(path, "an arm.yaml", "`name:` and `links:`", arm_from_dict, BadArm)

@@ -130,15 +130,12 @@ def with_rest(design: States) -> tuple[States, Ints]:
         if np.abs(design.pressure[of_trial[0]]).max() > REST * design.pressure.max():
             rest_row[k] = len(design) + len(first_states)
             first_states.append(int(of_trial[0]))
-    extended = design[np.concatenate([np.arange(len(design)), np.array(first_states, int)])]
-    extended.pressure[len(design) :] = 0.0
-    extended.hold[len(design) :] = HOLD
-    return extended, rest_row
+    return with_rest_of(design, np.array(first_states, int)), rest_row
 
 
-def with_own_rest(states: States) -> States:
-    """Single states and, behind them, the rest of each: its chambers vented, all else the same."""
-    extended = states[np.tile(np.arange(len(states)), 2)]
+def with_rest_of(states: States, rows: Ints) -> States:
+    """The states and, behind them, the rest of some of them: chambers vented, all else the same."""
+    extended = states[np.concatenate([np.arange(len(states)), rows])]
     extended.pressure[len(states) :] = 0.0
     extended.hold[len(states) :] = HOLD
     return extended

@@ -16,7 +16,7 @@ from model.condition import States, conditions
 from model.effects import layout as at
 from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
-from model.effects.design import Columns, with_own_rest, with_rest
+from model.effects.design import Columns, with_rest, with_rest_of
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
 from model.effects.observation import channels, measured, observations
@@ -192,7 +192,7 @@ class ForwardModel:
         other = copy.copy(self)
         full = design
         if any(spec.law.path is not None for spec in self.catalogue.values()):
-            full, other._path = with_own_rest(design), ramps(design)
+            full, other._path = with_rest_of(design, np.arange(len(design))), ramps(design)
         other._place(design, full, self.robot.area_factor_at(full.spine_length), arcs)
         return other
 

@@ -70,7 +70,7 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
 
     They stay the same while parameters change, so that results are smooth in the parameters.
     """
-    rods = plain_rods(layout, rows)
+    rods = rods_from(layout, rows, plain=True)
     return _steps(rods, rod.solve(rods, rod.Fast(follow=False)).values[:, AT_LARGEST])
 
 
@@ -102,7 +102,7 @@ def solve(
     other solve starts from these, so that springs that none of them has are left out, which take half of the time. Without
     `steps` each rod gets those that its own bend needs.
     """
-    rods = plain_rods(layout, rows) if plain else sprung_rods(layout, rows)
+    rods = rods_from(layout, rows, plain)
     if start is not None and steps is not None:
         solution = _solve_from(layout, rows, steps, start, trial, whole, followed)
     else:
@@ -119,7 +119,7 @@ def solve(
 def look_inside(solved: SolvedRods) -> SolvedRods:
     """The same, with what is within the rods."""
     seen = replace(solved, result=solved.result.copy(), inside=True)
-    _fill_stations(seen, sprung_rods(seen.layout, seen.rows), True)
+    _fill_stations(seen, rods_from(seen.layout, seen.rows), True)
     return seen
 
 
@@ -159,7 +159,7 @@ def _solve_from(
     layout: at.Layout, rows: Array, steps: Steps, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
     """Solve from `start`; what fails from `followed`, else anew, else through rods between, else as loads grow from zero."""
-    rods = sprung_rods(layout, rows)
+    rods = rods_from(layout, rows)
     solution = _nearby(rods, steps, start.solution)
     unsolved = _unsolved(solution)
     if unsolved.size and followed is not None:
@@ -174,7 +174,7 @@ def _solve_from(
         attempt = start.solution.take(unsolved)
         for k in range(1, parts + 1):
             between = start.rows[unsolved] + k / parts * (rows[unsolved] - start.rows[unsolved])
-            attempt = _nearby(sprung_rods(layout, between), steps[unsolved], attempt)
+            attempt = _nearby(rods_from(layout, between), steps[unsolved], attempt)
         unsolved = _put(solution, unsolved, attempt)
     if whole:
         unsolved = _all_or_none(solution, rods, steps, unsolved, start, followed)
@@ -228,7 +228,7 @@ def differentiate(solved: SolvedRods, directions: Array) -> Array:
     Motions are the shift and the turn (rad) of the tip, the shift of each marker and, inside, the turns of base and spine's end
     and the strains, in this order.
     """
-    rods = sprung_rods(solved.layout, solved.rows)
+    rods = rods_from(solved.layout, solved.rows)
     own = int(solved.inside)
     places = _places(solved.layout, rods, solved.arcs, solved.inside)[:, own:]
     method = replace(METHOD, steps=solved.steps)
@@ -255,18 +255,11 @@ def nudged(solved: SolvedRods, step: float) -> Array:
     return out
 
 
-def sprung_rods(layout: at.Layout, rows: Array) -> rod.Rods:
-    """Rods with all their springs, from rows (n, layout.width)."""
-    rods = rod.Rods(layout.form, np.array(rows, order="C"))
-    rods.field("rest_strain")[..., 2] += 1.0
-    return rods
-
-
-def plain_rods(layout: at.Layout, rows: Array) -> rod.Rods:
-    """The same without springs where no row has one."""
-    if layout.form.view(rows, "spring_stiffness").any():
-        return sprung_rods(layout, rows)
-    rods = rod.Rods(rod.Form(layout.form.elements), np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1))
+def rods_from(layout: at.Layout, rows: Array, plain: bool = False) -> rod.Rods:
+    """Rods from rows (n, layout.width), with all their springs; `plain`: without, where no row has one."""
+    sprung = not plain or layout.form.view(rows, "spring_stiffness").any()
+    form = layout.form if sprung else rod.Form(layout.form.elements)
+    rods = rod.Rods(form, np.array(rows, order="C") if sprung else np.delete(rows, slice(at.SPRINGS, at.ELEMENTS), axis=1))
     rods.field("rest_strain")[..., 2] += 1.0
     return rods
 

@@ -133,13 +133,7 @@ BY_TRIAL = (
     ),
 )
 BY_PUSH = (
-    _tolerance(
-        "touch",
-        "measurement",
-        Law(before=adding(contact_offset="late")),
-        Parameter("late", "m", 0.3e-3, -3e-3, 3e-3),
-        scope="push",
-    ),
+    _tolerance("touch", "measurement", Law(before=adding(contact_offset="late")), *_each("m", 0.3e-3, "late"), scope="push"),
     _tolerance("zero", "measurement", Law(after=_zero), Parameter("force", "N", 0.05, -1.0, 1.0), scope="push"),
 )
 """Where a stiffness trial's deflection is counted from, and its force: contact is found anew, the sensor zeroed anew."""

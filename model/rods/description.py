@@ -75,27 +75,19 @@ class Form:
 
     def fields(self) -> dict[str, tuple[int, int]]:
         """Name -> (offset in the rod, spring or element block it belongs to, columns) of every field."""
-        tables = (_PER_ROD, self._spring_fields(), _PER_ELEMENT)
-        return {name: at for table in tables for name, at in table.items()}
-
-    def _spring_fields(self) -> dict[str, tuple[int, int]]:
-        return _PER_SPRING if self.springs else {}
+        return _PER_ROD | (_PER_SPRING if self.springs else {}) | _PER_ELEMENT
 
     def view(self, values: Array, name: str) -> Array:
         """The field `name` of rows (..., width) as a view: (...[, k]), (..., springs[, k]) or (..., elements[, k])."""
-        if name in _PER_ROD:
-            offset, size = _PER_ROD[name]
-            return values[..., offset] if size == 1 else values[..., offset : offset + size]
-        if name in self._spring_fields():
-            first, count, block = columns.HEAD, self.springs, columns.SPRING
-            offset, size = _PER_SPRING[name]
-        elif name in _PER_ELEMENT:
-            first, count, block = self.head, self.elements, columns.BLOCK
-            offset, size = _PER_ELEMENT[name]
-        else:
-            raise BadCondition(f"{name}: no such field in rods of {self}; there are {', '.join(self.fields())}")
-        blocks = values[..., first : first + count * block].reshape(*values.shape[:-1], count, block)
-        return blocks[..., offset] if size == 1 else blocks[..., offset : offset + size]
+        known = self.fields()
+        if name not in known:
+            raise BadCondition(f"{name}: no such field in rods of {self}; there are {', '.join(known)}")
+        offset, size = known[name]
+        if name not in _PER_ROD:
+            of_springs = columns.HEAD, self.springs, columns.SPRING
+            first, count, block = of_springs if name in _PER_SPRING else (self.head, self.elements, columns.BLOCK)
+            values = values[..., first : first + count * block].reshape(*values.shape[:-1], count, block)
+        return values[..., offset] if size == 1 else values[..., offset : offset + size]
 
 
 @dataclass(frozen=True)

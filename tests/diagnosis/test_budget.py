@@ -125,8 +125,9 @@ def test_what_a_tolerated_stop_carries_is_not_its_slope_times_its_size() -> None
     theta[[p.names.index("contact.stiffness"), p.names.index("contact.distance")]] = 300.0, -0.04
     predicted, jacobian = problem.jacobian(theta)
     fitted, slope = Fit(theta, predicted, jacobian, 0.0, 0.0), problem.slope(jacobian).whole
-    at = (theta / p.sd)[p.of_effect][None]
-    carried = module._Carrying(problem, parts(prepared)).of(fitted, at)[0][0, p.ids.index("contact")]
+    where = parts(prepared)
+    every, _ = module._carried(p, where, module._squares(problem, where, fitted), np.zeros((1, len(p.scale))))
+    carried = every[0, p.ids.index("contact")]
 
     def beyond(done: np.ndarray) -> float:
         return float(np.sqrt((p.beyond_calibration(done[:, None], slope) ** 2).sum() / len(prepared.states)))

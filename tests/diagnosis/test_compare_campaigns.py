@@ -7,6 +7,7 @@ from diagnosis.compare_campaigns import compare_campaigns, sentence
 from diagnosis.errors import TooLittle
 from diagnosis.inference.evidence import NONE
 from diagnosis.inference.posterior import UNKNOWN, EffectPosterior
+from model.actuators import Chambers
 from model.effects import CATALOGUE
 from tests.diagnosis.small_campaigns import FEW, Catalogue, few_and_all, measured
 from tests.diagnosis.test_case import ROBOT, Measured
@@ -34,7 +35,7 @@ def test_what_is_told_follows_from_the_probability_that_nothing_changed() -> Non
         ranking = ((("contact",), 0.95 - nothing), (NONE, nothing), (UNKNOWN, 0.05))
         found = EffectPosterior(tuple(sorted(ranking, key=lambda r: -r[1])), {})
         sizes = {"contact.stiffness (change)": 30.0, "contact.distance (change)": -0.002}
-        return sentence(found, sizes, CATALOGUE)
+        return sentence(found, sizes, CATALOGUE, Chambers.words)
 
     assert told(0.8).startswith("No change since the reference stands out from the noise (p = 0.80")
     assert told(0.2).startswith("No change since the reference is certain: that nothing changed has p = 0.20")

@@ -14,7 +14,7 @@ from diagnosis.diagnose import Options, diagnose
 from diagnosis.edits import listed, search
 from diagnosis.edits.edit import Variants
 from diagnosis.edits.listed import every_edit
-from diagnosis.edits.misfit import Sample, _Problem, as_described
+from diagnosis.edits.misfit import _Problem, as_described, sample_of
 from diagnosis.edits.of_table import of_table
 from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
@@ -80,7 +80,8 @@ def test_the_area_factor_beside_a_mistake_keeps_to_the_modulus_that_is_not_taken
 
 def test_the_slope_of_the_misfit_is_its_slope(case: Measured) -> None:
     own, _ = states(case)
-    sample = Sample.of(ROBOT, own)
+    sample = sample_of(ROBOT, own)
+    assert sample is not None
     near = sample.fitted([((), np.zeros(8))], 1)[0]
     edits = tuple(e for e in listed.every_edit(sample, near) if e.kind in ("length", "tilt"))
     theta = np.array([0.1, -0.2, 0.1, 0.05, -0.04, 0.02, -0.01, 0.02, 0.2, -0.1, 0.05])
@@ -397,7 +398,8 @@ def test_an_effect_of_the_catalogue_is_no_mistake() -> None:
 
 
 def test_rods_that_do_not_stand_are_not_taken_for_readings_that_repeat() -> None:
-    sample = Sample.of(FINGER, campaign(read(FINGER)))
+    sample = sample_of(FINGER, campaign(read(FINGER)))
+    assert sample is not None
     assert min(sample.between_and_within(np.full((2 * len(sample.table), 3), FINGER.length))) > 0.1 * FINGER.length
 
 

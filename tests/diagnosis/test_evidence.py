@@ -22,8 +22,8 @@ from tests.diagnosis.toy import toy_problem
 
 WIDE = np.ones(3, bool)
 RNG = np.random.default_rng(7)
-NO_FORM = (np.array([0.0]), np.array([1.0]))
-ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), *NO_FORM)
+NO_FORM = np.array([0.0])
+ONE = Grid(np.array([0.1]), np.array([1.0]), np.array([0.0]), np.array([1.0]), NO_FORM)
 
 
 def small_problem(n: int = 12, p: int = 3, q: int = 2, m: int = 4) -> Linear:
@@ -76,7 +76,7 @@ def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_smal
 
 def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
     linear = small_problem()
-    grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
+    grid = Grid(np.array([0.0, 0.02]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
     found = weigh(linear, grid, parameters(3), [()])[0]
     log_terms = [
         w * v * np.exp(dense_log_evidence(linear, SizePrior(np.zeros(3), np.full(3, k**2), WIDE), g))
@@ -93,7 +93,7 @@ def test_the_grid_is_averaged_and_its_shares_sum_to_one() -> None:
 
 def test_what_is_averaged_over_the_grid_is_a_mixture_of_its_points() -> None:
     linear, p = small_problem(), parameters(3)
-    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), *NO_FORM)
+    grid = Grid(np.array([0.0, 0.2]), np.array([0.3, 0.7]), np.array([0.0, 1.0]), np.array([0.5, 0.5]), NO_FORM)
     found = weigh(linear, grid, p, [("e1",)])[0]
     weight = np.exp(found.log_terms - found.log_evidence)
     rng, drawn = np.random.default_rng(5), []

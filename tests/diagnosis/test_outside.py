@@ -14,7 +14,7 @@ from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.fit import fit
 from diagnosis.inference.prepare import prepare, table_columns
-from diagnosis.inference.problem import Problem, linearise
+from diagnosis.inference.problem import Problem, derivatives
 from diagnosis.inference.search import Search
 from diagnosis.judgement import FREE_FORM_ODDS, RELATIVE_ODDS, SAME_ODDS, SEPARATED_EVIDENCE, TEMPERATURE
 from model.effects.catalogue import CATALOGUE
@@ -112,7 +112,7 @@ def found(problem: Problem, named: Hypothesis) -> StageError:
 
 def response(problem: Problem, effect: str) -> np.ndarray:
     """What an effect does at its plausible scale."""
-    return linearise(problem.forward, np.zeros_like(problem.parameters.sd))[1][:, problem.parameters.names.index(effect)]
+    return derivatives(problem.forward, np.zeros_like(problem.parameters.sd))[1].whole[:, problem.parameters.names.index(effect)]
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
@@ -163,7 +163,7 @@ def test_data_of_the_catalogue_raise_no_diagnostic(seed: int) -> None:
 
 def test_a_law_that_is_far_off_is_seen_as_an_error_of_the_laws() -> None:
     problem = toy_problem(3, {"turned": 1.0})
-    turned = linearise(problem.forward, np.zeros_like(problem.parameters.sd))[1][:, IDS.index("turned")]
+    turned = derivatives(problem.forward, np.zeros_like(problem.parameters.sd))[1].whole[:, IDS.index("turned")]
     other = changed(problem, 0.5 * turned * np.sin(np.repeat(GRID.length, 3) / 0.06))
     assert diagnosed(problem).law_error_gain < 0 < 5 < diagnosed(other).law_error_gain
 

@@ -16,6 +16,7 @@ from diagnosis.inference.fit import fit
 from diagnosis.inference.posterior import posterior
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.search import MOST_UNKEPT, Search
+from diagnosis.inference.starts import recalibrated
 from model.arrays import Array
 from tests.diagnosis.toy import IDS, Grid, ToyForward, parameter, parameters, toy_problem
 
@@ -168,10 +169,11 @@ def test_the_robot_is_calibrated_anew_at_a_start_far_from_the_data(monkeypatch: 
     search = Search(problem)
     (around,) = search.around(search._none[False].fit, [effect], False)
     (start,) = search._at_starts(around)
-    anew, recalibrated = list[np.ndarray](), search._starts.recalibrated
-    monkeypatch.setattr(search._starts, "recalibrated", lambda theta: (anew.append(theta), recalibrated(theta))[1])
+    anew = list[np.ndarray]()
+    where = "diagnosis.inference.search.recalibrated"
+    monkeypatch.setattr(where, lambda problem, theta: (anew.append(theta), recalibrated(problem, theta))[1])
     for far in (False, True):
-        monkeypatch.setattr(search._starts, "far", lambda predicted, none, far=far: far)
+        monkeypatch.setattr("diagnosis.inference.search.far", lambda problem, predicted, none, far=far: far)
         assert search._searched_on(start)[0].fit.theta[IDS.index("play")] == pytest.approx(0.8, abs=0.25)
         assert bool(anew) == far
 

@@ -11,7 +11,7 @@ from model.condition import States
 from model.effects import CATALOGUE, design_from_columns
 from model.effects import layout as at
 from model.effects.laws.actuation import orders
-from model.effects.solver import METHOD, sprung_rods
+from model.effects.solver import METHOD, rods_from
 from model.robot import Robot
 from model.rods import columns as col
 from model.rotation import to_base
@@ -141,7 +141,7 @@ def test_the_moment_of_a_payload_is_its_weight_at_a_lever_that_turns_with_the_ti
     plain[:, spring + col.SPRING_STIFFNESS] = 0.0
     weight = mass * np.array(paper_robot.gravity)
     plain[:, col.DEAD_FORCE : col.DEAD_FORCE + 3] += weight
-    held = sprung_rods(final.layout, plain)
+    held = rods_from(final.layout, plain)
     turned = to_base(final.result[:, at.ORIENTATION : at.ORIENTATION + 4], np.broadcast_to(lever, (len(plain), 3)))
     held.field("dead_moment")[:] = np.cross(turned, weight)
     again = rod.solve(held, METHOD)
