@@ -84,12 +84,6 @@ def test_metadata_tell_outcome_and_counts(tmp_path: Path) -> None:
     assert recording.outcome == "stopped"
 
 
-def test_metadata_that_are_no_utf_8_are_written_out(tmp_path: Path) -> None:
-    about = {"labels": {"operator": "M\udcfcller"}}
-    Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, metadata=about).close("completed")
-    assert Recording.open(tmp_path / "a.mcap").metadata["labels"] == {"operator": "M\\udcfcller"}
-
-
 def test_what_is_not_a_message_is_refused_and_counted(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL) as recorder:
         for t in (float("nan"), -1.0, float("inf")):
@@ -349,9 +343,9 @@ def test_samples_older_than_what_is_kept_are_refused_rather_than_missing(tmp_pat
         assert recorder.buffers["/valve"].newest == newest
 
 
-def test_what_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Path) -> None:
+def test_what_people_and_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Path) -> None:
     hostile = "[/red] \x1b[2J <script>"
-    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL)
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, metadata={"labels": {"operator": "M\udcfcller"}})
     recorder.log("warning", hostile)
     recorder.log("warning", "x" * 1_000_000)
     recorder.log("warning", "half \ud800")
@@ -362,6 +356,7 @@ def test_what_instruments_say_is_kept_as_it_is_but_not_without_end(tmp_path: Pat
     assert len(long) < 11_000 and long.endswith("x ... (990000 more characters)")
     assert recording.metadata["outcome"]["detail"].startswith("half \\ud800yyy")
     assert len(recording.metadata["outcome"]["detail"]) < 11_000
+    assert recording.metadata["labels"] == {"operator": "M\\udcfcller"}
 
 
 COUNT = 5 * BLOCK + 7
