@@ -21,6 +21,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import Run
 
+from recordings.campaign.info import info
 from recordings.errors import BadMessage, RecordingError, WriteFailed
 from recordings.file import writer
 from recordings.file.mcap_file import MOST
@@ -72,10 +73,13 @@ def test_metadata_tell_outcome_and_counts(tmp_path: Path) -> None:
     for k in range(10):
         recorder.push("/valve", k * 0.1, on=True)
     recorder.push("/valve", 0.3, on=False)
+    recorder.push("/vacuum", 0.1, absolute=1e5)
     recorder.note_lost("/valve", 4)
     counts = recorder.close("stopped", "by hand")
     assert (counts["/valve"].generated, counts["/valve"].written) == (11, 10)
     assert (counts["/valve"].dropped, counts["/valve"].lost, counts["/valve"].complete) == (1, 4, False)
+    told = info(tmp_path / "a.mcap").streams
+    assert [(told[t].timing.count, told[t].dropped, told[t].lost) for t in ("/valve", "/vacuum")] == [(10, 1, 4), (1, 0, 0)]
     recording = Recording.open(tmp_path / "a.mcap")
     assert recording.outcome == "stopped" and recording.metadata["outcome"]["detail"] == "by hand"
     assert recording.metadata["versions"] == {"softlab": "0.1"}
