@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas
 import pytest
-from commands import SOUND, Cli, refused
-from virtual_lab import VirtualLab
+from commands import Cli, refused
 
 import lab
 from diagnosis.diagnose import Options, diagnose
@@ -278,10 +277,3 @@ def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
     refused("a robot.yaml goes with --robot", lab.case, tmp_path / "robot.yaml")
     (tmp_path / "one.mcap").touch()
     refused("is a folder of recordings, not a case folder", lab.case, tmp_path)
-
-
-def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:
-    said = cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out
-    limits = [line.split("│")[-2] for line in said.splitlines() if line.startswith("│")]
-    told = "".join("".join(limits).split())
-    assert re.search(r"pressure\d+kPa,rate\d+kPa/s", told) and re.search(r"turn[\d.]+rad", told)
