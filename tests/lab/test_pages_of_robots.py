@@ -30,6 +30,7 @@ from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot
 from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import SOME
+from tests.diagnosis.test_stiffness import RIVALS
 from tests.model.effects.campaigns import Moved, pushes
 
 pytestmark = pytest.mark.usefixtures("drawn")
@@ -168,7 +169,10 @@ def pushed() -> list[TrialRow]:
     ]  # fmt: skip
 
 
-def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path, cli: Cli) -> None:
+def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", RIVALS)
     case, page, answer = folder(tmp_path / "case", pushed()), tmp_path / "page.html", tmp_path / "answer.json"
     cli("diagnose", case, "--report", page, "--json", answer)
     text, told = page.read_text(), json.loads(answer.read_text())
