@@ -112,18 +112,15 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
     assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
 
 
-def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
+def test_the_command_for_the_first_proposal_names_the_file_that_was_written_and_an_answer_without_proposals_says_why(
     answered: Answered, answer: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = answered.protocols / f"{answer['next_experiment'][0]['id']}.yaml"
     assert f"Run the first: lab run {file} --rig RIG.yaml; without a rig, measure the states in" in answered.said
     assert file.exists() and file.with_suffix(".csv").exists()
-    show(Diagnosis.from_json(answered.json.read_text()), None)
+    show(found := Diagnosis.from_json(answered.json.read_text()), None)
     assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig RIG.yaml" in capsys.readouterr().out
 
-
-def test_an_answer_without_proposals_says_why(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
-    found = Diagnosis.from_json(answered.json.read_text())
     show(replace(found, next_experiment=(), attribute=replace(found.attribute, verdict="none")), None)
     assert "What to do next: Nothing: robot and model agree" in capsys.readouterr().out
 
