@@ -149,14 +149,13 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
         (("predict", "--robot", "ROBOT", "--inverse", "GOOD", "--figure", "x.txt"), "must end in"),
         (("predict", "--robot", "UNKNOWN", "--inverse", "GOOD"), "effects.chamber_azimut: is not known"),
         (("predict", "--robot", "ROBOT", "--table", "KPA"), "p1: the highest pressure is 30 Pa, which looks like another unit"),
-        (("predict", "--robot", "ROBOT", "--inverse", "MM"), "is 10 m from the base of a robot of 0.4 m, which looks like mm"),
     ],
 )
 def test_what_cannot_be_used_is_refused_with_exit_code_2(
     words: tuple[str, ...], told: str, case: Path, tmp_path: Path, cli: Cli
 ) -> None:
     files: dict[str, Any] = {"CASE": case, "ROBOT": paper_robot()}
-    texts = {"BAD": "p1\n0\nx\n", "NONE": "a,b\n1,2\n", "GOOD": "x\n-0.01\n", "KPA": "p1\n30\n", "MM": "x\n-10\n"}
+    texts = {"BAD": "p1\n0\nx\n", "NONE": "a,b\n1,2\n", "GOOD": "x\n-0.01\n", "KPA": "p1\n30\n"}
     texts["UNKNOWN"] = paper_robot().read_text() + "effects: {chamber_azimut: {angle: {value: 0.1, unit: rad}}}\n"
     for name, text in texts.items():
         files[name] = tmp_path / name
