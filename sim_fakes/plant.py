@@ -19,10 +19,6 @@ AMBIENT = 101_325.0
 """Pa absolute."""
 
 
-def _zeros(n: int) -> Array:
-    return np.zeros(n)
-
-
 @dataclass
 class Plant:
     """State shared by all fakes of one rig; SI units, robot base frame unless a name says otherwise."""
@@ -65,7 +61,7 @@ class Plant:
     """True when jammed granules keep the spine from moving: the motor stalls."""
     vacuum_absolute: float = AMBIENT
     """Pressure in the spine as the gauge sees it, Pa absolute."""
-    probe_force: Array = field(default_factory=lambda: _zeros(3))
+    probe_force: Array = field(default_factory=lambda: np.zeros(3))
     """Force of the specimen on the probe, N, arm base frame."""
     tip_position: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.4]))
     """Tracked tip body as motion capture would report it in the base frame (frame and marker effects included), m."""
@@ -79,4 +75,4 @@ class Plant:
     lock: threading.RLock = field(default_factory=timing.RLock, repr=False)
 
     def __post_init__(self) -> None:
-        self.regulator, self.chamber_pressure = _zeros(self.chambers), _zeros(self.chambers)
+        self.regulator, self.chamber_pressure = np.zeros(self.chambers), np.zeros(self.chambers)

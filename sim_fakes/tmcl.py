@@ -114,52 +114,29 @@ MICROSTEPS = 51200
 """Of a turn."""
 GAP_TIME = 0.05
 """An incomplete frame is forgotten after this silence, s of host time."""
-WRITABLE: dict[int, tuple[int, int]] = {
-    AxisNumber.TARGET: (-(2**31), 2**31 - 1),
-    AxisNumber.ACTUAL: (-(2**31), 2**31 - 1),
-    AxisNumber.MAX_SPEED: (0, FASTEST),
-    AxisNumber.ACCELERATION: (0, FASTEST),
-    AxisNumber.SEARCH_MODE: (1, 255),
-    AxisNumber.SEARCH_SPEED: (0, FASTEST),
-    AxisNumber.SWITCH_SPEED: (0, FASTEST),
-    AxisNumber.ENCODER: (-(2**31), 2**31 - 1),
-    AxisNumber.MAX_DEVIATION: (0, 2**31 - 1),
-    AxisNumber.MAX_CURRENT: (0, 255),
-    AxisNumber.STANDBY_CURRENT: (0, 255),
-    AxisNumber.RIGHT_OFF: (0, 1),
-    AxisNumber.LEFT_OFF: (0, 1),
-    AxisNumber.DECELERATION: (0, FASTEST),
-    AxisNumber.SOFT_STOP: (0, 1),
-    AxisNumber.RESOLUTION: (0, 8),
-    AxisNumber.RAMP_DIVISOR: (0, 13),
-    AxisNumber.PULSE_DIVISOR: (0, 13),
-    AxisNumber.FULLSTEPS: (1, 65535),
-    AxisNumber.FREEWHEELING: (0, 3),
-    AxisNumber.STEP_DIRECTION: (0, 5),
-    AxisNumber.UNITS: (0, 1),
+PARAMETERS: dict[int, tuple[int, int, int]] = {
+    AxisNumber.MAX_SPEED: (0, FASTEST, 51200),
+    AxisNumber.ACCELERATION: (0, FASTEST, 51200),
+    AxisNumber.SEARCH_MODE: (1, 255, 1),
+    AxisNumber.SEARCH_SPEED: (0, FASTEST, 1000),
+    AxisNumber.SWITCH_SPEED: (0, FASTEST, 100),
+    AxisNumber.MAX_DEVIATION: (0, 2**31 - 1, 0),
+    AxisNumber.MAX_CURRENT: (0, 255, 128),
+    AxisNumber.STANDBY_CURRENT: (0, 255, 8),
+    AxisNumber.RIGHT_OFF: (0, 1, 0),
+    AxisNumber.LEFT_OFF: (0, 1, 0),
+    AxisNumber.DECELERATION: (0, FASTEST, 51200),
+    AxisNumber.SOFT_STOP: (0, 1, 0),
+    AxisNumber.RESOLUTION: (0, 8, 8),
+    AxisNumber.RAMP_DIVISOR: (0, 13, 7),
+    AxisNumber.PULSE_DIVISOR: (0, 13, 3),
+    AxisNumber.FULLSTEPS: (1, 65535, 200),
+    AxisNumber.FREEWHEELING: (0, 3, 0),
+    AxisNumber.STEP_DIRECTION: (0, 5, 0),
+    AxisNumber.UNITS: (0, 1, 1),
 }
-START: dict[int, int] = {
-    AxisNumber.MAX_SPEED: 51200,
-    AxisNumber.ACCELERATION: 51200,
-    AxisNumber.SEARCH_MODE: 1,
-    AxisNumber.SEARCH_SPEED: 1000,
-    AxisNumber.SWITCH_SPEED: 100,
-    AxisNumber.MAX_DEVIATION: 0,
-    AxisNumber.MAX_CURRENT: 128,
-    AxisNumber.STANDBY_CURRENT: 8,
-    AxisNumber.RIGHT_OFF: 0,
-    AxisNumber.LEFT_OFF: 0,
-    AxisNumber.DECELERATION: 51200,
-    AxisNumber.SOFT_STOP: 0,
-    AxisNumber.RESOLUTION: 8,
-    AxisNumber.RAMP_DIVISOR: 7,
-    AxisNumber.PULSE_DIVISOR: 3,
-    AxisNumber.FULLSTEPS: 200,
-    AxisNumber.FREEWHEELING: 0,
-    AxisNumber.STEP_DIRECTION: 0,
-    AxisNumber.UNITS: 1,
-}
-"""As it comes from the factory."""
+"""Lowest and highest value of each axis parameter, and the one with which it comes from the factory."""
+START = {number: start for number, (_, _, start) in PARAMETERS.items()}
 
 
 class StepperDrum(Drum):
@@ -426,17 +403,16 @@ class TmclFake(DrumFake):
 
     def _set(self, kind: int, value: int) -> tuple[int, int]:
         """Write an axis parameter; status and value of the answer."""
-        if kind not in WRITABLE:
-            return TmclStatus.TYPE, value
-        low, high = WRITABLE[kind]
-        if not low <= value <= high:
-            return TmclStatus.VALUE, value
         if kind == AxisNumber.TARGET:
             self.drum.go(value)
         elif kind == AxisNumber.ACTUAL:
             self.drum.steps = float(value)
         elif kind == AxisNumber.ENCODER:
             self.drum.set_encoder(value)
+        elif kind not in PARAMETERS:
+            return TmclStatus.TYPE, value
+        elif not PARAMETERS[kind][0] <= value <= PARAMETERS[kind][1]:
+            return TmclStatus.VALUE, value
         else:
             self.drum.parameters[kind] = value
         return TmclStatus.OK, value

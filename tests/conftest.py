@@ -42,7 +42,6 @@ GROUPS = {
     "model": RODS,
     "test_blind_bench.py": RODS,
     "test_paper.py": RODS,
-    "test_sampled_evidence.py": RODS,
     "test_diagnose_verb.py": ANSWERED,
     "test_diagnosis_page.py": ANSWERED,
     "test_export.py": ANSWERED,

@@ -8,8 +8,8 @@ pneumatics.py, stand.py); docs/explanations/virtual-robot.md gives an overview.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
 
 import numpy as np
 
@@ -27,46 +27,35 @@ class EffectInfo:
     sign: Literal["both", "+", "blend"] = "both"
 
 
-_BY_ID = {
-    info.id: info
-    for info in (
-        EffectInfo("spine_slip", "Coulomb friction of the jammed spine against the wall, distributed sliders", 0.15, "N m", "+"),
-        EffectInfo("area_moment", "spine stiffens as a composite section instead of by volume share", 1.0, "1", "blend"),
-        EffectInfo("spine_shear", "spine has one modulus (6.6 MPa) and little shear stiffness (0.09 MPa)", 1.0, "1", "blend"),
-        EffectInfo("vacuum_leak", "share of the vacuum lost on the way into the spine, more in a long one", 0.3, "1", "+"),
-        EffectInfo("chamber_ballooning", "growth of the effective area at 250 kPa, as P^1.5", 0.15, "1"),
-        EffectInfo("chamber_azimuth", "the chamber pattern is turned about the axis", np.radians(6.0), "rad"),
-        EffectInfo("chamber_twist", "the chambers wind along the body", 0.35, "rad/m"),
-        EffectInfo("tether_load", "side force at the tip, fixed in the world, slackening as the tip yields", 0.35, "N"),
-        EffectInfo("base_tilt", "the base is turned about a horizontal axis", np.radians(1.5), "rad"),
-        EffectInfo("force_bias", "the force sensor's zero moves when it is loaded", 0.1, "N"),
-        EffectInfo("arm_compliance", "arm and probe give under the contact force", 5e-5, "m/N", "+"),
-        EffectInfo("contact_offset", "a soft layer is squeezed before the probe meets the specimen", 0.001, "m", "+"),
-    )
-}
-
-
-def list_effects() -> tuple[EffectInfo, ...]:
-    """All effects with unit and plausible scale."""
-    return tuple(_BY_ID.values())
+def _effect(*info: Any) -> float:
+    """The field of an effect, from what `EffectInfo` says of it after its id."""
+    return field(default=0.0, metadata={"info": info})
 
 
 @dataclass(frozen=True)
 class Laws:
     """Size of each effect in its unit; all zero is the robot of the paper."""
 
-    spine_slip: float = 0.0
-    area_moment: float = 0.0
-    spine_shear: float = 0.0
-    vacuum_leak: float = 0.0
-    chamber_ballooning: float = 0.0
-    chamber_azimuth: float = 0.0
-    chamber_twist: float = 0.0
-    tether_load: float = 0.0
-    base_tilt: float = 0.0
-    force_bias: float = 0.0
-    arm_compliance: float = 0.0
-    contact_offset: float = 0.0
+    spine_slip: float = _effect("Coulomb friction of the jammed spine against the wall, distributed sliders", 0.15, "N m", "+")
+    area_moment: float = _effect("spine stiffens as a composite section instead of by volume share", 1.0, "1", "blend")
+    spine_shear: float = _effect("spine has one modulus (6.6 MPa) and little shear stiffness (0.09 MPa)", 1.0, "1", "blend")
+    vacuum_leak: float = _effect("share of the vacuum lost on the way into the spine, more in a long one", 0.3, "1", "+")
+    chamber_ballooning: float = _effect("growth of the effective area at 250 kPa, as P^1.5", 0.15, "1")
+    chamber_azimuth: float = _effect("the chamber pattern is turned about the axis", np.radians(6.0), "rad")
+    chamber_twist: float = _effect("the chambers wind along the body", 0.35, "rad/m")
+    tether_load: float = _effect("side force at the tip, fixed in the world, slackening as the tip yields", 0.35, "N")
+    base_tilt: float = _effect("the base is turned about a horizontal axis", np.radians(1.5), "rad")
+    force_bias: float = _effect("the force sensor's zero moves when it is loaded", 0.1, "N")
+    arm_compliance: float = _effect("arm and probe give under the contact force", 5e-5, "m/N", "+")
+    contact_offset: float = _effect("a soft layer is squeezed before the probe meets the specimen", 0.001, "m", "+")
+
+
+_BY_ID = {f.name: EffectInfo(f.name, *f.metadata["info"]) for f in fields(Laws)}
+
+
+def list_effects() -> tuple[EffectInfo, ...]:
+    """All effects with unit and plausible scale."""
+    return tuple(_BY_ID.values())
 
 
 def laws(effects: Mapping[str, float]) -> Laws:
@@ -102,7 +91,3 @@ def draw_directions(truth: RobotTruth, seed: int) -> Directions:
         return Directions()
     tether, tilt = np.random.default_rng([seed, 1]).uniform(-np.pi, np.pi, 2)
     return Directions(float(tether), float(tilt))
-
-
-if {f.name for f in fields(Laws)} != set(_BY_ID):
-    raise RuntimeError("effects and laws name different effects")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.blocks import ROOT
+from tests.docs.blocks import ROOT, anchors
 
 PAGE = ROOT / "docs/decisions.md"
 MOST_WORDS = 60
@@ -15,16 +15,6 @@ HEADING = re.compile(r"^## (\d{3}) (.+)$", re.M)
 REFERENCE = re.compile(r"\bdecisions?[\s#]+(\d{3}\b(?:(?:,|\s+and|,\s+and)[\s#]+\d{3}\b)*)", re.IGNORECASE)
 """One number or several, also across the end of a line or of a comment's line."""
 ANCHOR = re.compile(r"decisions\.md#([\w-]*)")
-
-
-def decisions() -> dict[str, str]:
-    """Number -> title."""
-    return dict(HEADING.findall(PAGE.read_text(encoding="utf-8")))
-
-
-def anchor(number: str, title: str) -> str:
-    """The anchor that GitHub and the site give a heading."""
-    return re.sub(r"[^\w -]", "", f"{number} {title}".lower()).replace(" ", "-")
 
 
 def referred(text: str) -> list[str]:
@@ -56,13 +46,13 @@ def test_references_are_found_however_they_are_written(text: str, numbers: list[
 
 
 def test_every_decision_that_is_referred_to_exists() -> None:
-    known = decisions()
+    known = dict(HEADING.findall(PAGE.read_text(encoding="utf-8")))
     found = [f"{name}: decision {n}" for name, text in texts().items() for n in referred(text) if n not in known]
     assert found == []
 
 
 def test_every_link_to_a_decision_meets_its_heading() -> None:
-    known = {anchor(*each) for each in decisions().items()}
+    known = anchors(PAGE)
     found = [f"{name}#{a}" for name, text in texts().items() for a in ANCHOR.findall(text) if a not in known]
     assert found == []
 

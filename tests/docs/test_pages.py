@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.diagnosis.small_campaigns import SOME
-from tests.docs.blocks import ROOT, Block, blocks, pages
+from tests.docs.blocks import ROOT, Block, anchors, blocks, pages
 from tests.docs.workplace import Rigs, Workplace, needs
 
 RUN = ("bash", "python")
@@ -108,12 +108,6 @@ def test_links_between_pages_lead_to_a_file_and_a_heading() -> None:
             if "://" not in target and not (there.exists() and (not place or place in anchors(there))):
                 found.append(f"{page.relative_to(ROOT)}: {target}#{place}")
     assert found == []
-
-
-def anchors(page: Path) -> set[str]:
-    """What GitHub and the site call the headings of a page."""
-    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.M)
-    return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
 def test_pages_that_the_code_names_exist() -> None:

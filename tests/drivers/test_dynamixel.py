@@ -113,11 +113,6 @@ def test_a_servo_of_protocol_1_is_unreachable_and_its_register_is_named(make: Ma
     raises(Unreachable, r"protocol \(2\.0, register 13\)", spine.open)
 
 
-def test_a_model_without_current_based_position_mode_is_the_wrong_device(make: Make) -> None:
-    spine, _ = make({"model": 1060})
-    raises(WrongDevice, "1060", spine.open)
-
-
 def test_an_answer_of_another_length_with_a_right_checksum_is_told_from_a_broken_cable(make: Make) -> None:
     spine, servo = make(timeout=0.1)
     spine.open()

@@ -109,12 +109,10 @@ def check(fake: Any, ask: Any, truth: dict[Any, int]) -> None:
         question = rng.choice(list(truth))
         try:
             assert ask(question) == truth[question]
-        except NoReply:
-            continue
         except InstrumentError as e:
-            assert "damaged" in str(e), e
-            continue
-        answered += 1
+            assert isinstance(e, NoReply) or "damaged" in str(e), e
+        else:
+            answered += 1
     assert answered > 5
 
 

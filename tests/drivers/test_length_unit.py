@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.dynamixel.driver import StallWatch
-from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady
+from drivers.errors import BadReply, DeviceFault, LimitExceeded, NotReady, WrongDevice
 from drivers.interfaces import SpineSample
 from tests.drivers.spines import DRIVERS, Make, arrive, fault_of, homed, make_pair, under_way, watch
 from tests.simulated.bench import Bench, raises
@@ -129,6 +129,13 @@ def test_a_refusal_tells_the_units_reason(kind: str, make: Make) -> None:
     homed(unit)
     fake.faults.extra["nak"], says = {"dynamixel": (6, "beyond the limit"), "tmcl": (4, "Invalid Value")}[kind]
     raises(BadReply, says, unit.move_to, 0.1, 0.02)
+
+
+def test_another_model_is_the_wrong_device_each_time_that_it_is_opened(kind: str, make: Make) -> None:
+    model, named = {"dynamixel": ({"model": 1060}, "1060"), "tmcl": ({"module": 1140}, "TMCM-1140")}[kind]
+    unit, _ = make(model)
+    for _ in range(2):
+        raises(WrongDevice, named, unit.open)
 
 
 def test_close_stops_the_motion(bench: Bench, make: Make) -> None:

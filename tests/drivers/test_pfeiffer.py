@@ -72,8 +72,8 @@ def test_a_gauge_that_warns_goes_on_measuring_and_says_so_once(opened: Opened, f
     ("spoil", "error", "says"),
     [
         *(
-            (lambda fake, kind=kind: setattr(fake, "kind", kind), WrongDevice, "gauge type")
-            for kind in ("    B7", "UNKNOWN", "a+b(c")
+            (lambda fake, kind=kind: setattr(fake, "kind", kind), WrongDevice, says)
+            for kind, says in (("    A3", "PPT 100"), *((odd, "gauge type") for odd in ("    B7", "UNKNOWN", "a+b(c")))
         ),
         (lambda fake: fake.faults.extra.update(error="Err044"), DeviceFault, "reports Err044"),
     ],

@@ -11,7 +11,7 @@ import timing
 from drivers.configs import RegulatorsConfig, known_port
 from drivers.errors import LimitExceeded, Unreachable, WrongDevice
 from drivers.serial_line import SerialLine, SerialPort
-from lab.driver_contract import DriverOnFake, answers, unit
+from lab.driver_contract import DriverOnFake, unit
 from lab.files.rig_file import drivers
 from tests.simulated.bench import raises
 
@@ -128,21 +128,3 @@ def test_a_line_behind_a_terminal_server_is_asked_as_any_other() -> None:
 )
 def test_what_is_not_there(unit: DriverOnFake, changes: dict[str, Any], error: type[Exception], message: str) -> None:
     raises(error, message, unit.another(**changes).open)
-
-
-@pytest.mark.parametrize(
-    ("unit", "is_", "message"),
-    [
-        ("pfeiffer", {"kind": "    A3"}, "PPT 100"),
-        ("tmcl", {"module": 1140}, "TMCM-1140"),
-        ("ft300s", {"faults.extra": {"foreign": "GRP"}}, "'GRP'"),
-    ],
-    indirect=["unit"],
-)
-def test_another_model(unit: DriverOnFake, is_: dict[str, Any], message: str) -> None:
-    (line,) = unit.disturbed
-    for name, value in is_.items():
-        holder, _, attribute = name.rpartition(".")
-        setattr(line.faults if holder else line, attribute, value)
-    raises(WrongDevice, message, unit.driver.open)
-    assert not answers(unit.driver.open)

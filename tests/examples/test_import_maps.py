@@ -16,6 +16,8 @@ from model.robot import Robot
 from recordings.table_file import read_csv
 from recordings.trials import Table
 
+SENSOR, GLUED = np.array([0.014514, 0.0, 0.0]), Rotation.from_rotvec([0.0, np.pi, 0.0])
+"""Of stiff_flop: where the sensor sits at the tip, m, and how it is turned there."""
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 
 
@@ -47,8 +49,6 @@ def test_each_robot_file_is_a_robot(folder: str) -> None:
 
 
 def test_a_sensor_beside_the_axis_is_moved_back_to_the_body_s_end(tmp_path: Path) -> None:
-    sensor = np.array([0.014514, 0.0, 0.0])
-    glued = Rotation.from_rotvec([0.0, np.pi, 0.0])
     turn = Rotation.from_rotvec([0.5, 0.0, 0.0])
     end = np.array([0.001, -0.02, 0.045])
     t = np.arange(200) * 0.05
@@ -59,8 +59,8 @@ def test_a_sensor_beside_the_axis_is_moved_back_to_the_body_s_end(tmp_path: Path
     data[bent, 1] += 0.8
     for i in range(200):
         r = turn if bent[i] else Rotation.identity()
-        data[i, 11:14] = 1e3 * ((end if bent[i] else np.array([0, 0, 0.05])) + r.apply(sensor) + [0.003, 0.002, 0.1])
-        data[i, 14:18] = (r * glued).as_quat(scalar_first=True)
+        data[i, 11:14] = 1e3 * ((end if bent[i] else np.array([0, 0, 0.05])) + r.apply(SENSOR) + [0.003, 0.002, 0.1])
+        data[i, 14:18] = (r * GLUED).as_quat(scalar_first=True)
     savemat(tmp_path / "NoLoad.mat", {"NoLoad": data})
     table = imported(tmp_path / "NoLoad.mat", "stiff_flop", tmp_path / "case")
     first, second = table.rows
@@ -116,7 +116,6 @@ def test_the_beam_s_stiffness_rows_hold_what_the_weights_add_to_its_own_sag(tmp_
 def test_a_hand_s_force_is_turned_from_the_tip_s_axes_into_the_base_s(tmp_path: Path) -> None:
     files = tmp_path / "loads"
     files.mkdir()
-    sensor, glued = np.array([0.014514, 0.0, 0.0]), Rotation.from_rotvec([0.0, np.pi, 0.0])
     turn, end = Rotation.from_rotvec([np.pi / 2, 0.0, 0.0]), np.array([0.0, -0.03, 0.03])
     for name, bent in (("Load1", False), ("Load2", True)):
         data = np.zeros((120, 30))
@@ -128,8 +127,8 @@ def test_a_hand_s_force_is_turned_from_the_tip_s_axes_into_the_base_s(tmp_path: 
         data[80:, 24] += 0.3 * bent
         for i in range(120):
             r, p = (turn, end) if bent and i else (Rotation.identity(), np.array([0, 0, 0.05]))
-            data[i, 17:20] = data[i, 10:13] + 1e3 * (p + r.apply(sensor) + [0.003, 0.002, 0.016])
-            data[i, 20:24] = (r * glued).as_quat(scalar_first=True)
+            data[i, 17:20] = data[i, 10:13] + 1e3 * (p + r.apply(SENSOR) + [0.003, 0.002, 0.016])
+            data[i, 20:24] = (r * GLUED).as_quat(scalar_first=True)
         savemat(files / f"{name}.mat", {name: data})
     table = imported(files, "stiff_flop_load", tmp_path / "case")
     assert table.trial.tolist() == [1, 2, 2, 2]

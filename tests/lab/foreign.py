@@ -16,6 +16,7 @@ from model.robot import Robot
 from recordings.trials import Table
 
 ROBOT = Path(__file__).parents[2] / "examples/three_chambers/robot.yaml"
+OWN_TABLE = Path(__file__).parents[2] / "examples/own_table"
 AZIMUTHS = np.radians([0.0, 120.0, 240.0])
 """Of its chambers."""
 

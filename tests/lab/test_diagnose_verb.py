@@ -10,17 +10,15 @@ from typing import Any
 import pytest
 import yaml
 from commands import Cli
-from diagnosed_case import ROBOT, Answered, campaign, edited, folder
+from diagnosed_case import Answered, campaign, folder, without
 from pages import read_as_text
 
 from diagnosis.answer.result import Diagnosis
-from diagnosis.diagnose import Options, diagnose
-from lab.files.inputs import Case, read_case, unconfirmed_guesses
+from lab.files.inputs import read_case, unconfirmed_guesses
 from lab.files.own_effects import effects_from_file
 from lab.files.robot_file import paper_robot
 from lab.verbs.diagnose import show
 from model.effects import CATALOGUE, with_effects
-from recordings.trials import Table, TrialRow
 
 AREA = {"area_moment.blend": 0.7}
 CONFIDENT = 0.9
@@ -115,18 +113,15 @@ def test_a_protocol_file_is_written_for_each_proposal(answered: Answered, answer
     assert all(f["protocol"] in ("bending", "elongation") for f in files.values())
 
 
-def test_the_command_for_the_first_proposal_names_the_file_that_was_written(
+def test_the_command_for_the_first_proposal_names_the_file_that_was_written_and_an_answer_without_proposals_says_why(
     answered: Answered, answer: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = answered.protocols / f"{answer['next_experiment'][0]['id']}.yaml"
     assert f"Run the first: lab run {file} --rig RIG.yaml; without a rig, measure the states in" in answered.said
     assert file.exists() and file.with_suffix(".csv").exists()
-    show(Diagnosis.from_json(answered.json.read_text()), None)
+    show(found := Diagnosis.from_json(answered.json.read_text()), None)
     assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig RIG.yaml" in capsys.readouterr().out
 
-
-def test_an_answer_without_proposals_says_why(answered: Answered, capsys: pytest.CaptureFixture[str]) -> None:
-    found = Diagnosis.from_json(answered.json.read_text())
     show(replace(found, next_experiment=(), attribute=replace(found.attribute, verdict="none")), None)
     assert "What to do next: Nothing: robot and model agree" in capsys.readouterr().out
 
@@ -183,25 +178,16 @@ def heavier(case: Path) -> Path:
     return case
 
 
-def tipless(case: Path) -> Path:
-    rows = [
-        TrialRow(1, k, "stiffness", 1, "load", float(k), 0.2, (0.0,) * 9, specimen="spine", force=0.1 * k, deflection=0.001 * k)
-        for k in range(1, 4)
-    ]  # fmt: skip
-    return folder(case, rows)
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda path, case: case, "fit saw them"),
         (lambda path, case: heavier(folder(path, campaign(AREA, seed=3, repeats=1))), "differs"),
-        (lambda path, case: tipless(path), "has none"),
-        (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"p9": None}), "9 chambers"),
-        (lambda path, case: edited(path, campaign(AREA, seed=3, repeats=1), {"x": None}), "y, z without x"),
+        (lambda path, case: without("p9", path, campaign(AREA, seed=3, repeats=1)), "9 chambers"),
+        (lambda path, case: without("x", path, campaign(AREA, seed=3, repeats=1)), "y, z without x"),
         (lambda path, case: path / "nowhere", "nowhere"),
     ],
-    ids=["the same", "another robot", "no tip", "other chambers", "no x", "not there"],
+    ids=["the same", "another robot", "other chambers", "no x", "not there"],
 )
 def test_a_campaign_that_cannot_be_held_out_is_refused_before_anything_is_fitted(
     answered: Answered, tmp_path: Path, cli: Cli, make: Callable[[Path, Path], Path], words: str
@@ -239,13 +225,3 @@ def test_wrong_words_are_told_at_once(answered: Answered, tmp_path: Path, cli: C
     assert "cannot be written" in cli("diagnose", answered.case, "--json", tmp_path / "none" / "diagnosis.json", code=2).err
     said = cli("diagnose", answered.case, "--workers", 0, code=2).err
     assert "--workers 0" in said and "at least 1" in said
-
-
-def test_rows_without_numbers_are_left_out_and_counted(tmp_path: Path) -> None:
-    rows = campaign({}, repeats=1, lengths=(0.2,))
-    rows[3] = replace(rows[3], tip=(float("nan"), 0.0, 0.4))
-    one = {"chamber_azimuth": CATALOGUE["chamber_azimuth"]}
-    wanted = Options(quantify=False, experiments=False, catalogue=one)
-    found = diagnose(Case(ROBOT, Table.of(rows)), wanted)
-    assert any("1 of 7 states" in c for c in found.concerns)
-    assert found.attribute.verdict == "unknown"

@@ -1,6 +1,6 @@
 """Forged motion capture, hostile text in what instruments and files say, and the fakes' own doors, on a whole rig."""
 
-import contextlib
+import re
 import socket
 import stat
 from collections.abc import Iterator
@@ -87,7 +87,7 @@ SHORT = settings("spine_lengths=[0.05, 0.08]", "pressures=[60 kPa]", *PATIENT_SE
 """Noise looks like motion when the processors are busy."""
 
 
-@contextlib.contextmanager
+@contextmanager
 def hostile(lab: VirtualLab, folder: Path) -> Iterator[Path]:
     """A rig file and a robot with such names, and a valve with such an identity."""
     name = HOSTILE.replace("\x1b", "")  # a file that holds a control character is refused
@@ -105,10 +105,12 @@ def hostile(lab: VirtualLab, folder: Path) -> Iterator[Path]:
         valve.faults.extra.clear()
 
 
-def test_check_shows_names_identities_and_foreign_answers_plain(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
+def test_check_shows_names_and_answers_plain_and_limits_with_units(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     with hostile(virtual_lab, tmp_path) as rig:
         said = cli("check", "--rig", rig, "--seconds", "0.3", code=SOUND)
         assert "\x1b" not in said.out + said.err and SHOWN in said.out and "\\x1b[2J[/b]" in said.out
+        limits = "".join("".join(line.split("│")[-2] for line in said.out.splitlines() if line.startswith("│")).split())
+        assert re.search(r"pressure\d+kPa,rate\d+kPa/s", limits) and re.search(r"turn[\d.]+rad", limits)
         virtual_lab.fakes.lines["valve"].faults.extra["foreign"] = HOSTILE
         said = cli("check", "--rig", rig, "--seconds", "0.3", code=1)
         assert "\x1b" not in said.out + said.err

@@ -16,7 +16,7 @@ import pyarrow.parquet
 import pytest
 import yaml
 from commands import Cli, refused
-from foreign import AZIMUTHS, ROBOT, by_map, plain, tips
+from foreign import AZIMUTHS, OWN_TABLE, ROBOT, by_map, plain, tips
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 from test_import_matlab import matlab_hdf5
@@ -505,9 +505,9 @@ def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(
 
 
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:
-    own, file = Path(__file__).parents[2] / "examples" / "own_table", tmp_path / "swapped.csv"
-    file.write_text((own / "sweep.csv").read_text().replace("tip x,tip y", "tip y,tip x", 1))
-    cli("import", file, "--guess", "--robot", own / "robot.yaml", "--out", tmp_path / "map")
+    file = tmp_path / "swapped.csv"
+    file.write_text((OWN_TABLE / "sweep.csv").read_text().replace("tip x,tip y", "tip y,tip x", 1))
+    cli("import", file, "--guess", "--robot", OWN_TABLE / "robot.yaml", "--out", tmp_path / "map")
     said = (tmp_path / "map" / "map.yaml").read_text()
     assert "No order fits: two columns of the tip" in said and "Check the order" not in said
 
@@ -516,8 +516,7 @@ def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli)
     lines = ["P1 [kPa],x1 [mm],y1 [mm],z1 [mm],sx [mm],sy [mm],sz [mm]"]
     lines += [f"{p},{-p},0,{150 - p**2 / 300:.2f},0.01,0.0{p % 3},0.01" for p in (0, 10, 20, 30, 20, 10, 0)]
     (tmp_path / "means.csv").write_text("\n".join(lines))
-    robot = Path(__file__).parents[2] / "examples" / "own_table" / "robot.yaml"
-    cli("import", tmp_path / "means.csv", "--guess", "--robot", robot, "--out", tmp_path / "map")
+    cli("import", tmp_path / "means.csv", "--guess", "--robot", OWN_TABLE / "robot.yaml", "--out", tmp_path / "map")
     said = (tmp_path / "map" / "map.yaml").read_text()
     assert "not used: sx [mm]/sy" in said and "marker at the base" not in said
 

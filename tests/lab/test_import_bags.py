@@ -1,7 +1,6 @@
 """`lab import` of bags: only the wanted topics are decoded, odd ones are left out with a note, parts of one bag are joined."""
 
 import json
-import math
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import Writer
 
+from benchmarks.faults.foreign_tables import bent
 from lab.imports.joining import at_times
 from lab.imports.recording_topics import OLDEST, _numbers
 from recordings.table_file import read_csv
@@ -59,9 +59,7 @@ def sweep() -> Iterator[tuple[int, dict[str, float], list[float]]]:
     for chamber in (0, 1, 2, 0, 1, 2):
         for level in (0, 20, 40, 20, 0):
             for _ in range(60):
-                azimuth, bend = math.radians(120 * chamber), 0.005 * level or 1e-9
-                across, along = 0.15 * (1 - math.cos(bend)) / bend, 0.15 * math.sin(bend) / bend
-                tip = {"x": -across * math.cos(azimuth), "y": -across * math.sin(azimuth), "z": along}
+                tip = dict(zip("xyz", (1e-3 * mm for mm in bent(chamber, level, 0.005)), strict=True))
                 yield BEGIN + i * PERIOD, tip, [level * (k == chamber) * 1.0 for k in range(3)]
                 i += 1
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import Cli, refused
-from foreign import ROBOT, by_map, guessed, plain, pressures, through, tips
+from foreign import ROBOT, by_map, guessed, plain, tips
 
 from benchmarks.faults.foreign_tables import PLATEAUS, STATES, sweep, text
 from lab.files.config import ConfigError
@@ -302,16 +302,6 @@ def test_columns_and_files_of_which_the_same_is_said_share_a_note(tmp_path: Path
     (said,) = [n for n in made.notes if "the file says" in n]
     assert said.startswith("a.csv, b.csv: columns '") and "the map cm" in said
     assert all(f"'{c}'" in said and f"columns.{n}" in said for n, c in COLUMNS.items() if c.endswith("[mm]"))
-
-
-def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
-    def change(k: int, cells: list[str]) -> list[str]:
-        return [cells[0], f"{float(cells[1]) / 100:.5f}", *cells[2:6], f"{float(cells[6]) / 25.4:.6f}"]
-
-    names = ("Time [s]", "P1 [bar]", "P2 [kPa]", "P3 [kPa]", "Tip X [mm]", "Tip Y [mm]", "Tip Z (in)")
-    _, made = through(tmp_path / "a.csv", text(FEW, headings=names, change=change))
-    assert tips(made.table) == pytest.approx(np.array(FEW)[:, 4:], abs=2e-3)
-    assert pressures(made.table) == pytest.approx(np.array(FEW)[:, 1:4], abs=2e-3)
 
 
 @pytest.mark.parametrize("names", [("pset{}", "pist{}"), ("P{}_SP", "P{}_PV"), ("Soll {}", "Druck {}"), ("p{}_cmd", "p{}")])

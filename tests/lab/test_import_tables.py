@@ -86,6 +86,10 @@ PLAIN = {
         FEW, headings=[h.replace("kPa", "kgf/cm2") for h in HEADINGS],
         change=lambda k, c: [c[0], *(f"{float(p) / 98.0665:.6f}" for p in c[1:4]), *c[4:]],
     ),
+    "a unit of its own for each column": text(
+        FEW, headings=["Time [s]", "P1 [bar]", *HEADINGS[2:6], "Tip Z (in)"],
+        change=lambda k, c: [c[0], f"{float(c[1]) / 100:.5f}", *c[2:6], f"{float(c[6]) / 25.4:.6f}"],
+    ),
     "dates": text(FEW, change=lambda k, c: [f"2024-03-01 12:{4 * k // 60:02d}:{4 * k % 60:02d}.250", *c[1:]]),
     "times of day over midnight": text(FEW, change=lambda k, c: [clock(86_350 + 4 * k), *c[1:]]),
 }  # fmt: skip

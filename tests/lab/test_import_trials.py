@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import Cli
-from foreign import AZIMUTHS, ROBOT, plain
+from foreign import AZIMUTHS, OWN_TABLE, ROBOT, plain
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +23,6 @@ from model.prediction import Predictor
 from model.robot import Robot
 from recordings.table_file import read_csv
 
-OWN_TABLE = Path(__file__).parents[2] / "examples" / "own_table"
 GROUPS = ((1,), (3,), (2,), (1, 3))
 TWO_RESTS, ONE_REST, NO_REST = (0, 150, 350, 150, 0), (0, 150, 350, 150), (150, 350, 150)
 """mbar"""

@@ -28,8 +28,10 @@ from lab.verbs.diagnose import ranked
 from model.actuators import Chambers
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.robot import Robot
-from recordings.trials import Cell, Table, TrialRow
+from recordings.trials import Table, TrialRow
 from tests.diagnosis.small_campaigns import SOME
+from tests.diagnosis.test_stiffness import RIVALS
+from tests.model.effects.campaigns import Moved, pushes
 
 pytestmark = pytest.mark.usefixtures("drawn")
 
@@ -152,24 +154,25 @@ OF_PUSHES = [
 
 def pushed() -> list[TrialRow]:
     """Deflections up to 2 % of the length of three bare spines, of which the sensor reads too much."""
-    cells: list[dict[str, Cell]] = [
-        {
-            "trial": 1 + len(SPINES) * repeat + i, "step": step, "protocol": "stiffness", "repeat": repeat + 1,
-            "branch": "load", "t": 100.0 * (len(SPINES) * repeat + i) + step, "rate": 0.0, "hold": 1.0,
-            "spine_length": length, "vacuum": 80e3, "specimen": "spine", "force": 0.0,
-            "deflection": 0.02 * length * step / STEPS, **{f"p{c}": 0.0 for c in range(1, 10)},
-        }
-        for repeat in range(REPEATS)
-        for i, length in enumerate(SPINES)
-        for step in range(1, STEPS + 1)
+    table = pushes("spine", SPINES * REPEATS, 0.02 * np.arange(1, STEPS + 1) / STEPS)
+    table["deflection"] *= table["spine_length"]
+    forward = Moved(PAPER, table, None).forward
+    read = forward.predict(np.zeros(len(forward.parameters))) + BIAS
+    table["force"] = read + NOISE * np.random.default_rng(1).normal(size=len(read))
+    told = zip(*(table[name].tolist() for name in ("trial", "spine_length", "deflection", "force")), strict=True)
+    return [
+        TrialRow(
+            trial, 1 + i % STEPS, "stiffness", 1 + (trial - 1) // len(SPINES), "load", 100.0 * trial + i % STEPS, length,
+            (0.0,) * 9, rate=0.0, hold=1.0, vacuum=80e3, specimen="spine", force=force, deflection=deflection,
+        )
+        for i, (trial, length, deflection, force) in enumerate(told)
     ]  # fmt: skip
-    forward = ForwardModel(PAPER, design_from_columns(PAPER, {k: np.array([c[k] for c in cells]) for k in cells[0]}))
-    force = forward.predict(np.zeros(len(forward.parameters)))
-    read = force + BIAS + NOISE * np.random.default_rng(1).normal(size=len(force))
-    return [TrialRow.from_cells({**c, "force": float(f)}) for c, f in zip(cells, read, strict=True)]
 
 
-def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(tmp_path: Path, cli: Cli) -> None:
+def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(
+    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lab.files.own_effects.CATALOGUE", RIVALS)
     case, page, answer = folder(tmp_path / "case", pushed()), tmp_path / "page.html", tmp_path / "answer.json"
     cli("diagnose", case, "--report", page, "--json", answer)
     text, told = page.read_text(), json.loads(answer.read_text())

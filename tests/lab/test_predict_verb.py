@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas
 import pytest
-from commands import SOUND, Cli, refused
-from virtual_lab import VirtualLab
+from commands import Cli, refused
 
 import lab
 from diagnosis.diagnose import Options, diagnose
@@ -150,14 +149,13 @@ def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> Non
         (("predict", "--robot", "ROBOT", "--inverse", "GOOD", "--figure", "x.txt"), "must end in"),
         (("predict", "--robot", "UNKNOWN", "--inverse", "GOOD"), "effects.chamber_azimut: is not known"),
         (("predict", "--robot", "ROBOT", "--table", "KPA"), "p1: the highest pressure is 30 Pa, which looks like another unit"),
-        (("predict", "--robot", "ROBOT", "--inverse", "MM"), "is 10 m from the base of a robot of 0.4 m, which looks like mm"),
     ],
 )
 def test_what_cannot_be_used_is_refused_with_exit_code_2(
     words: tuple[str, ...], told: str, case: Path, tmp_path: Path, cli: Cli
 ) -> None:
     files: dict[str, Any] = {"CASE": case, "ROBOT": paper_robot()}
-    texts = {"BAD": "p1\n0\nx\n", "NONE": "a,b\n1,2\n", "GOOD": "x\n-0.01\n", "KPA": "p1\n30\n", "MM": "x\n-10\n"}
+    texts = {"BAD": "p1\n0\nx\n", "NONE": "a,b\n1,2\n", "GOOD": "x\n-0.01\n", "KPA": "p1\n30\n"}
     texts["UNKNOWN"] = paper_robot().read_text() + "effects: {chamber_azimut: {angle: {value: 0.1, unit: rad}}}\n"
     for name, text in texts.items():
         files[name] = tmp_path / name
@@ -278,10 +276,3 @@ def test_what_is_no_case_is_refused_with_the_way_to_one(tmp_path: Path) -> None:
     refused("a robot.yaml goes with --robot", lab.case, tmp_path / "robot.yaml")
     (tmp_path / "one.mcap").touch()
     refused("is a folder of recordings, not a case folder", lab.case, tmp_path)
-
-
-def test_check_shows_limits_with_their_units(virtual_lab: VirtualLab, cli: Cli) -> None:
-    said = cli("check", "--rig", virtual_lab.rig, "--seconds", "0", code=SOUND).out
-    limits = [line.split("│")[-2] for line in said.splitlines() if line.startswith("│")]
-    told = "".join("".join(limits).split())
-    assert re.search(r"pressure\d+kPa,rate\d+kPa/s", told) and re.search(r"turn[\d.]+rad", told)

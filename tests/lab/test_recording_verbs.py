@@ -14,7 +14,6 @@ from recordings.campaign.info import info
 from recordings.campaign.replay import metadata
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
-from recordings.messages import is_stream
 from recordings.states.rules import State, Window
 from recordings.trials import Table, TrialRow
 
@@ -147,20 +146,6 @@ def test_states_beyond_the_plan_are_told_but_not_those_that_were_read_again(tmp_
 
 
 # ------------------------------------------------------------------ losses
-def test_what_was_dropped_and_what_never_came_is_told_for_each_stream(tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
-        for k in range(10):
-            recorder.push("/valve", k * 0.1, on=True)
-        recorder.push("/valve", 0.3, on=False)  # out of order: dropped
-        recorder.push("/vacuum", 0.1, absolute=1e5)
-        recorder.note_lost("/vacuum", 4)
-    told = {topic: stream for topic, stream in info(tmp_path / "a.mcap").streams.items() if is_stream(topic)}
-    assert {topic: (s.timing.count, s.dropped, s.lost) for topic, s in told.items() if s.timing.count + (s.lost or 0)} == {
-        "/valve": (10, 1, 0),
-        "/vacuum": (1, 0, 4),
-    }
-
-
 def test_a_recording_that_ended_abruptly_says_that_its_losses_are_unknown(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=10**18)
     recorder.push("/valve", 0.1, on=True)

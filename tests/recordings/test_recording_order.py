@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.records import Message
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, IndexType
 from synthetic_run import OLD, STREAMS, Run, rewritten, state
 
 from recordings import events
@@ -47,6 +47,7 @@ def unnumbered(topic: str, number: int, message: Message) -> None:
 
 
 SMALL = {"seed": 1, "chunk_size": 700}
+BARE = dict.fromkeys(("use_statistics", "repeat_channels", "repeat_schemas", "enable_crcs"), False)
 
 
 @pytest.mark.parametrize(
@@ -57,6 +58,8 @@ SMALL = {"seed": 1, "chunk_size": 700}
         pytest.param({"seed": 2, "chunk_size": 5000, "compression": CompressionType.LZ4}, False, id="lz4"),
         pytest.param({"seed": 3, "chunk_size": 2**22, "compression": CompressionType.NONE}, True, id="one chunk"),
         pytest.param({"chunk_size": 900}, False, id="packed anew"),
+        pytest.param({"chunk_size": 4000, "index_types": IndexType.NONE}, True, id="no index"),
+        pytest.param(BARE, True, id="no summary"),
     ],
 )
 def test_tables_replay_and_what_is_played_do_not_depend_on_the_order_in_the_file(

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType
 from mcap_protobuf.decoder import DecoderFactory
 from synthetic_run import STREAMS, Run, recorded, rewritten, state
 
@@ -40,23 +39,6 @@ def test_the_fast_way_equals_the_library_and_the_protobuf_runtime(whole: Path) -
         assert schema is not None
         slow = samples.decode(recording._message(recording._channel(topic)), schema, [data for _, data in found], len(found))
         assert fast.dtype == slow.dtype and fast.tobytes() == slow.tobytes()
-
-
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"compression": CompressionType.LZ4, "chunk_size": 3000},
-        {"compression": CompressionType.NONE, "chunk_size": 500},
-        {"index_types": IndexType.NONE, "chunk_size": 4000},
-        {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False, "enable_crcs": False},
-    ],
-    ids=["lz4", "not compressed", "no index", "no summary"],
-)
-def test_files_of_other_writers_give_the_same_numbers(whole: Path, tmp_path: Path, how: dict[str, object]) -> None:
-    a, b = Recording.open(whole), Recording.open(rewritten(whole, tmp_path / "b.mcap", **how))
-    for topic in STREAMS:
-        assert a.stream(topic).tobytes() == b.stream(topic).tobytes()
-    assert a.log == b.log and len(a.log) == 1
 
 
 def test_a_message_without_a_field_is_read_by_the_runtime(whole: Path, tmp_path: Path) -> None:

@@ -35,16 +35,12 @@ def test_a_run_whose_disk_is_full_vents_says_so_and_leaves_a_file_without_holes(
     assert read(file.with_suffix(".journal")).recordings == ((file.name, 1),)
 
 
-class Mute(Recorder):
-    """Cannot take a log line any more."""
-
-    def log(self, level: str, text: str, t: float | None = None, name: str = "lab") -> None:
-        """Raises WriteFailed."""
+def test_a_recording_that_takes_no_last_line_is_finished_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
         raise WriteFailed("no room")
 
-
-def test_a_recording_that_takes_no_last_line_is_finished_all_the_same(tmp_path: Path) -> None:
-    recorder = Mute(tmp_path / "a.mcap", start_wall_ns=10**18)
+    recorder = Recorder(tmp_path / "a.mcap", start_wall_ns=10**18)
+    monkeypatch.setattr(recorder, "log", full)
     recorder.push("/valve", 0.1, on=True)
     recorder.note_lost("/valve", 2)
     assert _finish(recorder, "failed", "a fault", safe=True) == {"/valve": 2}

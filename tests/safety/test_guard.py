@@ -367,24 +367,20 @@ def test_waiting_for_a_person_is_no_hang(small: House) -> None:
         rig.actuators.pressure.set((50e3, 50e3, 50e3))
 
 
-def test_a_clipped_setpoint_is_returned_and_logged_in_the_recording(small: House, rig: Rig, tmp_path: Path) -> None:
+def test_a_clipped_setpoint_is_returned_logged_and_told_by_its_ramp_until_the_next(rig: Rig, tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
         rig.record_to(recorder)
         got = rig.actuators.pressure.set((300e3, 0.0, 0.0))
         assert got[0] < 299e3
         assert until(lambda: recorder.counts()["/log"].generated > 1)  # the first line is the recorder's own
         rig.record_to(None)
-    (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
-    assert "asked 300.0" in line
-
-
-def test_a_ramp_whose_setpoints_were_clipped_says_so_until_the_next(small: House, rig: Rig, tmp_path: Path) -> None:
-    with Recorder(tmp_path / "a.mcap", start_wall_ns=10**18) as recorder:
         bench = rig.bench(recorder, Screen("ramp", quiet=True), lambda: False)
         ramp(bench, (200e3, 0.0, 0.0), 2e6)  # max_rate lets 100 kPa through at once, however late the first is
         assert bench.clipped
         ramp(bench, (200e3, 0.0, 0.0), 25e3)
         assert not bench.clipped
+    (line,) = [line.text for line in Recording.open(tmp_path / "a.mcap").log if "clipped" in line.text]
+    assert "asked 300.0" in line
 
 
 def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:

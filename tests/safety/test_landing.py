@@ -200,19 +200,21 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
     assert reports[0].confirmed and {s.instrument for s in reports[0].steps} == {"arm", "pressure"}
 
 
+class Spine:
+    """It stands once it is told to stop."""
+
+    moving, stops = False, 0
+
+    def stop(self) -> None:
+        self.stops += 1
+        self.moving = False
+
+    def read(self) -> SpineSample:
+        return SpineSample(0.0, 0.1, 0.0, 0.1, self.moving, True)
+
+
 def test_a_stop_that_overtook_a_command_is_sent_again() -> None:
     """The command was let through just before the landing and reaches the instrument after the first stop."""
-
-    class Spine:
-        moving, stops = False, 0
-
-        def stop(self) -> None:
-            self.stops += 1
-            self.moving = False
-
-        def read(self) -> SpineSample:
-            return SpineSample(0.0, 0.1, 0.0, 0.1, self.moving, True)
-
     spine, looks = Spine(), iter([True, True])
 
     class Busy(set[str]):
@@ -275,13 +277,6 @@ def test_a_new_landing_ends_the_attempts_of_the_one_before(monkeypatch: pytest.M
 
 
 def test_a_command_that_does_not_come_back_keeps_the_landing_unconfirmed() -> None:
-    class Spine:
-        def stop(self) -> None:
-            pass
-
-        def read(self) -> SpineSample:
-            return SpineSample(0.0, 0.1, 0.0, 0.1, False, True)
-
     landed = landing_of({"spine": Spine()}, Safe(within=0.1), 200.0, {"spine"})
     report = landed.make_safe(["spine"], keep_vacuum=False)
     assert not report.confirmed and "has not returned" in str(report)

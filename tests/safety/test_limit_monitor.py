@@ -40,18 +40,13 @@ def steady(asked: float, measured: float, seconds: float) -> DeviceFault | None:
     return found
 
 
-def test_setpoints_whose_sum_is_within_the_limit_pass_unchanged() -> None:
-    assert LimitMonitor(RIG).setpoints((150e3, 150e3, 150e3)) == (150e3, 150e3, 150e3)
-
-
-def test_setpoints_beyond_the_sum_over_the_chambers_are_scaled_down_together() -> None:
-    allowed = LimitMonitor(RIG).setpoints((300e3, 300e3, 150e3))
+def test_setpoints_beyond_the_sum_over_the_chambers_alone_are_scaled_down_and_together() -> None:
+    monitor = LimitMonitor(RIG)
+    assert monitor.setpoints((150e3, 150e3, 150e3)) == (150e3, 150e3, 150e3)
+    allowed = monitor.setpoints((300e3, 300e3, 150e3))
     assert sum(3 * p for p in allowed) == pytest.approx(RIG.limits.max_total_pressure)
     assert allowed[0] / allowed[2] == pytest.approx(2.0)
-
-
-def test_a_setpoint_that_is_no_number_is_left_to_the_driver_to_refuse() -> None:
-    assert math.isnan(LimitMonitor(RIG).setpoints((math.nan, 0.0, 0.0))[0])
+    assert math.isnan(monitor.setpoints((math.nan, 0.0, 0.0))[0])  # left to the driver to refuse
 
 
 @pytest.mark.parametrize(

@@ -185,11 +185,8 @@ def after(controller: FakeController, seconds: float) -> None:
         controller.advance()
 
 
-def test_stopping_a_program_that_runs_is_confirmed() -> None:
+def test_a_program_that_runs_is_stopped_and_power_and_brakes_take_seconds() -> None:
     assert answer(playing(), "stop") == "Stopped"
-
-
-def test_power_and_brakes_take_seconds() -> None:
     controller = playing()
     assert answer(controller, "power off") == "Powering off"
     assert controller.ended[-1] == "powered off"

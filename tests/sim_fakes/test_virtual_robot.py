@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim_fakes.plant import AMBIENT, Plant
-from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualReading, VirtualRobot, walk
+from sim_fakes.virtual_robot import Condition, RobotTruth, VirtualRobot, walk
 from sim_fakes.virtual_robot.blocks import forget_stale_cache
 from tests.model.rods.cases import PRESSURES, REFERENCE
 from tests.simulated.bench import raises
@@ -18,10 +18,6 @@ PUBLISHED = RobotTruth(area_factor=1.5, spine_modulus={0.05: 0.318e6, 0.30: 4.38
 def bend(pressure: float) -> tuple[float, ...]:
     """Chambers 9, 1 and 2 at a pressure in Pa."""
     return tuple(pressure if i in (8, 0, 1) else 0.0 for i in range(9))
-
-
-def settled(robot: VirtualRobot, *states: Condition) -> list[VirtualReading]:
-    return walk(robot, states)
 
 
 def run(robot: VirtualRobot, plant: Plant, duration: float, dt: float = 0.02) -> None:
@@ -66,13 +62,13 @@ def test_scatter_is_drawn_anew_at_each_jamming_only(scatter: dict[str, float]) -
 
 
 def test_rolling_the_chambers_turns_the_deflection() -> None:
-    flat, rolled = (settled(VirtualRobot(), Condition(0.1, bend(150e3), roll=a))[0].position for a in (0.0, np.radians(90)))
+    flat, rolled = (walk(VirtualRobot(), [Condition(0.1, bend(150e3), roll=a)])[0].position for a in (0.0, np.radians(90)))
     assert rolled[:2] == pytest.approx([-flat[1], flat[0]], abs=1e-7)
     assert rolled[2] == pytest.approx(flat[2], abs=1e-7)
 
 
 def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
-    hanging, long = settled(VirtualRobot(), Condition(0.0), Condition(0.0, (100e3,) * 9))
+    hanging, long = walk(VirtualRobot(), [Condition(0.0), Condition(0.0, (100e3,) * 9)])
     assert np.abs(long.position[:2]).max() < 1e-9
     assert 0.01 < long.position[2] - hanging.position[2] < 0.03
     assert hanging.markers[:, 2] == pytest.approx([0.1, 0.2, 0.3], abs=2e-3)
@@ -80,7 +76,7 @@ def test_equal_pressures_only_lengthen_and_markers_lie_along_the_body() -> None:
 
 
 def test_markers_lie_on_the_bent_centre_line() -> None:
-    coarse, fine = (settled(VirtualRobot(RobotTruth(segments=n)), Condition(0.1, bend(200e3), hold=20))[0] for n in (40, 160))
+    coarse, fine = (walk(VirtualRobot(RobotTruth(segments=n)), [Condition(0.1, bend(200e3), hold=20)])[0] for n in (40, 160))
     assert coarse.markers == pytest.approx(fine.markers, abs=5e-5)
 
 
@@ -121,7 +117,7 @@ def test_jammed_spine_blocks_the_unit_and_lets_go_when_vented() -> None:
 
 def test_unjammed_spine_hardly_changes_the_bending() -> None:
     bare, loose, jammed = (
-        settled(VirtualRobot(), Condition(n, bend(150e3), vacuum=v))[0].position[0]
+        walk(VirtualRobot(), [Condition(n, bend(150e3), vacuum=v)])[0].position[0]
         for n, v in ((0.0, 0.0), (0.3, 0.0), (0.3, 80e3))
     )
     assert loose == pytest.approx(bare, rel=1e-3)
@@ -136,7 +132,7 @@ def test_driving_by_the_plant_ends_where_settling_ends() -> None:
     run(robot, plant, 30.0, 0.1)
     plant.regulator[:] = bend(200e3)
     run(robot, plant, 10.0)
-    (reading,) = settled(VirtualRobot(), Condition(0.2, bend(200e3), hold=10))
+    (reading,) = walk(VirtualRobot(), [Condition(0.2, bend(200e3), hold=10)])
     assert plant.tip_position == pytest.approx(reading.position, abs=1e-5)
     assert plant.markers == pytest.approx(reading.markers, abs=1e-5)
     assert plant.tip_rotation == pytest.approx(reading.rotation, abs=1e-4)
@@ -157,7 +153,7 @@ def test_path_does_not_depend_on_the_step_once_pressures_rest() -> None:
 def test_rod_settles_with_its_time_constant_in_small_steps_and_in_one() -> None:
     # without weight, which would pull it straight beside its own stiffness
     truth = RobotTruth(fill_time=1e-4, settling_time=0.06, gravity=(0.0, 0.0, 0.0))
-    final = settled(VirtualRobot(truth), Condition(0.0, bend(5e3), hold=10))[0].position[0]
+    final = walk(VirtualRobot(truth), [Condition(0.0, bend(5e3), hold=10)])[0].position[0]
     for dt in (0.005, 0.06):
         plant, robot = Plant(), VirtualRobot(truth)
         plant.regulator[:] = bend(5e3)
