@@ -87,7 +87,7 @@ def begin(p: Prepared, executor: Executor = SINGLE_THREAD) -> Begun:
     if NONE not in asked:
         asked[NONE] = w.search.with_all_derivatives(found[NONE])
     reached = {h: c.log_evidence for h, c in found.items()}
-    relatives = executor.ahead(partial(related, p, reached=reached), [tuple(replace(c, made=None) for c in asked.values())])
+    relatives = executor.ahead(partial(related, p, reached=reached), [tuple(asked.values())])
     return Begun(w, calibrated(p), relatives)
 
 
@@ -116,13 +116,13 @@ def attribute(p: Prepared, stages: Mapping[str, str], begun: Begun) -> Attributi
     return Attribution(
         prepared=p,
         posterior=ranked,
-        best=replace(best, made=None),
+        best=best,
         calibrated=begun.calibrated,
         misfit=misfit,
         decision=decision,
         distinguishability=distinguishability(p.problem, best, ranked),
         budget=w.budget,
-        alone={h: replace(w.search.alone(ranked.candidates[h]), made=None) for h in stated},
+        alone={h: w.search.alone(ranked.candidates[h]) for h in stated},
         stage_errors=free_forms,
     )
 

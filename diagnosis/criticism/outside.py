@@ -158,7 +158,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     sd = np.array([i.sd for i in infos])
     known, free = problem.parameters, problem.parameters.calibration
     calibrated = replace(known, infos=(*itertools.compress(known.infos, free), *infos), sd=np.append(known.sd[free], sd))
-    columns = problem.slope(c.fit.derivatives(problem)).take(free).then(Columns.of(slope))
+    columns = Columns.of(np.hstack([problem.slope(c.fit.derivatives(problem)).take(free).whole, slope]))
     least = least_sizes(calibrated, p.labels, columns, p.noise_floor)[int(free.sum()) :]
     least = known.least_of_each + (least or (judgement.LEAST_NAMED_SIZE,) * len(infos))
     wider = replace(known, infos=known.infos + infos, sd=np.append(known.sd, sd), least=least)

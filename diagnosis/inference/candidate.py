@@ -26,16 +26,14 @@ class Candidate:
     """How often its search was continued; 0: weighed at a start, or where another hypothesis was fitted."""
     ended: bool = False
     """Whether its search has ended."""
-    made: Linear | None = None
-    """The linear problem in which it was weighed, where it is kept: it is as large as the derivatives."""
 
     def prior(self, p: FitParameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
 
     def linear(self, problem: Problem) -> Linear:
-        """The linear problem in which it was weighed, rebuilt if it was not kept."""
-        return self.fit.linear(problem) if self.made is None else self.made
+        """The linear problem in which it was weighed, rebuilt each time: it is as large as the derivatives."""
+        return self.fit.linear(problem)
 
     @property
     def base(self) -> Jacobian | None:

@@ -119,11 +119,6 @@ class Columns:
             return self
         return Columns(self.dense[chosen], self.at, self.sparse[np.arange(len(self.dense))[chosen]], self.rest)
 
-    def then(self, other: Columns) -> Columns:
-        """With others (n, b) behind them."""
-        whole = Columns.nothing(len(self.dense), self.shape[1] + other.shape[1]).replaced(np.arange(self.shape[1]), self)
-        return whole.replaced(self.shape[1] + np.arange(other.shape[1]), other)
-
     def replaced(self, at: Ints, by: Columns) -> Columns:
         """The same with columns `at` (b,) replaced by others (n, b)."""
         kept = np.ones(self.shape[1], bool)

@@ -309,9 +309,8 @@ class Search:
         return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
-        """The same candidate with derivatives by all parameters, those of absent effects included, and its linear problem."""
-        whole = c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named)
-        return replace(c, fit=whole, made=whole.linear(self.problem))
+        """The same candidate with derivatives by all parameters, those of absent effects included."""
+        return replace(c, fit=c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
 
     def alone(self, c: Candidate) -> Candidate:
         """The same hypothesis with all other effects absent, searched to convergence."""
