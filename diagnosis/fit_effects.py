@@ -241,7 +241,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     """Written parameters and robot.yaml's `posterior`; `rms_after` (m) of the fit."""
     parameters = p.problem.parameters
     prior = c.prior(parameters)
-    linear = c.linear(p.problem)
+    linear = c.fit.linear(p.problem)
     law_error, size = _model_errors(c, linear, parameters)
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))

@@ -76,7 +76,7 @@ class Planned:
     @cached_property
     def linear(self) -> Linear:
         """Around the calibrated robot."""
-        return self.none.linear(self.problem)
+        return self.none.fit.linear(self.problem)
 
     @cached_property
     def _slope(self) -> Columns:
@@ -288,7 +288,7 @@ def of_case(case: CaseLike, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> 
     """The linear problem of a campaign, measured or foreseen. Raises `BadCase`."""
     prepared = prepare(case.robot, states(case)[0], catalogue=catalogue)
     none = next(c for c in Search(prepared.problem).tried if not c.with_tolerances)
-    p, own = prepared.problem.parameters, none.linear(prepared.problem).effects
+    p, own = prepared.problem.parameters, none.fit.linear(prepared.problem).effects
     # a shorter whitened response cannot be drawn
     seen = [e for e in p.ids if (own[:, p.mask((e,)) & p.sizes] ** 2).sum() > 1.0]
     return Planned(prepared.problem, none, parts(prepared), tuple(seen))

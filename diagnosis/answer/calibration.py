@@ -53,7 +53,7 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     at_bound = min(abs(theta[AREA] - limit[area]) for limit in (parameters.lower, parameters.upper)) < AT_BOUND
     # whether the data know the modulus better than robot.yaml does, as where the body's weight bends it
     where = f.best.grid_point
-    posterior = Gaussian(f.best.linear(p.problem), f.best.prior(parameters), where.size, where.form_error)
+    posterior = Gaussian(f.best.fit.linear(p.problem), f.best.prior(parameters), where.size, where.form_error)
     determined = bool(posterior.covariance(parameters.of_effect, np.array([modulus_at]))[0, 0] < DETERMINED**2)
     result = Calibration(factor, stated_factor, modulus, at_bound=at_bound, determined=determined)
     # stiffness trials measure the modulus, which is then no origin

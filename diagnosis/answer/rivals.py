@@ -153,7 +153,7 @@ class Rivals:
         p, out = self.prepared.problem.parameters, []
         chosen = np.flatnonzero(~p.recurs)
         for c in self.candidates:
-            linear, at = c.linear(self.prepared.problem), c.grid_point
+            linear, at = c.fit.linear(self.prepared.problem), c.grid_point
             prior = p.prior(p.mask(c.named), max(at.spike, LEAST_SPIKE), linear.effect_size)
             scale = p.scaled(prior)[0][chosen]
             known = Gaussian(linear, prior, at.size, at.form_error).covariance(p.of_effect, chosen)

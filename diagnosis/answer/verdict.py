@@ -103,7 +103,7 @@ def beside(a: Attribute, certain: str, robot: Robot) -> Attribute:
 def budget_section(f: Attribution) -> tuple[Carries, ...]:
     """Return each effect's part of the gap in mm, largest first within named, present and unseen."""
     parameters, best = f.prepared.problem.parameters, f.best
-    linear = best.linear(f.prepared.problem)
+    linear = best.fit.linear(f.prepared.problem)
     reduced = linear.reduced(best.grid_point.size, best.grid_point.form_error)
     detectable = visible(reduced, parameters, best.grid_point.spike, linear.effect_size)
     # the model itself is no better than the unit of its discrepancy

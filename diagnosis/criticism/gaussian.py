@@ -88,9 +88,9 @@ def misfit_diagnostics(
 
     `trial` (n,) number of each measured value's trial; `excess_scatter` as in `NoiseComponents`; `answer` the hypothesis named.
     """
-    linear, prior, law_error = best.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
+    linear, prior, law_error = best.fit.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
     law_error_gain = 0.0
-    if answer.linear(problem).form_error.shape[1]:
+    if answer.fit.linear(problem).form_error.shape[1]:
         by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1))  # all shares are equally probable before
         law_error_gain = float(by_share[-1] - by_share[0])
     lack_of_fit = Gaussian(linear, prior, 0.0, law_error).misfit_per_dof()

@@ -92,7 +92,7 @@ def _promised(p: Prepared, forward: ForwardModel, c: Candidate) -> Iterator[tupl
     wider, white = _relatives(p, forward, c)
     added = wider.infos[len(p.problem.parameters.infos) :]
     ids = tuple(dict.fromkeys(i.source for i, column in zip(added, white.T, strict=True) if column.any()))
-    offset = c.log_evidence - weigh(c.linear(p.problem), KNOWN, p.problem.parameters, [c.named])[0].log_evidence
+    offset = c.log_evidence - weigh(c.fit.linear(p.problem), KNOWN, p.problem.parameters, [c.named])[0].log_evidence
     for one in c.named or ("",):
         beside = tuple(e for e in c.named if e != one)
         there = (c.fit.without_law(one) if c.named else c.fit).linear(p.problem)

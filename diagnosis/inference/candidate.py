@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from .evidence import GridPoint, Hypothesis, Weighed
 from .fit import Fit
 from .jacobian import Jacobian
-from .linear import Linear, SizePrior
-from .problem import FitParameters, Problem
+from .linear import SizePrior
+from .problem import FitParameters
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,6 @@ class Candidate:
     def prior(self, p: FitParameters) -> SizePrior:
         """Of the effects, at the most probable point of the grid, in the linear problem of the fit."""
         return p.prior(p.mask(self.named), self.grid_point.spike, p.effect_size(self.fit.theta))
-
-    def linear(self, problem: Problem) -> Linear:
-        """The linear problem in which it was weighed, rebuilt each time: it is as large as the derivatives."""
-        return self.fit.linear(problem)
 
     @property
     def base(self) -> Jacobian | None:
