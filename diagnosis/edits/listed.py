@@ -51,7 +51,7 @@ MIRROR = ("mirror", 6e-4)
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
     """Return the edits that apply to this robot and table; `near`: the robot as described."""
     of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
-    return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
+    return [*_of_robot(sample.robot), *_of_arcs(sample), *of_table, *_left_to_the_diagnosis(sample, near)]
 
 
 # ------------------------------------------------------------------ robot.yaml
@@ -155,6 +155,20 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given = 1e3 * robot.length
     return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
+
+
+def _of_arcs(sample: Sample) -> Iterator[Edit]:
+    arcs, length = sample.robot.markers, sample.robot.length
+    for k, arc in enumerate(arcs if sample.described.markers.size else ()):
+        bounds, each = ((-arc, length - arc),), np.eye(len(arcs))[k]
+        apply = partial(lambda each, v, own: replace(v, arcs=v.arcs + own[:, None] * each), each)
+        yield Edit(f"arc {k}", 0.03 / len(arcs), partial(_arc, k), apply, ((-0.05 * length,), (0.05 * length,)), bounds)
+
+
+def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    given, found = 1e3 * np.array(robot.markers), 1e3 * (np.array(robot.markers) + np.eye(len(robot.markers))[k] * own)
+    line = ", ".join(f"{s:.4g} mm" for s in found.tolist())
+    return [mistake("arc_differs", "a marker's arc length", number=k + 1, given=given[k], found=found[k], line=line)]
 
 
 def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:

@@ -48,7 +48,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             in_unit = mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)
             says = stating("pressures_absolute", short, in_unit, ambient=ambient)
             yield Edit("zero", 0.01, says, partial(_absolute, size, ambient))
-    rest = _at_rest(table)
+    rest = at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
     for k in range(markers):
@@ -77,7 +77,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
-def _at_rest(table: Table) -> Mask:
+def at_rest(table: Table) -> Mask:
     """(n,) states whose actuators are the least loaded."""
     highest = np.abs(table.pressures).max(axis=1)
     return np.asarray(highest <= highest.min() + AT_REST * np.ptp(highest))
@@ -130,7 +130,7 @@ def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Varia
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
     points, orientation = _points(v), v.orientation
     for body in bodies:
-        moved = _from_rest(points[:, :, body], _at_rest(v.table))
+        moved = _from_rest(points[:, :, body], at_rest(v.table))
         points[:, :, body] = points[:, :, body] - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
     if turn is not None:
         orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
@@ -157,6 +157,6 @@ def _absolute(size: float, ambient: float, v: Variants, own: Array) -> Variants:
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
     """Tip and marker k in each other's place; `about_rest`: each moved to where the other rests."""
     tip, marker, markers = v.tip, v.markers[:, :, k], v.markers.copy()
-    apart = _mean((tip - marker)[:, _at_rest(v.table) & about_rest])
+    apart = _mean((tip - marker)[:, at_rest(v.table) & about_rest])
     markers[:, :, k] = tip - apart
     return replace(v, tip=marker + apart, markers=markers)
