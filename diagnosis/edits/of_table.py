@@ -20,7 +20,7 @@ from ..arrays import Array, Mask
 from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
-from .listed import FRAMES, MIRROR, axes_say, gravity_says
+from .listed import FRAMES, MIRROR, axes_say, gravity_along, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -92,15 +92,10 @@ def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
     tip, markers = (
         np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers.reshape(len(downs), len(rest), -1))
     )
-    for down, *shift in list(zip(downs, tip, markers, strict=True))[1:]:
-        if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):
-            yield Edit("gravity", 0.005, gravity_says(sample.robot, down), partial(_gravity_from_rest, down, shift))
-
-
-def _gravity_from_rest(down: Array, shift: Sequence[Array], v: Variants, own: Array) -> Variants:
-    """Gravity along `down`, the tip and the markers moved (m) as the robot at rest moves with it."""
-    gravity = np.broadcast_to(down, v.gravity.shape)
-    return replace(v, gravity=gravity, tip=v.tip + shift[0], markers=v.markers + shift[1].reshape(1, 1, -1, 3))
+    for k, down in enumerate(downs):
+        if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):  # places at rest move with it
+            apply = partial(gravity_along, down, tip=tip[k], markers=markers[k].reshape(1, 1, -1, 3))
+            yield Edit("gravity", 0.005, gravity_says(sample.robot, down), apply)
 
 
 def _points(v: Variants) -> Array:

@@ -65,9 +65,8 @@ def read(robot: Robot, table: Table) -> Reading:
     impossible, tips, elsewhere = implausible_values(robot, table)
     found = [(f, True) for f in _wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
-        off_axis = [] if impossible else [*_off_axis(robot, tips)]
-        unseen = {f"m{f.values['number']}{axis}": np.full(len(table), np.nan) for f in off_axis for axis in "xyz"}
-        found += [(f, False) for f in off_axis]
+        found += (off := [] if impossible else [(f, False) for f in _off_axis(robot, tips)])
+        unseen = {f"m{f.values['number']}{axis}": np.full(len(table), np.nan) for f, _ in off for axis in "xyz"}
         table, tips = table.replaced(unseen), tips.replaced({name: nan[: len(tips)] for name, nan in unseen.items()})
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
@@ -91,8 +90,8 @@ def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
     if not (len(tips) and robot.markers and tips.markers.size):
         return
     rest = tips.take(np.flatnonzero(at_rest(tips))[:MOST])
-    along = Sample(robot.model_copy(update={"markers": tuple(arcs)}), rest, np.zeros(len(rest), np.int64))
-    rods = along.rods(replace(along.described, markers=np.zeros((1, len(rest), len(arcs), 3))))
+    sample = Sample(robot, rest, np.zeros(len(rest), np.int64))
+    rods = sample.rods(replace(sample.described, arcs=arcs[None, None], markers=np.zeros((1, len(rest), len(arcs), 3))))
     off_tip = float(np.linalg.norm(np.median(rods.tip[0] - rest.tip, axis=0)))
     most = robot.outer_radius / 2 + 3 * (robot.uncertainty.marker_shift or 0.0) + off_tip
     axis = rods.markers[0] - rods.tip[0][:, None]
