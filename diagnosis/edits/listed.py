@@ -56,7 +56,7 @@ def every_edit(sample: Sample, near: Fit) -> list[Edit]:
 
 # ------------------------------------------------------------------ robot.yaml
 def _of_robot(sample: Sample) -> Iterator[Edit]:
-    robot, seen = sample.robot, np.isfinite(sample.described.markers).any(axis=(0, 1, 3))
+    robot, arcs = sample.robot, sample.robot.markers
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     if robot.bending_stiffness and robot.spine is None:
@@ -78,10 +78,10 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
-    for k, arc in ((k, robot.markers[k]) for k in np.flatnonzero(seen).tolist()):
-        moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.arange(len(seen)) == k)
-        starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arc, robot.length - arc),)
-        yield Edit(f"arc {k}", 0.03 / len(seen), partial(_arc, k), moved, starts, bounds)
+    for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
+        moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
+        starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
+        yield Edit(f"arc {k}", 0.03 / len(arcs), partial(_arc, k), moved, starts, bounds)
 
 
 def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:

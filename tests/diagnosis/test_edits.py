@@ -413,8 +413,7 @@ def test_a_marker_off_the_body_s_axis_is_named_and_left_out() -> None:
         off = right.replaced(columns(marker_columns(2)[1], right.markers[:, 1] + pin))
         for turn in (Rotation.identity(), Rotation.from_euler("y", 1, degrees=True)):
             used = case_of(robot, [("cameras", in_frame(off, turn.as_matrix()))], "robot").table
-            (text,) = used.warnings
-            assert "marker 2 stands" in text and "off the body's axis" in text
+            assert re.findall(r"marker \d stands", str(used.warnings)) == ["marker 2 stands"]
             assert np.isnan(used.markers[:, 1]).all() and np.isfinite(used.markers[:, 0]).all()
         wrong = (np.eye(3), 1000 * np.eye(3), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[2, 1, 0]])
         for axes in wrong:  # what concerns the whole file is not blamed on a marker
@@ -429,14 +428,13 @@ def in_frame(table: Table, axes: Any) -> Table:
 
 
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
-    marked = FINGER.model_copy(update={"markers": (0.06, 0.12)})
-    p = {}
-    for robot, described in ((FINGER, longer(FINGER)), (marked, longer(marked))):
+    p, two = {}, marked(FINGER, 1 / 3, 2 / 3)
+    for robot, described in ((FINGER, longer(FINGER)), (two, longer(two))):
         judged = judge(described, campaign(read(robot)))
         assert judged is not None
         p[len(robot.markers)] = judged.probability("length")
     assert p[2] > 0.99 and p[2] >= p[0]
-    assert judge(marked, campaign(read(marked))) is None
+    assert judge(two, campaign(read(two))) is None
 
 
 @pytest.mark.parametrize("robot", [FINGER, PAPER, pytest.param(TENDON_ARM, marks=pytest.mark.long)])
