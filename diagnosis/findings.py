@@ -91,6 +91,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "the positions to it, give the place as `zero` of columns x, y, z, and leave out `straight`"
         ),
         "tracked_turn": "the tracked body is turned by {deg:.1f} deg about {about} on the tip (allowed for): {remedy}",
+        "marker_off_axis": (
+            "marker {number} stands {off:.3g} mm off the body's axis at rest, at arc length {found:.4g} mm ({given:.4g} mm in "
+            "robot.yaml). The model has markers on the axis alone, so it is ignored: give the centre of the section there"
+        ),
         "no_unload": (
             "no unload branch: friction, creep and a time lag cannot be distinguished; read the states on the way down too"
         ),
@@ -148,6 +152,10 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "length_differs": (
             "length {found:.4g} {unit} instead of {given:.4g} {unit} (p = {p:.2f}): measure it without {pressure}, from the base "
             "to the tracked point, and correct length in robot.yaml{rather}"
+        ),
+        "arc_differs": (
+            "marker {number} is at arc length {found:.4g} mm instead of {given:.4g} mm (p = {p:.2f}): measure it along the body "
+            "from the base, without {pressure}, and write `markers: [{line}]` in robot.yaml{rather}"
         ),
         "gravity_elsewhere": (
             "gravity {found} instead of {given} m/s^2 (p = {p:.2f}): correct gravity in robot.yaml; it points down in the base "

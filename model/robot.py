@@ -194,7 +194,7 @@ class Robot(Shown, BaseModel):
     is not stated a diagnosis settles it first."""
     spine: Spine | None = None
     markers: tuple[Annotated[FiniteFloat, Field(gt=0, le=5)], ...] = Field(default=(), json_schema_extra={"unit": "m"})
-    """Arc lengths of the markers along the body."""
+    """Arc lengths of the markers, which lie on the body's axis."""
     base_to_world: Pose | None = None
     """For the record alone; a map.yaml states it by `frame`, and by `zero` of columns x, y, z."""
     max_pressure: FiniteFloat | None = Field(default=None, ge=1e3, le=2e6, json_schema_extra={"unit": "Pa"})

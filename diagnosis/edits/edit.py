@@ -40,6 +40,8 @@ class Variants:
     """(v, 1) times the length."""
     azimuth: Array
     """(v, 1, actuators) deg."""
+    arcs: Array
+    """(v, 1, markers of robot.yaml) m from the base."""
     gravity: Array
     """(v, 1, 3) m/s^2."""
     mass: Array
@@ -65,8 +67,8 @@ class Variants:
         one = np.ones((1, 1))
         of_states = (tip_masses(robot, table), table.get("roll_deg", 0.0), table.pressures, table.tip_force,
                      tip_moments(robot, table), table.tip, table.orientation, table.markers)  # fmt: skip
-        azimuth, gravity = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.gravity))
-        return cls(robot, table, one, one, one, one, azimuth, gravity, *(values[None] for values in of_states))
+        of_robot = (np.array(values)[None, None] for values in (robot.actuators.azimuths_deg, robot.markers, robot.gravity))
+        return cls(robot, table, one, one, one, one, *of_robot, *(values[None] for values in of_states))
 
     def repeated(self, count: int) -> Variants:
         """This one variant, `count` times."""
@@ -136,6 +138,8 @@ class Variants:
             robot = robot.model_copy(update={"area_factor": areas})
         if "gravity" in changed:
             robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
+        if "arcs" in changed:
+            robot = robot.model_copy(update={"markers": tuple(self.arcs[0, 0].tolist())})
         if "stretch" in changed:
             robot = with_length(robot, robot.length * float(self.stretch[0, 0]))
         names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "moment": MOMENT,
@@ -152,7 +156,7 @@ def times(factor: float, *names: str) -> Callable[[Variants, Array], Variants]:
     return lambda v, _: replace(v, **{name: factor * values for name, values in v.arrays(names).items()})
 
 
-ROD = ("area", "modulus", "bending", "stretch", "azimuth", "gravity", "mass", "roll", "pressure", "force", "moment")
+ROD = ("area", "modulus", "bending", "stretch", "azimuth", "arcs", "gravity", "mass", "roll", "pressure", "force", "moment")
 """Fields of `Variants` that change the rod."""
 SEEN = ("tip", "orientation", "markers")
 """Those that were measured of it."""

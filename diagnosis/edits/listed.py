@@ -51,11 +51,12 @@ MIRROR = ("mirror", 6e-4)
 def every_edit(sample: Sample, near: Fit) -> list[Edit]:
     """Return the edits that apply to this robot and table; `near`: the robot as described."""
     of_table = *_of_frame(sample, near), *of_attitudes(sample, near), *_of_columns(sample)
-    return [*_of_robot(sample.robot), *of_table, *_left_to_the_diagnosis(sample, near)]
+    return [*_of_robot(sample), *of_table, *_left_to_the_diagnosis(sample, near)]
 
 
 # ------------------------------------------------------------------ robot.yaml
-def _of_robot(robot: Robot) -> Iterator[Edit]:
+def _of_robot(sample: Sample) -> Iterator[Edit]:
+    robot, arcs = sample.robot, sample.robot.markers
     stiffer = tuple((area, stiff) for stiff in np.log([2, 4, 9, 1 / 2, 1 / 4, 1 / 9]).tolist() for area in (0.0, stiff))
     yield Edit("modulus", 0.05, _modulus, starts=stiffer, widens={AREA: WIDEST, MODULUS: WIDEST})
     if robot.bending_stiffness and robot.spine is None:
@@ -65,10 +66,10 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
-    yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(_gravity, turned_round))
+    yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(gravity_along, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
         if min(np.linalg.norm(down - other) for other in (robot.gravity, turned_round)) > 0.1 * size:
-            yield Edit("gravity", 0.005, gravity_says(robot, down), partial(_gravity, down))
+            yield Edit("gravity", 0.005, gravity_says(robot, down), partial(gravity_along, down))
     around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
     widest = np.radians(25)
     yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})
@@ -77,6 +78,10 @@ def _of_robot(robot: Robot) -> Iterator[Edit]:
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
+    for k in np.flatnonzero(np.isfinite(sample.described.markers).any(axis=(0, 1, 3))).tolist():
+        moved = partial(lambda which, v, own: replace(v, arcs=v.arcs + own[:, None] * which), np.eye(len(arcs))[k])
+        starts, bounds = ((-0.05 * robot.length,), (0.05 * robot.length,)), ((-arcs[k], robot.length - arcs[k]),)
+        yield Edit(f"arc {k}", 0.03 / len(arcs), partial(_arc, k), moved, starts, bounds)
 
 
 def _refitted(name: str, given: float, found: float, unit: str, limit: bool = False, short: str = "") -> list[Mistake]:
@@ -120,8 +125,9 @@ def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     return _refitted(name, float(azimuths[most]), float(found[most]), "deg", short=short)
 
 
-def _gravity(down: Array, v: Variants, own: Array) -> Variants:
-    return replace(v, gravity=np.broadcast_to(down, v.gravity.shape))
+def gravity_along(down: Array, v: Variants, own: Array, tip: Array | float = 0.0, markers: Array | float = 0.0) -> Variants:
+    """Gravity along `down`, the tip and the markers moved (m)."""
+    return replace(v, gravity=np.broadcast_to(down, v.gravity.shape), tip=v.tip + tip, markers=v.markers + markers)
 
 
 def gravity_says(robot: Robot, down: Array) -> Says:
@@ -155,6 +161,12 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     given = 1e3 * robot.length
     return [mistake("length_differs", "length", given=given, found=given * (1 + float(own[0])), unit="mm")]
+
+
+def _arc(k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
+    arcs = [1e3 * (arc + float(own[0]) * (j == k)) for j, arc in enumerate(robot.markers)]
+    line, given = ", ".join(f"{arc:.4g} mm" for arc in arcs), 1e3 * robot.markers[k]
+    return [mistake("arc_differs", "a marker's arc length", number=k + 1, given=given, found=arcs[k], line=line)]
 
 
 def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> list[Mistake]:

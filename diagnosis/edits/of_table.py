@@ -20,7 +20,7 @@ from ..arrays import Array, Mask
 from ..data.plausible import METRES, PASCALS
 from ..remedies import heading, named, of_columns, of_unit
 from .edit import Edit, Says, Variants, mistake, stating, times
-from .listed import FRAMES, MIRROR, axes_say, gravity_says
+from .listed import FRAMES, MIRROR, axes_say, gravity_along, gravity_says
 from .misfit import AMBIENT, Fit, Sample
 
 AT_REST = 0.03
@@ -48,7 +48,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             in_unit = mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)
             says = stating("pressures_absolute", short, in_unit, ambient=ambient)
             yield Edit("zero", 0.01, says, partial(_absolute, size, ambient))
-    rest = _at_rest(table)
+    rest = at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
     for k in range(markers):
@@ -77,7 +77,7 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
-def _at_rest(table: Table) -> Mask:
+def at_rest(table: Table) -> Mask:
     """(n,) states whose actuators are the least loaded."""
     highest = np.abs(table.pressures).max(axis=1)
     return np.asarray(highest <= highest.min() + AT_REST * np.ptp(highest))
@@ -92,15 +92,10 @@ def _gravity_about_rest(sample: Sample, rest: Mask) -> Iterator[Edit]:
     tip, markers = (
         np.nan_to_num(_mean(p[:, rest] - p[:1, rest])) for p in (stands.tip, stands.markers.reshape(len(downs), len(rest), -1))
     )
-    for down, *shift in list(zip(downs, tip, markers, strict=True))[1:]:
-        if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):
-            yield Edit("gravity", 0.005, gravity_says(sample.robot, down), partial(_gravity_from_rest, down, shift))
-
-
-def _gravity_from_rest(down: Array, shift: Sequence[Array], v: Variants, own: Array) -> Variants:
-    """Gravity along `down`, the tip and the markers moved (m) as the robot at rest moves with it."""
-    gravity = np.broadcast_to(down, v.gravity.shape)
-    return replace(v, gravity=gravity, tip=v.tip + shift[0], markers=v.markers + shift[1].reshape(1, 1, -1, 3))
+    for k, down in enumerate(downs):
+        if np.linalg.norm(down - stated) > 0.1 * np.linalg.norm(stated):  # places at rest move with it
+            apply = partial(gravity_along, down, tip=tip[k], markers=markers[k].reshape(1, 1, -1, 3))
+            yield Edit("gravity", 0.005, gravity_says(sample.robot, down), apply)
 
 
 def _points(v: Variants) -> Array:
@@ -130,7 +125,7 @@ def _about_rest(axes: Array, bodies: Sequence[int], turn: Array | None, v: Varia
     """Places of some bodies along other axes of the file about where they rest, and attitudes turned by a quaternion."""
     points, orientation = _points(v), v.orientation
     for body in bodies:
-        moved = _from_rest(points[:, :, body], _at_rest(v.table))
+        moved = _from_rest(points[:, :, body], at_rest(v.table))
         points[:, :, body] = points[:, :, body] - moved + (moved.reshape(-1, 3) @ axes.T).reshape(moved.shape)
     if turn is not None:
         orientation = multiply(multiply(turn, orientation), turn * CONJUGATE)
@@ -157,6 +152,6 @@ def _absolute(size: float, ambient: float, v: Variants, own: Array) -> Variants:
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
     """Tip and marker k in each other's place; `about_rest`: each moved to where the other rests."""
     tip, marker, markers = v.tip, v.markers[:, :, k], v.markers.copy()
-    apart = _mean((tip - marker)[:, _at_rest(v.table) & about_rest])
+    apart = _mean((tip - marker)[:, at_rest(v.table) & about_rest])
     markers[:, :, k] = tip - apart
     return replace(v, tip=marker + apart, markers=markers)

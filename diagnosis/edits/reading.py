@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -24,12 +24,13 @@ from recordings.trials import Table
 
 from .. import judgement
 from ..data import plausible
-from ..data.case import campaign_of
+from ..data.case import campaign_of, finite
 from ..data.plausible import METRES, NEWTONS, SHORTEST, cantilevers, complete, implausible_values, in_si
 from ..findings import Finding, finding
 from ..remedies import misread_by, of_origin, of_unit
 from .edit import AREA, MODULUS
-from .misfit import Fit, Sample, as_described, sample_of
+from .misfit import MOST, Fit, Sample, as_described, sample_of
+from .of_table import at_rest
 
 UNITS = ("stiffness_unit", "pressures_in_unit", "places_in_unit", "pressures_absolute", "attitudes_elsewhere")
 """Findings for which a table is refused."""
@@ -55,6 +56,8 @@ class Reading:
     refused: tuple[str, ...]
     asked: tuple[str, ...]
     """Empty where something is refused."""
+    table: Table = field(default_factory=Table, compare=False)
+    """The table to be used: without places of markers that stand off the body's axis."""
 
 
 def read(robot: Robot, table: Table) -> Reading:
@@ -62,6 +65,9 @@ def read(robot: Robot, table: Table) -> Reading:
     impossible, tips, elsewhere = implausible_values(robot, table)
     found = [(f, True) for f in _wrong_units(robot, table)]
     with suppress(BadCondition):  # states that do not fit this robot, which is said where they are used
+        found += (off := [] if impossible else [(f, False) for f in _off_axis(robot, tips)])
+        unseen = {f"m{f.values['number']}{axis}": np.full(len(table), np.nan) for f, _ in off for axis in "xyz"}
+        table, tips = table.replaced(unseen), tips.replaced({name: nan[: len(tips)] for name, nan in unseen.items()})
         found += _by_rod(robot, tips) if len(tips) >= judgement.EDIT_FEWEST else ()
     found.sort(key=lambda one: one[0].code not in UNITS)  # what is wrong with every number comes first
     highest, mapped, words = float(np.nan_to_num(table.pressures).max(initial=0.0)), table.mapped, robot.actuators.words
@@ -75,7 +81,26 @@ def read(robot: Robot, table: Table) -> Reading:
         impossible = tuple(text.replace(plausible.CHECK_FRAME, remedy) if text is elsewhere else text for text in impossible)
         found = [one for one in found if str(one[0]) not in causes]
     refused = (*(str(f) for f, refuse in found if refuse), *impossible)
-    return Reading(refused, () if refused else tuple(str(f) for f, _ in found))
+    return Reading(refused, () if refused else tuple(str(f) for f, _ in found), table)
+
+
+def _off_axis(robot: Robot, tips: Table) -> Iterator[Finding]:
+    """Markers that are, from the tip at rest, farther from the rod's axis than half the body's radius and the tip's error."""
+    tips, arcs = tips.take(finite(tips)), np.linspace(0.0, robot.length, 401)[1:]
+    if not (len(tips) and robot.markers and tips.markers.size):
+        return
+    rest = tips.take(np.flatnonzero(at_rest(tips))[:MOST])
+    sample = Sample(robot, rest, np.zeros(len(rest), np.int64))
+    rods = sample.rods(replace(sample.described, arcs=arcs[None, None], markers=np.zeros((1, len(rest), len(arcs), 3))))
+    off_tip = float(np.linalg.norm(np.median(rods.tip[0] - rest.tip, axis=0)))
+    most = robot.outer_radius / 2 + 3 * (robot.uncertainty.marker_shift or 0.0) + off_tip
+    axis = rods.markers[0] - rods.tip[0][:, None]
+    for k, given in enumerate(robot.markers[: rest.markers.shape[1]]):
+        from_seen = (axis - rest.markers[:, [k]] + rest.tip[:, None])[np.isfinite(rest.markers[:, k]).all(axis=1)]
+        away = np.median(np.linalg.norm(from_seen, axis=2), axis=0) if len(from_seen) else np.zeros(1)
+        if (off := float(away.min())) > most:  # NaN without an equilibrium
+            found = float(arcs[np.argmin(away)])
+            yield finding("marker_off_axis", number=k + 1, off=1e3 * off, found=1e3 * found, given=1e3 * given)
 
 
 def _by_rod(robot: Robot, tips: Table) -> Iterator[tuple[Finding, bool]]:

@@ -109,13 +109,14 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
     """Tables, each with its name, as one case; `robot_name`: where the robot was read. Raises ConfigError as `read_case`."""
     from diagnosis.edits.reading import read  # with the rod, which no recording alone needs
 
-    asked: list[str] = []
+    asked, used = list[str](), list[Table]()
     for file, table in parts:
         reading = read(robot, table)
         if reading.refused:
             raise ConfigError("\n".join(f"{file}: {text}" for text in reading.refused))
         asked += (f"{file}: {text}" for text in (*reading.asked, *table.warnings))
-    table = Table.joined(table for _, table in parts)
+        used.append(reading.table)
+    table = Table.joined(used)
     units = {column: unit for _, part in parts for column, unit in part.sensor_units.items()}
     warnings = (*asked, *doubts(robot, table, robot_name))
     return Case(robot, replace(table, warnings=warnings, sensor_units=units), robot_text)

@@ -16,8 +16,10 @@ from diagnosis.edits.edit import Variants
 from diagnosis.edits.listed import every_edit
 from diagnosis.edits.misfit import _Problem, as_described, sample_of
 from diagnosis.edits.of_table import of_table
+from diagnosis.edits.reading import read as judge_table
 from diagnosis.edits.search import edit_first, judge
 from diagnosis.fit_effects import fit_effects
+from lab.files.inputs import case_of
 from model.condition import conditions
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.effects.laws.actuation import orders
@@ -302,6 +304,11 @@ def attitudes(table: Table, change: Any) -> Table:
 QUARTER = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])
 
 
+def marked(robot: Robot, *shares: float) -> Robot:
+    """With markers at these shares of the length."""
+    return robot.model_copy(update={"markers": tuple(share * robot.length for share in shares)})
+
+
 def longer(robot: Robot) -> Robot:
     return robot_from_dict({**robot.model_dump(), "length": 1.055 * robot.length})
 
@@ -320,6 +327,7 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "one column of pressures in psi": (lambda r: (r, read(r).replaced({"p1": read(r)["p1"] / 6894.757})), ("column p1", "psi")),
     "cameras moved": (lambda r: (r, moved_at(read(r, repeats=3), 8)), ("frame moved by 4.0 mm at trial 8",)),
     "length under pressure": (lambda r: (longer(r), read(r)), ("length ", "measure it without")),
+    "marker elsewhere": (lambda r: (marked(r, 0.4, 0.62), read(marked(r, 0.4, 0.7))), ("marker 2 is at arc", "`markers: [")),
     "positions in cm": (lambda r: (r, placed(read(r), lambda tip: 100 * tip)), ("all positions hold cm read as m (p", "x 0.01)")),
     "cm read as mm": (lambda r: (r, placed(read(r), lambda tip: 0.1 * tip)), ("all positions hold cm read as mm (p", "x 10)")),
     "pressures in psi": (lambda r: (r, with_pressures(read(r), read(r).pressures / 6894.757)), ("6895 times as large", "psi")),
@@ -338,6 +346,7 @@ def test_a_mistake_is_named_with_its_number_its_probability_and_the_line_to_chan
     first = edit_first(described, campaign(table))
     text = "; ".join(map(str, first.changes))
     assert all(word in text for word in words) and "(p = " in text, text
+    assert first.robot.markers == pytest.approx([s * described.length for s in (0.4, 0.7)][: len(described.markers)], abs=2e-3)
     assert len(first.changes) == 1 + (" and " in mistake)
     assert first.after < 0.4 * first.before or "attitudes" in mistake or "quaternions" in mistake
 
@@ -397,15 +406,35 @@ def test_rods_that_do_not_stand_are_not_taken_for_readings_that_repeat() -> None
     assert min(sample.between_and_within(np.full((2 * len(sample.table), 3), FINGER.length))) > 0.1 * FINGER.length
 
 
+def test_a_marker_off_the_body_s_axis_is_named_and_left_out() -> None:
+    for robot in (marked(FINGER, 0.4, 0.7), marked(TENDON_ARM, 0.4, 0.7)):
+        right = read(robot)
+        pin = Rotation.from_quat(right.orientation, scalar_first=True).apply([0.0, 1.5 * robot.outer_radius + 0.01, 0.0])
+        off = right.replaced(columns(marker_columns(2)[1], right.markers[:, 1] + pin))
+        for turn in (Rotation.identity(), Rotation.from_euler("y", 1, degrees=True)):
+            used = case_of(robot, [("cameras", in_frame(off, turn.as_matrix()))], "robot").table
+            assert re.findall(r"marker \d stands", str(used.warnings)) == ["marker 2 stands"]
+            assert np.isnan(used.markers[:, 1]).all() and np.isfinite(used.markers[:, 0]).all()
+        wrong = (np.eye(3), 1000 * np.eye(3), np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[2, 1, 0]])
+        for axes in wrong:  # what concerns the whole file is not blamed on a marker
+            found = judge_table(robot, in_frame(right, axes))
+            assert "off the body's axis" not in str(found) and np.isfinite(found.table.markers).all(), found
+
+
+def in_frame(table: Table, axes: Any) -> Table:
+    """Places along other axes of the file, or in another unit."""
+    markers = (table.markers @ axes.T).reshape(len(table), -1)
+    return placed(table, lambda tip: tip @ axes.T).replaced(columns(sum(marker_columns(2), ()), markers))
+
+
 def test_markers_along_the_body_tell_a_length_from_an_origin() -> None:
-    marked = FINGER.model_copy(update={"markers": (0.06, 0.12)})
-    p = {}
-    for robot, described in ((FINGER, longer(FINGER)), (marked, longer(marked))):
+    p, two = {}, marked(FINGER, 1 / 3, 2 / 3)
+    for robot, described in ((FINGER, longer(FINGER)), (two, longer(two))):
         judged = judge(described, campaign(read(robot)))
         assert judged is not None
         p[len(robot.markers)] = judged.probability("length")
     assert p[2] > 0.99 and p[2] >= p[0]
-    assert judge(marked, campaign(read(marked))) is None
+    assert judge(two, campaign(read(two))) is None
 
 
 @pytest.mark.parametrize("robot", [FINGER, PAPER, pytest.param(TENDON_ARM, marks=pytest.mark.long)])
