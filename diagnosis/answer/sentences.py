@@ -161,7 +161,8 @@ def _factor(d: Diagnosis) -> str:
     elif c.determined or abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
         how = "" if c.determined else f"; these data determine only the ratio of the two, that of {body}"
         how = f", with {c.modulus:.2f} times the modulus{how}"
-    return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
+    new, given = f"{c.area_factor:.2f}", f"{c.given:.2f}"
+    return f" ({given} as stated{how})" if new == given else f" ({new} instead of {given}{how})"
 
 
 def changed_by(d: Diagnosis) -> str:
@@ -386,12 +387,12 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
 
 
 def _robot(d: Diagnosis) -> str:
-    """The error of the robot with the cause alone, which is the one that other commands use."""
+    """The error of the robot that `lab fit` writes, which is the one that other commands use."""
     if d.fitted is None:
         return ""
     return (
-        f"With this cause and one {d.words.area_factor}{_factor(d)} only, as `lab fit --with` writes it, the robot misses the "
-        f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
+        f"With this cause, one {d.words.area_factor}{_factor(d)} and the tolerances fitted, as `lab fit --with` does, the robot "
+        f"misses the tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
     )
 
 

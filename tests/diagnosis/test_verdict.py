@@ -128,6 +128,7 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "by 0.60 mm on unseen states, which is no better: no area factor" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
+    assert "(1.00 as stated, with 1.06 times" in statement(replace(found, calibration=Calibration(0.998, 1.0, 1.06)))
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
     found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("frame_turn", 0.009, 0.0035, "rad", 2),)))
