@@ -116,15 +116,16 @@ def _gap(d: Diagnosis) -> str:
     floor = f"the noise floor is {d.locate.noise_floor_mm:.{digits}f} mm"
     # beside a cause, the area factor stated is that of the robot with it, see `_robot`
     factor = "" if d.fitted is not None else _factor(d)
-    if d.waterfall is None:
+    if (w := d.waterfall) is None:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
-    calibrated = d.waterfall.steps[0].left_mm
-    no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
+    calibrated = w.steps[0].left_mm
+    no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
+    lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
     return (
-        f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
+        f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
         f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{_set_up(d)}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
