@@ -44,9 +44,8 @@ def doubtful_numbers(robot: Robot) -> Iterator[str]:
     section = robot.youngs_modulus * annulus_second_moment(outer := robot.outer_radius, robot.inner_radius)
     if (times := (robot.bending_stiffness or 0.0) / section) > MOST_STIFF:
         yield (
-            f"bending_stiffness is {robot.bending_stiffness:g} N m^2, {times:.2g} times youngs_modulus times the section's second "
-            f"moment ({section:.3g} N m^2), more than any spine adds: if it is in N mm^2, divide by 1e6; else check both moduli's "
-            "units and the radii"
+            f"bending_stiffness is {robot.bending_stiffness:g} N m^2, {times:.2g} times that of the section and youngs_modulus "
+            f"({section:.3g} N m^2), more than any spine adds: if it is in N mm^2, divide by 1e6; else check radii and modulus"
         )
     driven = robot.actuators
     if driven.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
