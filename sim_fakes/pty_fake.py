@@ -231,12 +231,12 @@ class PtyFake(timing.Thread):
     def run(self) -> None:
         """Advance the device and answer what comes, until stopped; an error in the fake's own code pulls the cable out."""
         try:
-            self._serve()
+            self._until_stopped()
         except Exception:
             self.unplug()
             raise
 
-    def _serve(self) -> None:
+    def _until_stopped(self) -> None:
         punctual()
         wait: float | None = None
         while self._running:
