@@ -72,8 +72,8 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "not_bent": "no state is bent: {actuators}, spine and material cannot be judged; record a bending sweep",
         "not_repeated": (
-            "no state was repeated: the noise floor is that of typical instruments, without differences between trials, so no "
-            "cause is named; repeat the sweep three times"
+            "most states were read in one trial only, so differences between trials are uncertain and no cause is named; repeat "
+            "the sweep three times"
         ),
         "repeated_within_trials": (
             "states were repeated within one trial only, so differences between trials are unknown. If the robot was driven anew "
@@ -220,7 +220,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         ),
         "tip_far_off": (
             "the tip is {mm:.3g} mm (rms, outliers down-weighted) from robot.yaml's prediction, and no single mistake explains "
-            "it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass and moduli"
+            "it: check which marker is the tip, the frame, the columns x, y, z and p1 .., gravity, tip_mass, moduli, stiffness"
         ),
         "roll_in_rad": "column roll_deg looks like rad (p = {p:.2f}): multiply by 57.2958{rather}",
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),

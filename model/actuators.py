@@ -57,10 +57,10 @@ class Words:
     def number(self, pressure: float, more: int = 0) -> str:
         """A pressure of the tables (Pa) as a number in the unit, with `more` decimals than usual.
 
-        >>> Chambers.words.number(60e3), Tendons.words.number(60e3), Chambers.words.number(60e3, 1)
-        ('60', '6.0', '60.0')
+        >>> Chambers.words.number(60e3), Tendons.words.number(60e3), Chambers.words.number(-10.0, 1)
+        ('60', '6.0', '0.0')
         """
-        return f"{pressure / self.pascal:.{self.digits + more}f}"
+        return f"{pressure / self.pascal:z.{self.digits + more}f}"
 
     def columns(self, pressures: Array) -> dict[str, Array]:
         """Columns of a table for people, with the unit in their headings, of pressures (n, actuators) Pa."""

@@ -210,7 +210,7 @@ class Robot(Shown, BaseModel):
     effects: Table = Field(default={})
     """Causes that are part of this robot: effect -> parameter -> value, sd, unit."""
     tolerances: Table = Field(default={})
-    """The same for tilt, camera frame, length .. of the set-up."""
+    """The same of the set-up (tilt, frame_turn, frame_shift) and the robot's own numbers."""
     obstacle_azimuth_deg: FiniteFloat | None = Field(default=None, ge=-360, le=360, json_schema_extra={"unit": "deg"})
     """Where the obstacle of `contact` stands, seen from the base; by default where the campaign bends to."""
     posterior: Posterior | None = None
@@ -346,12 +346,14 @@ class Robot(Shown, BaseModel):
         Those that are not in `posterior` are independent.
         """
         stated, posterior = self.stated, self.posterior
-        first = posterior.parameters if posterior is not None else ()
+        given = posterior.parameters if posterior is not None else ()
+        first = tuple(name for name in given if name == AREA_FACTOR or name in stated)
         names = (*first, *(n for n, p in stated.items() if p.sd > 0 and n not in first))
         sd = np.array([stated[n].sd if n in stated else posterior.area_factor_sd if posterior else 0.0 for n in names])
         correlation = np.eye(len(names))
         if posterior is not None:
-            correlation[: len(first), : len(first)] = posterior.matrix
+            kept = [name in first for name in given]
+            correlation[: len(first), : len(first)] = posterior.matrix[np.ix_(kept, kept)]
         return names, correlation * np.outer(sd, sd)
 
     def with_values(self, values: Mapping[str, float]) -> Robot:

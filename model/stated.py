@@ -78,7 +78,7 @@ class Posterior(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     parameters: tuple[Name, ...] = Field(min_length=1, max_length=200)
-    """area_factor, or EFFECT.PARAMETER of `effects` or `tolerances`."""
+    """area_factor, or EFFECT.PARAMETER of `effects` or `tolerances`; one that is stated in neither is ignored."""
     area_factor_sd: FiniteFloat = Field(default=0.0, ge=0, json_schema_extra={"unit": "1"})
     correlation: tuple[tuple[Correlation, ...], ...] = Field(min_length=1, max_length=200, json_schema_extra={"unit": "1"})
     """Lower triangle with diagonal, in the order of `parameters`."""
@@ -162,9 +162,7 @@ def problems(effects: Table, tolerances: Table, posterior: Posterior | None, are
                 issues.append("posterior.parameters: area_factor must be a number, not a table, to have a posterior")
             elif not posterior.area_factor_sd > 0:
                 issues.append("posterior.area_factor_sd = 0: must be above 0 where area_factor is among the parameters")
-        elif name not in stated:
-            issues.append(f"posterior.parameters: {name} is not stated in effects or tolerances, state it or leave it out")
-        elif not stated[name].sd > 0:
+        elif name in stated and not stated[name].sd > 0:
             issues.append(f"{name}: sd = 0 {stated[name].unit}, must be above 0 for a parameter of the posterior")
     return issues
 

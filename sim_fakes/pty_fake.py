@@ -229,7 +229,14 @@ class PtyFake(timing.Thread):
             self._cable.write(piece)
 
     def run(self) -> None:
-        """Advance the device and answer what comes, until stopped."""
+        """Advance the device and answer what comes, until stopped; an error in the fake's own code pulls the cable out."""
+        try:
+            self._until_stopped()
+        except Exception:
+            self.unplug()
+            raise
+
+    def _until_stopped(self) -> None:
         punctual()
         wait: float | None = None
         while self._running:

@@ -318,9 +318,11 @@ class Waterfall:
     how: str
     """What each state was predicted without."""
     n: int
-    """Number of states."""
+    """Number of states that every step predicts."""
     given_mm: float
     steps: tuple[Step, ...]
+    lost: int = 0
+    """Number of the others: some fit without them finds no equilibrium there."""
 
 
 @dataclass(frozen=True)

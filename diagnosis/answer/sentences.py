@@ -116,15 +116,16 @@ def _gap(d: Diagnosis) -> str:
     floor = f"the noise floor is {d.locate.noise_floor_mm:.{digits}f} mm"
     # beside a cause, the area factor stated is that of the robot with it, see `_robot`
     factor = "" if d.fitted is not None else _factor(d)
-    if d.waterfall is None:
+    if (w := d.waterfall) is None:
         missed = f"{d.locate.gap_rmse_mm:.{digits}f} mm rms (in-sample)"
         factor = " and moved towards the rod" if d.simulator is not None else factor
         return f"Calibrated with {d.words.an_area_factor}{factor}, {model} misses {what} by {missed}; {floor}."
-    calibrated = d.waterfall.steps[0].left_mm
-    no_better = d.attribute.conclusion != "noise" and calibrated >= d.waterfall.given_mm
+    calibrated = w.steps[0].left_mm
+    no_better = d.attribute.conclusion != "noise" and calibrated >= w.given_mm
     remark = f", which is no better: no {d.words.area_factor} compensates the error" if no_better else ""
+    lost = f" in {w.n} of {w.n + w.lost} states (in the other {w.lost} a fit without them finds no equilibrium)" * (w.lost > 0)
     return (
-        f"Uncalibrated, {model} misses {what} by {d.waterfall.given_mm:.{digits}f} mm rms; calibrated with one "
+        f"Uncalibrated, {model} misses {what} by {w.given_mm:.{digits}f} mm rms{lost}; calibrated with one "
         f"{d.words.area_factor}{factor} and the set-up {within(d)} its tolerances{_set_up(d)}, by "
         f"{calibrated:.{digits}f} mm on unseen states{remark}; {floor}."
     )
@@ -161,7 +162,8 @@ def _factor(d: Diagnosis) -> str:
     elif c.determined or abs(c.modulus - 1) >= judgement.CALIBRATION_STATED:
         how = "" if c.determined else f"; these data determine only the ratio of the two, that of {body}"
         how = f", with {c.modulus:.2f} times the modulus{how}"
-    return f" ({c.area_factor:.2f} instead of {c.given:.2f}{how})"
+    new, given = f"{c.area_factor:.2f}", f"{c.given:.2f}"
+    return f" ({given} as stated{how})" if new == given else f" ({new} instead of {given}{how})"
 
 
 def changed_by(d: Diagnosis) -> str:
@@ -386,12 +388,12 @@ def closed_alone(w: Waterfall | None, s: Shrink | None) -> float | None:
 
 
 def _robot(d: Diagnosis) -> str:
-    """The error of the robot with the cause alone, which is the one that other commands use."""
+    """The error of the robot that `lab fit` writes, which is the one that other commands use."""
     if d.fitted is None:
         return ""
     return (
-        f"With this cause and one {d.words.area_factor}{_factor(d)} only, as `lab fit --with` writes it, the robot misses the "
-        f"tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
+        f"With this cause, one {d.words.area_factor}{_factor(d)} and the tolerances fitted, as `lab fit --with` does, the robot "
+        f"misses the tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
     )
 
 

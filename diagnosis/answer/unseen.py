@@ -213,7 +213,8 @@ def _steps(
             taken = np.concatenate([of_causes[c] - of_causes[c | {effect}] for c in of_causes if effect not in c])
         low, high = np.quantile(taken, [0.025, 0.975])
         steps.append(Step(name, effect, *(1e3 * float(x) for x in (decrease[0], low, high, lower[0]))))
-    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps))
+    lost = int((np.isfinite(given) & ~seen).sum())
+    return Waterfall(how, int(seen.sum()), 1e3 * float(levels_m[0][0]), tuple(steps), lost)
 
 
 def closed(how: str, before: Array, after: Array, floor: float, states: Campaign, kind: Ints | None = None) -> Shrink:

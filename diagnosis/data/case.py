@@ -146,7 +146,7 @@ def lacking(s: Campaign) -> tuple[str, ...]:
             return ()
         if not len(own):
             return ("no repeated pushes to two deflections at two lengths",)
-        return ("states were repeated, but all in one trial" if own.within_trials else "no state was repeated",)
+        return ("states were repeated, but all in one trial" if own.within_trials else "most states were read in one trial only",)
     if own.highest.max() <= s.pressure_gap:
         return ("no state is bent",)
     return () if len(np.unique(levels(own.highest, s.pressure_gap))) > 1 else ("only one {pressure}",)

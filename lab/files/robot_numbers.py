@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from diagnosis.data.plausible import differ_by
+from model.body import annulus_second_moment
 from model.robot import Robot
 from model.section import body_mass
+from model.stated import AREA_FACTOR
 from recordings.trials import Table
 
 from .units import sized
@@ -18,6 +20,8 @@ FAR_OUT, LARGE = 3.0, 0.15
 far, but are small beside its length."""
 LEAST_DENSITY, MOST_BODIES = 20.0, 100.0
 """kg/m^3, and body masses at the tip, beyond which a number is probably in g."""
+MOST_STIFF = 1e3
+"""Times the bending stiffness of a section of one material, which a stiff rod inside a soft body does not reach."""
 MOST_POISSON, LEAST_POISSON = 0.53, -0.05
 """Ratios of isotropic materials, 0 to 0.5, and what rounding of both moduli to two digits adds."""
 ABOVE = 1.5
@@ -32,8 +36,18 @@ def doubts(robot: Robot, table: Table, robot_name: str) -> tuple[str, ...]:
 
 
 def doubtful_numbers(robot: Robot) -> Iterator[str]:
-    """Warnings about implausible numbers of robot.yaml: path radius, density, tip mass, Poisson's ratio."""
-    driven, outer = robot.actuators, robot.outer_radius
+    """Warnings about implausible numbers of robot.yaml: path radius, density, tip mass, Poisson's ratio, bending stiffness; and
+    about a posterior of parameters that it no longer states."""
+    given = robot.posterior.parameters if robot.posterior is not None else ()
+    if absent := [name for name in given if name not in (AREA_FACTOR, *robot.stated)]:
+        yield f"posterior: {', '.join(absent)} not stated in effects or tolerances, and ignored"
+    section = robot.youngs_modulus * annulus_second_moment(outer := robot.outer_radius, robot.inner_radius)
+    if (times := (robot.bending_stiffness or 0.0) / section) > MOST_STIFF:
+        yield (
+            f"bending_stiffness is {robot.bending_stiffness:g} N m^2, {times:.2g} times that of the section and youngs_modulus "
+            f"({section:.3g} N m^2), more than any spine adds: if it is in N mm^2, divide by 1e6; else check radii and modulus"
+        )
+    driven = robot.actuators
     if driven.path_radius > max(FAR_OUT * outer, LARGE * robot.length):
         yield (
             f"{driven.words.kind}.path_radius is {1e3 * driven.path_radius:.4g} mm, {driven.path_radius / outer:.2g} times the "

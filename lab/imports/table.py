@@ -23,6 +23,7 @@ from diagnosis.errors import BadCase
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
 from model.robot import Robot
+from recordings.ambient import AMBIENT
 from recordings.errors import RecordingError
 from recordings.states.rules import BRANCHES
 from recordings.table_file import checked
@@ -33,7 +34,7 @@ from .clock import BETWEEN_RUNS, EPOCH
 from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
-from .map_file import Map, Name, named
+from .map_file import Map, Name, named, units_for
 from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import FRAME, Series, at_rest
@@ -254,6 +255,8 @@ def conclude(
     rests = [(series.path.name, _rest(q)) for series, q, _ in every]
     questions_of_order = other_order(rests, float(straight[2]), moved=wanted.straight != "as recorded")
     questions = [*questions_of_order, *(f"{series.path.name}, {text}" for series, q, _ in every for text in q.questions)]
+    if robot.chambers is not None:
+        questions += _ambient(table, wanted, robot.actuators.words)
     across = float(np.linalg.norm(np.linalg.svd(states.tip, compute_uv=False)[1:])) / np.sqrt(len(states.tip))
     if across < LEAST_ACROSS * robot.length:
         questions.append(
@@ -263,6 +266,22 @@ def conclude(
             )
         )
     return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
+
+
+def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:
+    """Ask whether the pressure that all chambers read at rest is the room's, and what its `zero` then is."""
+    column, unit, below = wanted.columns.get("p1"), states.mapped.unit if states.mapped else None, wanted.trials.below
+    resting = states.pressures[at_rest(states.pressures)]
+    if column is None or column.zero == "first" or not len(resting) or np.ptp(states.pressures) <= below:
+        return
+    level = float(np.median(resting))
+    if abs(level) > below and (np.abs(np.median(resting, axis=0) - level) < below).all():
+        zero = column.zero if isinstance(column.zero, float) else 0.0
+        zero += (level + AMBIENT * (column.zero == "absolute")) / column.scale / units_for("p1", words).get(unit or "", 1.0)
+        yield (
+            f"all {words.actuators} read {words.number(level, 1)} {words.unit} at rest, which is then not found as rest: is this "
+            f"the pressure of the room? If so, write `zero: {zero:.4g}` ({unit or 'Pa'}) under columns.p1 .."
+        )
 
 
 def _contradictions(states: Table, length: float) -> Iterator[str]:

@@ -171,8 +171,9 @@ def _steps(s: PageSection, d: Diagnosis, length: float, folder: Path) -> None:
     steps = {step: d.words.fill(label, within=sentences.within(d)) for step, label in labels.items()}
     s.figure(
         draw.waterfall(w, [plain_name(x.effect, d.names) if x.effect else steps[x.step] for x in w.steps], length, folder),
-        f"Error of the {d.locate.of}, mm rms over {w.n} states, each predicted by fits that did not see it ({w.how}). Each bar "
-        "is the error that the step removes; whiskers: 95 % interval, by bootstrap over trials, causes added in every order.",
+        f"Error of the {d.locate.of}, mm rms over {w.n} of {w.n + w.lost} states, each predicted by fits that did not see it "
+        f"({w.how}). Each bar is the error that the step removes; whiskers: 95 % interval, by bootstrap over trials, causes "
+        "added in every order.",
     )
     model = "model" if d.simulator is None else d.simulator.name
     rows = [[f"{model}, {GIVEN}", "", "", f"{w.given_mm:.2f}"]]

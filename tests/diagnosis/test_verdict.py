@@ -122,12 +122,15 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert text.startswith("Calibration closes 100 % of the reducible gap; beyond it, nothing is above the noise floor")
     assert "one area factor (0.88 instead of 1.00; a body 14 % stiffer would look the same) and the set-up within its" in text
     assert "no better" not in text
+    part = statement(replace(found, waterfall=replace(gap, lost=12)))
+    assert "misses the tip by 25.20 mm rms in 40 of 52 states (in the other 12 a fit without them finds no equilibrium)" in part
     worse = statement(replace(found, waterfall=replace(gap, given_mm=0.59)))
     assert "no better" not in worse
     worse = statement(attributed(replace(found, waterfall=replace(gap, given_mm=0.59)), conclusion="none"))
     assert "by 0.60 mm on unseen states, which is no better: no area factor" in worse
     kept = statement(replace(found, calibration=Calibration(1.003, 1.0)))
     assert kept.startswith("No gap: ") and "instead of" not in kept
+    assert "(1.00 as stated, with 1.06 times" in statement(replace(found, calibration=Calibration(0.998, 1.0, 1.06)))
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
     found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("frame_turn", 0.009, 0.0035, "rad", 2),)))

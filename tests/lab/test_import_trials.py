@@ -338,6 +338,9 @@ def test_a_right_map_is_not_asked_about(tmp_path: Path, cli: Cli) -> None:
         (column("roll_deg", column="phi y [deg]"), "write it under orientation"),
         (lambda v: (column("roll_deg", column="phi y [deg]")(v), also(trials={"begin": "state"})(v)),
          "columns.roll_deg: the pressures account for"),
+        (lambda v: [column(f"p{k}", zero=30.0)(v) for k in (1, 2, 3)],
+         "all chambers read -3.0 kPa at rest, which is then not found as rest: is this the pressure of the room? If so, write "
+         "`zero: 0` (mbar) under columns.p1 .."),
         (column("tip_mass", column=HEADINGS[0], unit="g"), "is this column really a mass at the tip?"),
     ],
 )  # fmt: skip

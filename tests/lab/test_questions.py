@@ -22,6 +22,11 @@ def test_disks_that_stand_out_are_no_news_and_a_path_radius_in_another_unit_is()
     assert not list(doubtful_numbers(ARM))
     rod = {"outer_radius": 0.001, "youngs_modulus": 40e9, "shear_modulus": 5e9, "bending_stiffness": 0.03}
     assert not list(doubtful_numbers(ARM.replace(**rod)))
+    (said,) = doubtful_numbers(ARM.replace(bending_stiffness=9164.0))
+    assert "9164 N m^2, 1e+06 times" in said and "in N mm^2, divide by 1e6" in said
+    (said,) = doubtful_numbers(ARM.replace(posterior={"parameters": ["area_factor", "tilt.x"], "correlation": [[1], [0, 1]],
+                                                      "area_factor_sd": 0.1}))  # fmt: skip
+    assert said == "posterior: tilt.x not stated in effects or tolerances, and ignored"
     (said,) = doubtful_numbers(ARM.replace(tendons={"path_radius": 0.11, "azimuths_deg": [0.0, 90.0]}))
     assert said.startswith("tendons.path_radius is 110 mm") and "outer_radius of 6 mm" in said
 

@@ -35,7 +35,6 @@ def stating(robot: Robot, **more: Any) -> dict[str, Any]:
         ({"effects": {"spine_slip": {"moment": {"value": 0.1}}}}, "effects.spine_slip.moment.unit: is missing"),
         ({"effects": {"spine_slip": {"moment": {**SLIP["moment"], "sd": -1}}}}, "moment.sd = -1: must be at least 0"),
         ({"effects": {"spine_slip": {"moment": 0.1}}}, "effects.spine_slip.moment"),
-        ({"posterior": POSTERIOR}, "chamber_azimuth.angle is not stated"),
         ({"posterior": {**POSTERIOR, "correlation": [[1], [2, 1]]}}, "posterior.correlation"),
         ({"posterior": {**POSTERIOR, "correlation": [[1], [1, 1]]}}, "not positive definite"),
         ({"posterior": {**POSTERIOR, "correlation": [[1, 0], [0, 1]]}}, "must be a lower triangle of 2 rows"),
@@ -138,6 +137,9 @@ def test_the_uncertainty_of_a_robot_is_one_covariance(paper_robot: Robot) -> Non
     assert names == ("area_factor", "chamber_azimuth.angle", "spine_slip.moment", "spine_slip.stroke")
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.01, 0.01, 0.01, 0.2])
     assert covariance[0, 1] == pytest.approx(0.5e-4) and covariance[2, 3] == 0
+    removed = robot.replace(effects={"spine_slip": SLIP}).joint_uncertainty()  # of which the posterior still names an effect
+    assert removed[0] == ("area_factor", "spine_slip.moment", "spine_slip.stroke")
+    np.testing.assert_array_equal(removed[1], np.delete(np.delete(covariance, 1, 0), 1, 1))
     one = robot.with_values({"area_factor": 1.7, "spine_slip.moment": 0.2})
     assert one.area_factor == 1.7 and one.effects["spine_slip"]["moment"].value == 0.2 and one.posterior is None
 

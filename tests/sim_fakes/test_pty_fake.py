@@ -115,6 +115,14 @@ def test_a_port_that_is_plugged_in_again_has_the_same_path_and_another_pty_that_
             line.stop()
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_error_in_a_fake_s_own_code_is_no_silence(echo: Echo) -> None:
+    echo.faults = set()  # type: ignore[assignment]  # hides that of the base class
+    with serial.Serial(echo.port, 115200, timeout=1) as port, pytest.raises(OSError):
+        ask(port)
+        serial.Serial(echo.port)
+
+
 def test_silence_is_counted_while_the_fake_is_awake(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("timing.now", lambda: now)
