@@ -185,7 +185,7 @@ class Sample:
         shares = rods.field("length") / rods.whole_length[:, None]
         steps = np.maximum(np.ceil(DIVISIONS * shares - 1e-6), 1).astype(np.int64)
         along = np.repeat(v.arcs[:, 0], len(states), axis=0)
-        arcs = np.minimum(along, rods.whole_length[:, None]) if v.markers.size else None
+        arcs = np.clip(along, 0.0, rods.whole_length[:, None]) if v.markers.size else None
         solution = standing(rods, steps, arcs)
         solved = np.where(solution.converged, 1.0, np.nan)[:, None]
         shape = (len(v.area), len(states), -1)
