@@ -59,18 +59,31 @@ def test_what_a_law_gets_wrong_widens_the_marginal_likelihood_as_columns_of_nois
     assert wrong.reduced(0.5, 0.3).update(v)[0] == pytest.approx(float(noisy.reduced(0.5, 0.0).update(v)[0]))
 
 
-@pytest.mark.parametrize("lower", [0.0, -np.inf])
-def test_a_named_effect_is_weighed_with_the_prior_within_its_bounds_and_off_small_sizes(lower: float) -> None:
+NAMED, TOLERATED = [(LEAST_NAMED_SIZE, 10.0)], [(-LARGEST_TOLERATED_SIZE, LARGEST_TOLERATED_SIZE)]
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "sd", "lower", "sides"),
+    [
+        (("e0",), 1.0, 0.0, NAMED),
+        (("e0",), 1.0, -np.inf, [*NAMED, (-10.0, -LEAST_NAMED_SIZE)]),
+        ((), 0.3, -np.inf, TOLERATED),
+    ],
+    ids=["named, one way", "named", "tolerated"],
+)
+def test_an_effect_is_weighed_with_the_prior_within_its_bounds_and_on_its_side_of_the_least_size_that_is_named(
+    hypothesis: tuple[str, ...], sd: float, lower: float, sides: list[tuple[float, float]]
+) -> None:
     a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
     linear = Linear(y, a, Columns.nothing(8, 0), np.zeros((8, 0)), 0.0, np.zeros((8, 0)))
 
     def joint(theta: float) -> float:
-        return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta))
+        return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=sd))
 
-    sides = [(LEAST_NAMED_SIZE, 10.0)] + ([(-10.0, -LEAST_NAMED_SIZE)] if lower < 0 else [])
-    prior = sum(norm.cdf(high) - norm.cdf(low) for low, high in sides)
+    prior = sum(norm.cdf(high / sd) - norm.cdf(low / sd) for low, high in sides)
     exact = np.log(sum(quad(joint, low, high)[0] for low, high in sides) / prior)
-    found = weigh(linear, ONE, parameters(1, lower=lower), [("e0",)])[0]
+    grid = replace(ONE, spikes=np.array([0.1 if hypothesis else sd]))
+    found = weigh(linear, grid, parameters(1, lower=lower), [hypothesis])[0]
     assert found.log_evidence == pytest.approx(exact, abs=1e-6)
 
 
@@ -127,19 +140,6 @@ def test_what_acts_one_way_only_is_tolerated_like_a_size_evenly_spread_up_to_a_l
     assert one.variance == pytest.approx([1.0, even.var(), even.var()])
     changes = replace(up, changes=True).prior(named, 0.2)
     assert changes.mean == pytest.approx(np.zeros(3)) and changes.variance == pytest.approx(both.variance)
-
-
-def test_a_tolerated_size_is_below_the_one_at_which_it_must_be_named() -> None:
-    a, y = RNG.normal(size=(8, 1)), RNG.normal(size=8)
-    linear = Linear(y, a, Columns.nothing(8, 0), np.zeros((8, 0)), 0.0, np.zeros((8, 0)))
-    spiked = replace(ONE, spikes=np.array([0.3]))
-
-    def joint(theta: float) -> float:
-        return float(norm.pdf(y - a[:, 0] * theta).prod() * norm.pdf(theta, scale=0.3))
-
-    prior = norm.cdf(LARGEST_TOLERATED_SIZE / 0.3) - norm.cdf(-LARGEST_TOLERATED_SIZE / 0.3)
-    exact = np.log(quad(joint, -LARGEST_TOLERATED_SIZE, LARGEST_TOLERATED_SIZE)[0] / prior)
-    assert weigh(linear, spiked, parameters(1), [()])[0].log_evidence == pytest.approx(exact, abs=1e-6)
 
 
 def test_how_a_tolerated_effect_looks_is_as_little_known_as_how_a_named_one_does() -> None:

@@ -188,21 +188,6 @@ def test_one_reading_that_is_wrong_by_a_turn_is_neither_told_nor_held(make: Make
     assert plant.spine_drive == pytest.approx(0.0, abs=1e-3) and servo.motor.get(116) == pytest.approx(servo.motor.counts, abs=3)
 
 
-def test_a_silent_host_trips_the_watchdog_and_stop_acknowledges_it(make: Make, plant: Plant) -> None:
-    spine, servo = make(watchdog=0.3)
-    homed(spine)
-    spine.move_to(0.35, 0.02)
-    bitten(servo)
-    raises(DeviceFault, "watchdog", spine.read)
-    stopped = plant.spine_drive
-    assert stopped < 0.3
-    raises(DeviceFault, "watchdog", spine.move_to, 0.35, 0.05)
-    spine.stop()
-    assert spine.read().homed
-    spine.move_to(0.1, 0.05)
-    assert arrive(spine).length == pytest.approx(0.1, abs=6e-4)
-
-
 def test_a_stop_is_sent_again_when_the_watchdog_bites_on_its_way(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     spine, servo = make(watchdog=0.2)
     homed(spine)
@@ -254,13 +239,6 @@ def test_a_first_homing_that_met_a_jam_is_found_out_by_the_next(make: Make, plan
     raises(DeviceFault, "beyond where an earlier run", watch, spine, lambda s: s.homed)
     spine.home()
     assert watch(spine, lambda s: s.homed).homed
-
-
-def test_a_cord_without_end_stop_ends_the_homing(make: Make) -> None:
-    spine, servo = make({"start_length": 0.39}, max_length=0.1, homing_speed=0.05)
-    spine.open()
-    spine.home()
-    raises(DeviceFault, "no end stop", watch, spine, lambda s: s.homed)
 
 
 @pytest.mark.parametrize(("release", "torque"), [(True, 0), (False, 1)])

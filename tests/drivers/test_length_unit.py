@@ -100,6 +100,37 @@ def test_stop_ends_a_reference_run_without_result(bench: Bench, make: Make) -> N
     assert not sample.homed and not sample.moving
 
 
+@pytest.mark.parametrize(
+    ("kind", "start", "changes", "says"),
+    [("dynamixel", 0.39, {}, "no end stop"), ("tmcl", 0.05, {"max_deviation": 0.05}, "home")],
+    indirect=["kind"],
+)
+def test_an_end_that_is_never_found_ends_the_homing(make: Make, start: float, changes: dict[str, float], says: str) -> None:
+    unit, fake = make({"start_length": start}, max_length=0.1, homing_speed=0.05, **changes)
+    fake.faults.extra["no_switch"] = True
+    unit.open()
+    unit.home()
+    raises(DeviceFault, says, watch, unit, lambda s: s.homed)
+
+
+def test_a_silent_host_lets_the_motor_stop_and_is_reported_and_a_stop_acknowledges_it(
+    bench: Bench, kind: str, make: Make
+) -> None:
+    limit = {"dynamixel": "watchdog", "tmcl": "heartbeat"}[kind]
+    unit, _ = make(**{limit: 0.3})
+    homed(unit)
+    unit.move_to(0.35, 0.02)
+    bench.clock.sleep(30.0)  # nothing is sent, for longer than the motion takes
+    assert bench.plant.spine_drive < 0.3
+    raises(DeviceFault, limit, arrive, unit)
+    if kind == "dynamixel":
+        raises(DeviceFault, limit, unit.move_to, 0.35, 0.05)
+    unit.stop()
+    assert unit.read().homed
+    unit.move_to(0.1, 0.05)
+    assert arrive(unit).length == pytest.approx(0.1, abs=6e-4)
+
+
 def test_a_jammed_spine_is_reported_as_a_stall_until_the_next_command(bench: Bench, make: Make) -> None:
     unit, _ = make()
     under_way(unit)

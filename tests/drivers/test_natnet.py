@@ -161,22 +161,6 @@ def test_an_answer_that_is_no_server_s_is_not_taken(said: bytes, elsewhere: bool
     assert len(told) == 1
 
 
-def forged(host: str) -> bytes:
-    """A frame as a server would send it, with a tip that is somewhere else."""
-    elsewhere = Plant()
-    elsewhere.tip_position = np.array([1.5, 1.5, 1.5])
-    server = MotiveFake(elsewhere, RigClock(10.0), host=host, noise=0.0, angle_noise=0.0)
-    server.frame = 100_000
-    server.start()
-    with socket.socket(type=socket.SOCK_DGRAM) as client:
-        client.bind(("127.0.0.1", 0))
-        client.sendto(b"\x00\x00\x05\x00Ping\x00", (host, 1510))
-        while (datagram := timing.recv(client, 65536))[:2] != b"\x07\x00":
-            pass
-    server.stop()
-    return datagram
-
-
 def ports_of(fake: MotiveFake) -> set[tuple[str, int]]:
     """Where this process hears datagrams, the fake left out."""
     heard = {c.laddr for c in psutil.Process().net_connections("udp4")}
@@ -184,14 +168,13 @@ def ports_of(fake: MotiveFake) -> set[tuple[str, int]]:
 
 
 def test_frames_from_another_address_are_not_taken_and_told_once(motive: Motive) -> None:
-    liar = free_host()
-    datagram, before = forged(liar), ports_of(motive.fake)
+    liar, elsewhere, before = free_host(), Plant(tip_position=np.array([1.5, 1.5, 1.5])), ports_of(motive.fake)
     mocap = motive.seen()
     (ear,) = ports_of(motive.fake) - before  # the client's socket
     with socket.socket(type=socket.SOCK_DGRAM) as other:
         other.bind((liar, 0))
         for _ in range(5):
-            other.sendto(datagram, ear)
+            other.sendto(datagram(7, seed_datagrams((4, 1), elsewhere)[0]), ear)
         motive.frames(20)  # datagrams come in their order
         wait_until(lambda: bool(motive.told))
     assert all(s.position == pytest.approx(motive.plant.tip_position, abs=1e-6) for s in motive.samples)
@@ -394,12 +377,11 @@ def test_frames_sent_to_a_multicast_group_are_heard(motive: Motive) -> None:
 FUZZED = ((2, 6), (2, 11), (3, 1), (4, 0), (4, 1), (4, 2))
 
 
-def seed_datagrams(version: tuple[int, int]) -> tuple[bytes, bytes]:
-    """A frame and the definitions of a server of this version."""
-    host = f"127.7.{random.randint(1, 254)}.{random.randint(2, 254)}"
-    fake = MotiveFake(Plant(), RigClock(), host, version=version)
-    plate = struct.pack("<i", 1) + b"FP1\0" + bytes(4 * (2 + 3 + 144 + 12)) + struct.pack("<iii", 2, 0, 1) + b"Fx\0"
-    fake.other_definitions.append((3, plate))
+def seed_datagrams(version: tuple[int, int], plant: Plant) -> tuple[bytes, bytes]:
+    """A frame, far ahead, and the definitions of a server of this version."""
+    fake = MotiveFake(plant, RigClock(), free_host(), version=version)
+    fake.frame = 100_000
+    fake.other_definitions.append((3, PLATE))
     found = fake._frame_payload(fake.version), fake._definitions(fake.version)
     fake.stop()
     return found
@@ -412,7 +394,7 @@ def datagram(kind: int, content: bytes) -> bytes:
 @pytest.mark.parametrize("version", FUZZED)
 def test_whatever_is_in_a_datagram_yields_no_more_than_its_size(version: tuple[int, int]) -> None:
     dice = random.Random(7)
-    seeds = seed_datagrams(version)
+    seeds = seed_datagrams(version, Plant())
     for k in range(4000):
         content = bytearray(seeds[k % 2])
         for _ in range(dice.randint(1, 4)):

@@ -5,7 +5,6 @@ from functools import partial
 import pytest
 
 from drivers.errors import BadReply, DeviceFault, NotReady, WrongDevice
-from sim_fakes.plant import Plant
 from sim_fakes.tmcl import AxisNumber, TmclFake
 from tests.drivers.spines import Make, arrive, homed, make_pair, watch
 from tests.simulated.bench import Bench, raises, wait_until
@@ -132,18 +131,6 @@ def test_a_broken_coupling_is_noticed_by_the_encoder(make: Make) -> None:
     raises(DeviceFault, "did not follow", arrive, spine)
 
 
-def test_a_silent_host_lets_the_module_stop_and_is_reported(make: Make, plant: Plant) -> None:
-    spine, module = make(heartbeat=0.3)
-    homed(spine)
-    spine.move_to(0.35, 0.005)
-    stands(module)
-    assert plant.spine_drive < 0.3
-    raises(DeviceFault, "heartbeat", arrive, spine)
-    spine.stop()
-    spine.move_to(0.1, 0.05)
-    assert arrive(spine).length == pytest.approx(0.1, abs=6e-4)
-
-
 def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
     spine, module = make({"start_length": 0.3}, heartbeat=0.1)
     spine.open()
@@ -152,14 +139,6 @@ def test_a_search_that_was_cut_short_is_not_taken_for_homed(make: Make) -> None:
     raises(DeviceFault, "without reaching the switch", watch, spine, lambda s: s.homed)
     with pytest.raises(NotReady):
         spine.move_to(0.1, 0.02)
-
-
-def test_a_switch_that_never_closes_ends_the_homing(make: Make) -> None:
-    spine, module = make({"start_length": 0.05}, max_length=0.1, max_deviation=0.05, homing_speed=0.05)
-    module.faults.extra["no_switch"] = True
-    spine.open()
-    spine.home()
-    raises(DeviceFault, "home", watch, spine, lambda s: s.homed)
 
 
 def test_a_damaged_motor_driver_costs_the_zero(make: Make) -> None:

@@ -70,13 +70,16 @@ class Viewer:
         assert now >= self.time
         self.time = now
 
-    def subscribe(self, topics: set[str]) -> None:
-        """To these topics, as soon as there are such."""
+    def known(self, topics: set[str]) -> list[int]:
+        """The numbers of these topics, as soon as there are such."""
         while not topics <= {channel["topic"] for channel in self.channels.values()}:
             said = self.answer()
             assert said["op"] == "advertise"
             self.channels |= {channel["id"]: channel for channel in said["channels"]}
-        self._subscribe(n for n, channel in self.channels.items() if channel["topic"] in topics)
+        return [n for n, channel in self.channels.items() if channel["topic"] in topics]
+
+    def subscribe(self, topics: set[str]) -> None:
+        self._subscribe(self.known(topics))
 
     def _subscribe(self, numbers: Iterable[int]) -> None:
         wanted = [{"id": n, "channelId": n} for n in numbers]
@@ -234,7 +237,7 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
                 f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
             )
             assert stuck.recv(12) == b"HTTP/1.1 101"
-            subscription = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": _id(looks)}]}).encode()
+            subscription = json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": looks.known({"/log"})[0]}]}).encode()
             stuck.sendall(struct.pack("!BBI", 0x81, 0x80 | len(subscription), 0) + subscription)  # mask 0
             until_wanted(foxglove)
             looks.subscribe({"/log"})
@@ -264,13 +267,6 @@ def test_who_connects_and_says_nothing_does_not_keep_it_from_ending() -> None:
 
 def until_wanted(foxglove: Foxglove) -> None:
     assert timing.wait(lambda: bool(foxglove.wanted), 60)
-
-
-def _id(looks: Viewer) -> int:
-    looks.subscribe(set())
-    while not (found := [n for n, channel in looks.channels.items() if channel["topic"] == "/log"]):
-        looks.channels |= {channel["id"]: channel for channel in looks.answer()["channels"]}
-    return found[0]
 
 
 def test_what_the_model_expects_is_a_sphere_with_its_interval_until_it_cannot_tell() -> None:

@@ -206,14 +206,14 @@ def test_a_sensor_beyond_the_end_of_the_body_is_moved_back_to_it(mounted: bool, 
     assert tips(case(cli, tmp_path / "a.csv", map_file)) == pytest.approx(np.array(ends), abs=1e-6)
 
 
-def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path, cli: Cli) -> None:
+def test_a_branch_that_the_map_states_is_not_told_from_pressures(tmp_path: Path) -> None:
     lines = ["t,p1,p2,p3,x,y,z"] + [",".join(f"{v:.8g}" for v in (t, *p, *tip)) for _, t, p, tip, _ in sweep(1)]
     (tmp_path / "a.csv").write_text("\n".join(lines))
-    told = case(cli, tmp_path / "a.csv", write_map(tmp_path / "a.yaml", columns=COLUMNS))
+    told = by_map(tmp_path / "a.csv", columns=COLUMNS).table
     up, down = ["load"] * 2, ["unload"]
     assert told["branch"].tolist() == ["load", *up, *down, *(down + up + down) * 2]
-    stated = write_map(tmp_path / "b.yaml", columns=COLUMNS, constants={"branch": "load"})
-    assert set(case(cli, tmp_path / "a.csv", stated)["branch"].tolist()) == {"load"}
+    stated = by_map(tmp_path / "a.csv", columns=COLUMNS, constants={"branch": "load"}).table
+    assert set(stated["branch"].tolist()) == {"load"}
 
 
 OBJECTS = "holds Python objects, which could run code; save columns, a .npz of plain arrays, or Parquet instead"

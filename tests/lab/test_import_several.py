@@ -76,7 +76,6 @@ def test_markers_in_another_order_in_one_file_are_asked_about_whatever_is_mounte
 
 
 def test_a_tip_behind_the_base_in_one_file_is_asked_about(tmp_path: Path) -> None:
-
     def of_two(k: int, cells: list[str], turned: bool) -> list[str]:
         base, end = ["0.5", "0.5", "10"], [cells[4], cells[5], f"{float(cells[6]) + 10:.3f}"]
         return [*cells[:4], *(base + end if turned else end + base)]
@@ -163,12 +162,8 @@ def test_files_are_read_in_the_order_of_their_times_or_as_people_count(tmp_path:
     made = read_all(tmp_path, {"late.csv": at(1000), "early.csv": at(0)})
     assert any("in the order of their times: early.csv, late.csv" in n for n in made.notes)
     assert made.table["t"][STATES] == pytest.approx(1000)
-    plain = WHOLE
-    runs = tmp_path / "runs"
-    runs.mkdir()
-    for n in (10, 2, 1):
-        (runs / f"run{n}.csv").write_text(plain)
-    made = read_all(tmp_path, {}, order=["runs"])
+    (tmp_path / "runs").mkdir()
+    made = read_all(tmp_path, {f"runs/run{n}.csv": WHOLE for n in (10, 2, 1)}, order=["runs"])
     assert [s.path.name for s, _, _ in made.files] == ["run1.csv", "run2.csv", "run10.csv"]
 
 

@@ -197,14 +197,11 @@ def table() -> Table:
     return Table.of(rows, sensor_units={"sensor_skin_temperature": "K", "sensor_skin_humidity": "1"})
 
 
-def test_names_and_units_are_those_that_were_recorded() -> None:
+def test_names_and_units_are_those_that_were_recorded_and_without_units_there_are_names_alone() -> None:
     assert quantities(table()) == ("sensor_skin_humidity", "sensor_skin_temperature")
     _, (humidity, temperature) = numbers(table())
     assert humidity[0] == "skin_humidity" and temperature[0] == "skin_temperature, K"
     assert temperature[1:] == ("5", "296", "296.22", "296.5", "0.03")
-
-
-def test_a_table_without_units_has_names_alone() -> None:
     _, rows = numbers(Table.of(table()))
     assert [row[0] for row in rows] == ["skin_humidity", "skin_temperature"]
 

@@ -57,6 +57,12 @@ def columns(pressures: Array, lengths: Array) -> dict[str, NDArray[Any]]:
     return {"trial": np.arange(n), "spine_length": lengths, **{f"p{c + 1}": pressures[:, c] for c in range(9)}}
 
 
+@pytest.fixture(scope="module")
+def learnt(paper_robot: Robot) -> tuple[Residual, float]:
+    """What the states of `learnt_states` teach, and what it misses of those left out."""
+    return learn_residual(paper_robot, *learnt_states(paper_robot))
+
+
 @pytest.mark.parametrize("markers", [(), (0.2,)])
 def test_a_robot_without_any_uncertainty_has_an_interval_of_no_width(paper_robot: Robot, markers: tuple[float, ...]) -> None:
     robot = paper_robot.model_copy(update={"markers": markers})
@@ -241,9 +247,10 @@ def test_mean_and_variance_are_those_of_scikit_learn(paper_robot: Robot) -> None
     assert np.abs(np.sqrt(ours.variance) - np.asarray(sd).reshape(20, -1)[:, :1]).max() < 1e-9
 
 
-def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(paper_robot: Robot) -> None:
-    trial, pressure, length, missed = learnt_states(paper_robot)
-    found, left_out = learn_residual(paper_robot, trial, pressure, length, missed)
+def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(
+    paper_robot: Robot, learnt: tuple[Residual, float]
+) -> None:
+    (trial, pressure, length, missed), (found, left_out) = learnt_states(paper_robot), learnt
     assert 0.5 < found.trial / 3e-4 < 2 and 0.5 < found.reading / 1e-4 < 2
     there, at = asked(40, seed=11)
     off = LearntResidual(paper_robot, found)(there, at).mean - smooth(paper_robot, there, at)
@@ -258,9 +265,8 @@ def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(
     assert left_out == pytest.approx(expected, rel=1e-4)
 
 
-def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: Robot) -> None:
-    plain = robot_with(paper_robot, AZIMUTH)
-    own, _ = learn_residual(plain, *learnt_states(plain))
+def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: Robot, learnt: tuple[Residual, float]) -> None:
+    plain, (own, _) = robot_with(paper_robot, AZIMUTH), learnt
     robot = plain.model_copy(update={"residual": own})
     pressure, length = asked(12, seed=2)
     with_it, without = (Predictor(r)(pressure, length, intervals=True, gradient=True) for r in (robot, plain))
@@ -279,18 +285,18 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
     assert np.abs(table.tip - bare.tip - learnt.mean).max() < 1e-12
 
 
-def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(paper_robot: Robot) -> None:
-    own, _ = learn_residual(paper_robot, *learnt_states(paper_robot))
-    own = own.model_copy(update={"pressure_scale": 1e4})
+def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(
+    paper_robot: Robot, learnt: tuple[Residual, float]
+) -> None:
+    own = learnt[0].model_copy(update={"pressure_scale": 1e4})
     far = LearntResidual(paper_robot, own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
     assert np.abs(far.mean).max() < 1e-9 and far.variance is not None
     assert far.variance[0, 0] == pytest.approx(own.amplitude**2)
 
 
-def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot) -> None:
+def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot, learnt: tuple[Residual, float]) -> None:
     trial, pressure, length, missed = learnt_states(paper_robot)
     with pytest.raises(BadCase, match="5 states with a tip in 1 trial"):
         learn_residual(paper_robot, trial[:5], pressure[:5], length[:5], missed[:5])
-    own = learn_residual(paper_robot, trial, pressure, length, missed)[0].model_dump()
     with pytest.raises(BadRobot, match=r"residual.amplitude = -1.0 m"):
-        robot_from_dict({**paper_robot.model_dump(), "residual": {**own, "amplitude": -1.0}})
+        robot_from_dict({**paper_robot.model_dump(), "residual": {**learnt[0].model_dump(), "amplitude": -1.0}})
