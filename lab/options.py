@@ -121,16 +121,17 @@ TYPES: dict[Any, Callable[[str], float]] = {float: number, int: whole_number}
 """Parser for each number type on the command line."""
 
 
-def option(*names: str, **how: Any) -> Option:
+def option(name: str, metavar: str | None = None, help: str | None = None, **how: Any) -> Option:
     """Return an option or a positional argument; `how` as for argparse's add_argument."""
+    how |= {"help": help} | ({} if metavar is None else {"metavar": metavar})
     if how.get("type") in TYPES:
         how["type"] = TYPES[how["type"]]
-    return Option(names, how)
+    return Option((name,), how)
 
 
 def path_option(name: str, metavar: str, help: str, **how: Any) -> Option:
     """Return an option that names a file or folder."""
-    return option(name, type=Path, metavar=metavar, help=help, **how)
+    return option(name, metavar, help, type=Path, **how)
 
 
 def rig(required: bool = True) -> Option:
@@ -138,9 +139,9 @@ def rig(required: bool = True) -> Option:
     return path_option("--rig", "RIG.yaml", "rig.yaml", required=required)
 
 
-def settings(text: str) -> Option:
-    """Return the option --set."""
-    return option("--set", action="append", default=[], metavar="KEY=VALUE", help=text)
+def repeatable(name: str, metavar: str, help: str) -> Option:
+    """Return an option that may be given several times."""
+    return option(name, metavar, help, action="append", default=[])
 
 
 def inputs(text: str) -> Option:
@@ -162,9 +163,9 @@ SCHEDULER = option("--scheduler", help="use a Dask scheduler instead, tcp://host
 OWN_EFFECTS = path_option("--effects", "FILE.py", "Python file with your own effects (a tuple named EFFECTS)")
 YES = option("--yes", action="store_true", help="do not ask: all is prepared, and nobody is within reach")
 LABELS = (
-    option("--operator", metavar="NAME", help="name of the operator; recorded, as are the next two"),
-    option("--specimen", metavar="NAME", help="name of the mounted specimen"),
-    option("--tag", action="append", default=[], metavar="KEY=VALUE", help="a label of your own (repeatable)"),
+    option("--operator", "NAME", "name of the operator; recorded, as are the next two"),
+    option("--specimen", "NAME", "name of the mounted specimen"),
+    repeatable("--tag", "KEY=VALUE", "a label of your own (repeatable)"),
 )
 
 

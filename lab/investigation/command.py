@@ -45,8 +45,8 @@ from ..options import (
     inputs,
     option,
     path_option,
+    repeatable,
     rig,
-    settings,
 )
 from ..pages import diagnosis_report
 from ..pages.diagnosis_report import hypothesis
@@ -352,8 +352,8 @@ VERBS = (
             rig(),
             option("--budget", default="60min", metavar="60min", help="time for experiments (default 60min)"),
             option("--experiments", type=int, default=3, metavar="N", help="at most this many (default 3)"),
-            option("--without", action="append", default=[], metavar="ID", help="leave out an experiment (repeatable)"),
-            settings("change a parameter of every experiment (repeatable)"),
+            repeatable("--without", "ID", "leave out an experiment (repeatable)"),
+            repeatable("--set", "KEY=VALUE", "change a parameter of every experiment (repeatable)"),
             option("--no-hands", action="store_true", help="only experiments that need no work by hand"),
             YES,
             path_option("--out", "FOLDER", "folder for recordings, answer and page", default=Path("investigation")),

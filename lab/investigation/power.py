@@ -24,7 +24,7 @@ from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
 from ..files.rig_file import load_rig
-from ..options import OWN_EFFECTS, READS, Result, Verb, option, path_option, rig, settings
+from ..options import OWN_EFFECTS, READS, Result, Verb, option, path_option, repeatable, rig
 from ..verbs.run import planned_columns, protocol_plan, robot_facts, source_of
 
 READ = ("x", "y", "z", "qw", "qx", "qy", "qz")
@@ -149,8 +149,8 @@ VERBS = (
         run,
         options=(
             *READS,
-            option("--protocol", metavar="PROTOCOL", help="a protocol or its file"),
-            settings("change one of its parameters"),
+            option("--protocol", "PROTOCOL", "a protocol or its file"),
+            repeatable("--set", "KEY=VALUE", "change one of its parameters"),
             path_option("--campaign", "FILE.yaml", "a campaign instead"),
             option("--case", type=Path, nargs="+", default=[], metavar="CASE", help="a measured case instead"),
             rig(required=False),

@@ -101,11 +101,6 @@ class Actuators:
         self._reader = timing.Thread(target=self._forward, name="guard-messages", daemon=True)
         self._reader.start()
 
-    @property
-    def pid(self) -> int:
-        """Process id of the guard."""
-        return self._process.pid
-
     def ask(self, command: Command[R]) -> R:
         """Send one command and wait for its result; raises what the driver raised, RigLanded, or ActuatorsLost."""
         result: R = self._sent(command)

@@ -126,7 +126,7 @@ VERBS = (
             ),  # fmt: skip
             option("--seed", type=int, help="choose withheld effect and noise"),
             option("--speed", type=float, default=20.0, help="clock speed of the rig, times real time (default 20)"),
-            option("--effect", metavar="ID[=SIZE]", help="withhold this effect instead of a random one"),
+            option("--effect", "ID[=SIZE]", "withhold this effect instead of a random one"),
         ),
         examples=("lab demo", "lab demo --out demo --seed 3"),
         page="docs/tutorials/first-day.md",

@@ -287,7 +287,7 @@ VERBS = (
             path_option("--holdout", "CASE", "a campaign (case folder or .mcap) to test the answer on"),
             path_option("--candidates", "POSES.csv", "for an arm: poses from which the next ones are chosen"),
             path_option("--baseline", "PREDICTED.csv", "predictions of another simulator: diagnose its gap"),
-            option("--simulator", metavar="NAME|FILE.py", help="the same, but call the simulator itself"),
+            option("--simulator", "NAME|FILE.py", "the same, but call the simulator itself"),
             WORKERS,
             SCHEDULER,
             OWN_EFFECTS,

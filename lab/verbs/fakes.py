@@ -33,7 +33,7 @@ from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
 from ..files.robot_file import paper_robot
-from ..options import Option, Result, Verb, option, path_option
+from ..options import Option, Result, Verb, option, path_option, repeatable
 from ..rig.real_time import process_of
 
 PATIENT: dict[str, Any] = {
@@ -303,22 +303,22 @@ VERBS = (
         serve,
         options=(
             option("--speed", type=float, default=1.0, help="clock speed, times real time (default 1)"),
-            option("--effect", action="append", default=[], metavar="ID[=SIZE]", help="switch an effect on (repeatable)"),
+            repeatable("--effect", "ID[=SIZE]", "switch an effect on (repeatable)"),
             option("--arm-errors", type=float, default=1.0, help="errors of the arm's build, multiples of a UR5's (default 1)"),
             option("--seed", type=int, default=0, help="seed of all noise"),
             option("--regulators", metavar="DRIVER", default="alicat", help="alicat, smc_itv, or a package's fake"),
-            option("--full-scale", metavar="PRESSURE", help="range of the regulators, such as '900 kPa'"),
+            option("--full-scale", "PRESSURE", "range of the regulators, such as '900 kPa'"),
             option("--firmware", default="10v20.0-R24", help="firmware of an Alicat; before 6v00 it reports no unit"),
             option("--unit", default="kPa", help="unit that an Alicat reads and accepts, such as psi"),
-            option("--swap", metavar="I,K", help="swap the hoses of two channels"),
+            option("--swap", "I,K", "swap the hoses of two channels"),
             option("--spine", metavar="DRIVER", default="dynamixel", help="dynamixel, tmcl, or a package's fake"),
             _driver("arm", "ur5", "the arm"),
             _driver("force", "ft300s", "the force sensor"),
             _driver("valve", "numato", "the jamming valve"),
             _driver("gauge", "pfeiffer", "the vacuum gauge"),
             _driver("mocap", "natnet", "the motion capture"),
-            option("--without", metavar="KEY[,KEY..]", help="instruments to leave out (default: what the robot does not need)"),
-            option("--sensor", action="append", default=[], metavar="NAME=DRIVER", help="an additional sensor (repeatable)"),
+            option("--without", "KEY[,KEY..]", "instruments to leave out (default: what the robot does not need)"),
+            repeatable("--sensor", "NAME=DRIVER", "an additional sensor (repeatable)"),
             path_option("--robot", "ROBOT.yaml", "the robot to simulate (default: the paper's robot)"),
             path_option("--rig", "RIG.yaml", "write rig.yaml and robot.yaml here instead of printing"),
             option("--list-effects", action="store_true", help="list the effects of --effect"),

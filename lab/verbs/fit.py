@@ -217,11 +217,11 @@ VERBS = (
             REPLACE,
             option(
                 "--with",
+                "EFFECT[,EFFECT..]",
+                "fit these effects and the set-up too, and write them into robot.yaml",
                 dest="with_effects",
                 action="extend",
                 type=lambda text: [name.strip() for name in text.split(",") if name.strip()],
-                metavar="EFFECT[,EFFECT..]",
-                help="fit these effects and the set-up too, and write them into robot.yaml",
             ),
             option(
                 "--set-up",
@@ -229,13 +229,7 @@ VERBS = (
                 help="fit the set-up within its tolerances, as lab diagnose does; else it is exact",
             ),
             option("--residual", action="store_true", help="learn what the model still misses, for predictions"),
-            option(
-                "--samples",
-                type=int,
-                default=0,
-                metavar="N",
-                help="with --with or --set-up: write N robots drawn from the posterior",
-            ),
+            option("--samples", "N", "with --with or --set-up: write N robots drawn from the posterior", type=int, default=0),
             option("--seed", type=int, default=0, help="seed of --samples (default 0)"),
             OWN_EFFECTS,
         ),

@@ -35,7 +35,7 @@ from ..files.output_folder import fate
 from ..files.own_effects import stated_by
 from ..imports.headings import unit_named
 from ..imports.map_file import factor
-from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, settings
+from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, repeatable
 from .run import Columns, planned_columns, protocol_plan, robot_facts, source_of
 
 AT_REST = {"spine_length", "tip_mass", "roll_deg"}
@@ -359,13 +359,10 @@ VERBS = (
             JSON,
             path_option("--robot", "ROBOT.yaml", "robot.yaml, with its effects (lab fit --with)", required=True),
             GIVEN,
-            settings("with --protocol: change one parameter"),
+            repeatable("--set", "KEY=VALUE", "with --protocol: change one parameter"),
             option("--spine-length", type=float, metavar="M", help="with --inverse: keep the spine at this length, m"),
             option(
-                "--groups",
-                type=_groups,
-                metavar="'9,1,2 3,4,5'",
-                help="with --inverse: chambers that share a regulator (others stay vented)",
+                "--groups", "'9,1,2 3,4,5'", "with --inverse: chambers that share a regulator (others stay vented)", type=_groups
             ),
             path_option("--out", "FILE.csv", "write all rows to this file"),
             path_option("--figure", "FILE.svg", "draw them in this file (.svg, .png or .pdf)"),

@@ -33,7 +33,7 @@ from ..console import clock, note, out
 from ..files.config import ConfigError, parse_yaml
 from ..files.inputs import attached, without_torn
 from ..files.units import UnitError, to_si
-from ..options import READS, Result, Verb, option, path_option
+from ..options import READS, Result, Verb, option, path_option, repeatable
 from ..plain import typed
 
 SHOWN = 20
@@ -306,13 +306,7 @@ VERBS = (
         options=(
             *READS,
             option("folder", type=Path),
-            option(
-                "--where",
-                action="append",
-                default=[],
-                metavar="KEY=VALUE",
-                help="only runs with this label: operator, specimen, or a tag (repeatable)",
-            ),
+            repeatable("--where", "KEY=VALUE", "only runs with this label: operator, specimen, or a tag (repeatable)"),
         ),
         examples=("lab runs runs", "lab runs runs --where operator=Ada"),
         page="docs/howto/campaign.md",

@@ -54,7 +54,7 @@ from ..files.rig_file import RigFile, load_rig
 from ..files.units import shown
 from ..live.beside import Page, page_where
 from ..live.picture import PLAN
-from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, path_option, rig, settings
+from ..options import JSON, LABELS, YES, Result, Verb, given_labels, option, path_option, repeatable, rig
 from ..plain import typed
 from ..rig.assembly import Rig, newly_lost
 from ..rig.interrupts import Interrupts
@@ -634,7 +634,7 @@ def _plan_verb(a: argparse.Namespace) -> Result:
 
 
 PROTOCOL = "stiffness, bending, elongation, cycles, arm_accuracy, one of a package, or a file (.yaml, .py)"
-SET = settings("change one parameter; `lab plan PROTOCOL --keys` lists them")
+SET = repeatable("--set", "KEY=VALUE", "change one parameter; `lab plan PROTOCOL --keys` lists them")
 
 VERBS = (
     Verb(

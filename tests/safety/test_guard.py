@@ -90,13 +90,13 @@ def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tm
 @pytest.mark.real
 def test_a_guard_without_a_file_descriptor_left_hears_that_its_program_is_silent(small: House, rig: Rig) -> None:
     inflate(rig, small)
-    before = resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE)
-    resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, (3, before[1]))
+    before = resource.prlimit(rig.actuators._process.pid, resource.RLIMIT_NOFILE)
+    resource.prlimit(rig.actuators._process.pid, resource.RLIMIT_NOFILE, (3, before[1]))
     rig.actuators.pulse._ended.set()  # no heartbeat any more
     try:
         assert small.vented()
     finally:
-        resource.prlimit(rig.actuators.pid, resource.RLIMIT_NOFILE, before)
+        resource.prlimit(rig.actuators._process.pid, resource.RLIMIT_NOFILE, before)
 
 
 @pytest.mark.parametrize("failing", ["lab.guard.pulse.Listener.take", "lab.guard.limit_monitor.LimitMonitor.check"])
@@ -159,7 +159,7 @@ def test_regulators_that_can_be_reached_are_vented_though_one_of_them_is_dead(
 ) -> None:
     monkeypatch.setattr(new_guard, "REACH_WITHIN", 3.0)
     inflate(rig, small)
-    os.kill(rig.actuators.pid, signal.SIGKILL)
+    os.kill(rig.actuators._process.pid, signal.SIGKILL)
     small.fakes.lines["pressure"].faults.extra["dead"] = "B"
     report = rig.make_safe()
     (step,) = [s for s in report.steps if s.instrument == "pressure"]
@@ -177,7 +177,7 @@ def test_when_both_are_killed_the_rig_is_locked_until_a_person_clears_it(
     small: House, rig: Rig, capsys: pytest.CaptureFixture[str]
 ) -> None:
     inflate(rig, small)
-    os.kill(rig.actuators.pid, signal.SIGKILL)
+    os.kill(rig.actuators._process.pid, signal.SIGKILL)
     with pytest.raises(ActuatorsLost):
         rig.actuators.pressure.read()
     assert small.latch.exists()
@@ -403,7 +403,7 @@ def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
 def test_the_arms_process_may_crash_and_nobody_else_does(house: House) -> None:
     house.change(without=("force", "mocap"))
     with house.opened() as rig:
-        children = Path(f"/proc/{rig.actuators.pid}/task").glob("*/children")
+        children = Path(f"/proc/{rig.actuators._process.pid}/task").glob("*/children")
         (host,) = [int(pid) for file in children for pid in file.read_text().split()]
         os.kill(host, signal.SIGSEGV)
         for _ in range(2):  # who asks later hears the cause as well, not that the arm is closed

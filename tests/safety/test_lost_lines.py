@@ -193,7 +193,7 @@ def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.Mo
     with small.opened() as rig:
         inflate(rig, small)
         small.fakes.switch.begin("pressure", "disconnect")
-        os.kill(rig.actuators.pid, signal.SIGKILL)
+        os.kill(rig.actuators._process.pid, signal.SIGKILL)
         report = rig.make_safe()
         assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
     assert small.highest() > 40e3 and small.latch.exists()

@@ -409,7 +409,7 @@ rig = Rig(load_rig(Path(sys.argv[1])))
 assert rig.open_all(lambda name, outcome: None) == []
 rig.actuators.valve.set(True)
 rig.actuators.pressure.set((20e3, 20e3, 20e3))
-os.kill(rig.actuators.pid, signal.SIGKILL)
+os.kill(rig.actuators._process.pid, signal.SIGKILL)
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
