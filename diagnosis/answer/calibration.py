@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,12 @@ from scipy.special import expit, ndtr
 from model.body import body_of
 from model.effects.design import design_from_columns
 from model.effects.forward import ForwardModel
-from model.effects.parameters import ParameterInfo
 from model.robot import Robot
 
-from ..arrays import Array, Mask, rms
+from ..arrays import Mask, rms
 from ..criticism.gaussian import Gaussian
 from ..data.campaign import Campaign
-from ..inference.on_baseline import SHARE
+from ..inference.on_baseline import SHARE, least_squares
 from ..inference.prepare import AREA, MODULUS, TINY, possible, table_columns
 from ..inference.problem import derivatives
 from ..judgement import AREA_SD, GAIN_SD, GEOMETRY_SD, MATERIAL_SD, OUTSTANDING_FLOORS, REDUCIBLE_RATIO, TENSE_SD
@@ -30,9 +29,8 @@ AT_BOUND = 1e-3
 """Share of the area factor within which it has reached a limit of the fit."""
 ALIKE = (("tip_payload", "mass"), ("body_modulus", "excess"), ("self_weight", "excess"))
 """Parameters that bend a robot more or less in every state, as the area factor does, and are no factor on it."""
-ALIKE_RATIO, ALIKE_ROUNDS, ALIKE_LOST = 1.1, 8, 0.05
-"""Times what calibration leaves up to which they do the same; rounds of Gauss-Newton; share of states that may have no
-equilibrium."""
+ALIKE_RATIO, ALIKE_LOST = 1.1, 0.05
+"""Times what calibration leaves up to which they do the same; share of states that may have no equilibrium."""
 
 
 def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Calibration | None:
@@ -98,7 +96,10 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     most_left = max(OUTSTANDING_FLOORS * p.noise_floor, ALIKE_RATIO * rms(p.gap(p.problem.observed - f.calibrated.predicted)))
     as_good = []
     for k in [names.index(key) for id, name in ALIKE if (key := f"{id}.{name}") in names]:
-        theta, remaining = _alone(forward, infos, observed, [k, *tolerances], p.noise_floor / np.sqrt(3))
+        free, sd = [k, *tolerances], np.array([np.inf, *(infos[i].sd for i in tolerances)])  # the effect has no prior
+        low, high = ([getattr(infos[i], side) for i in free] for side in ("low", "high"))
+        theta, left = least_squares(forward, observed, free, sd / (p.noise_floor / np.sqrt(3)), low, high)
+        remaining = float(np.sqrt(3 * np.nanmean(left**2))) if np.isfinite(left).mean() > 1 - ALIKE_LOST else np.inf
         beyond = any(abs(theta[i]) > TENSE_SD * infos[i].sd for i in tolerances)
         if remaining <= most_left and infos[k].low < theta[k] < infos[k].high and not beyond:
             as_good.append(Alike(names[k], float(theta[k]), infos[k].unit, 1e3 * remaining))
@@ -110,26 +111,6 @@ def alone_as_good(c: Calibration | None, f: Attribution) -> tuple[str, ...]:
     most = REDUCIBLE_RATIO * 1e3 * f.prepared.noise_floor
     near = (a.parameter.partition(".")[0] for a in (c.alike if c is not None else ()) if a.left_mm <= most)
     return tuple(effect for effect in near if effect not in f.decision.effects)
-
-
-def _alone(
-    forward: ForwardModel, infos: Sequence[ParameterInfo], observed: Array, free: list[int], noise: float
-) -> tuple[Array, float]:
-    """Parameters (k,) with those of indices `free` fitted by least squares, the first without a prior; and the rms tip distance
-    (m) that remains, inf where too many states have no equilibrium."""
-    sd = np.array([infos[k].sd for k in free])
-    low, high = ([getattr(infos[k], side) for k in free] for side in ("low", "high"))
-    theta, sd[0] = np.zeros(len(infos)), np.inf
-    for _ in range(ALIKE_ROUNDS):
-        predicted, slope = forward.linearise(theta, free)
-        residual = observed - predicted
-        finite = np.isfinite(residual) & np.isfinite(slope).all(axis=1)
-        rows = np.vstack([slope[finite] / noise, np.diag(1 / sd)])
-        step = np.linalg.lstsq(rows, np.concatenate([residual[finite] / noise, -theta[free] / sd]), rcond=None)[0]
-        theta[free] = np.clip(theta[free] + step, low, high)
-    residual = observed - forward.predict(theta)
-    remaining = float(np.sqrt(3 * np.nanmean(residual**2))) if np.isfinite(residual).mean() > 1 - ALIKE_LOST else np.inf
-    return theta, remaining
 
 
 def origins(robot: Robot, stiffness: float, modulus_sd: float) -> tuple[Origin, ...]:

@@ -8,7 +8,7 @@ itself or as a factor of what a listed cause does (`criticism.stage_errors`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from numbers import Integral
 from typing import Any
@@ -33,7 +33,7 @@ from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import KNOWN, NONE, Hypothesis, weigh
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, log_weight, odds_of_relatives, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, Related, log_weight, odds_of_relatives, with_unknown
 from ..inference.problem import FitParameters
 from ..inference.search import LAST_ROUNDS, Search
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
@@ -110,7 +110,7 @@ class _Diagnosis:
         b, w = self._b, self._w
         asking = min((self._asking(c) for c in {c.named: c for c in (w.leading, w.best)}.values()), key=total_gain)
         among = related(b, self._causes.values(), [*{c.named: c for c in (w.leading, w.best)}.values()])
-        weights = [log_weight(r.named, r.log_evidence, max(len(self._p.ids), len(r.named))) for r in among]
+        weights = [log_weight((*r.beside, r.relative), r.log_evidence, max(len(self._p.ids), len(r.beside) + 1)) for r in among]
         odds = odds_of_relatives([*w.search.found.values()], weights, len(self._p.ids)) + odds_unnamed(total_gain(asking), 1.0)
         ranked = with_unknown(w.known, w.whole.candidates[NONE], odds)
         decision = decide(ranked, True, w.budget.nothing_stands_out)
@@ -343,30 +343,21 @@ def together(search: Search) -> list[Candidate]:
 
     out: dict[Hypothesis, Candidate] = {}
     here = max((c for c in search.tried if len(c.named) == most and not c.with_tolerances), key=weight, default=None)
-    whole = None if here is None else here.fit.with_all_derivatives(search.problem).with_form_error(search.problem, here.named)
-    while here is not None and whole is not None:
+    here = None if here is None else search.with_all_derivatives(here)
+    while here is not None:
         added = [tuple(e for e in ids if e in (*here.named, new)) for new in ids if new not in here.named]
-        found = search.around(whole, added, False)
+        found = search.around(here.fit, added, False)
         for taken in here.named if len(here.named) > most + 1 else ():
-            found += search.around(whole.without_law(taken), [tuple(e for e in here.named if e != taken)], False)
+            found += search.around(here.fit.without_law(taken), [tuple(e for e in here.named if e != taken)], False)
         out = {c.named: c for c in found} | out
         first = max(found, key=weight, default=here)
         fitted = search.fit(first.named, False, judgement.FIT_DISCREPANCY_SIZE, first.fit.theta, LAST_ROUNDS)
-        whole = fitted.with_all_derivatives(search.problem).with_form_error(search.problem, first.named)
+        whole = fitted.whole(search.problem, first.named)
         (first,) = search.around(whole, [first.named], False)
         here = replace(first, turns=1, ended=True) if weight(first) > weight(here) else None
         if here is not None:
             out[here.named] = here
     return [*out.values()]
-
-
-@dataclass(frozen=True)
-class Related:
-    """A relative of a listed cause, weighed in its place (as `criticism.relatives` are of the soft robot's effects)."""
-
-    cause: Cause
-    named: Hypothesis
-    log_evidence: float
 
 
 def related(b: Built, causes: Iterable[Cause], candidates: Sequence[Candidate]) -> tuple[Related, ...]:
@@ -395,13 +386,12 @@ def _with_relative(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) 
     starts = [np.append(kept, [x.sides[min(side, len(x.sides) - 1)] for x in own]) for side in (0, 1)]
     fits = (fit(problem, wider.prior_of(named), judgement.FIT_DISCREPANCY_SIZE, s, FREE_ROUNDS) for s in starts)
     best = min(fits, key=lambda f: f.cost)
-    whole = best.with_all_derivatives(problem).with_form_error(problem, named)
-    (w,) = weigh(whole.linear(problem), KNOWN, wider, [named])
-    return Related(relative, named, w.log_evidence - best.predicted_decrease)
+    (w,) = weigh(best.whole(problem, named).linear(problem), KNOWN, wider, [named])
+    return Related(relative.says or relative.name, beside, w.log_evidence - best.predicted_decrease)
 
 
 def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
     """Relatives, in words, that explain the data as well as what is named or better, the best first; where nothing is named,
     better by `SEPARATED_EVIDENCE`. `log_evidence`: of that."""
     least = log_evidence + judgement.SEPARATED_EVIDENCE * (-1 if named else 1)
-    return tuple(dict.fromkeys(r.cause.says or r.cause.name for r in among if r.log_evidence > least))
+    return tuple(dict.fromkeys(r.relative for r in among if r.log_evidence > least))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -31,7 +31,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
 from ..inference.fit import fit
 from ..inference.jacobian import Columns
-from ..inference.posterior import log_weight, odds_of_relatives
+from ..inference.posterior import Related, log_weight, odds_of_relatives
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
 from ..inference.problem import FitParameters, MaskedForward, derivatives
 from .relatives import RELATIVES
@@ -39,15 +39,6 @@ from .stage_errors import odds_unnamed
 
 LEAST_SHARE, MOST_FITTED, ROUNDS = 0.1, 3, 8
 """Share of the best hypothesis' weight that a relative must promise to be fitted; most relatives and rounds."""
-
-
-@dataclass(frozen=True)
-class Related:
-    """A relative beside effects of the catalogue."""
-
-    relative: str
-    beside: Hypothesis
-    log_evidence: float
 
 
 def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypothesis, float]) -> tuple[Related, ...]:
@@ -135,8 +126,7 @@ def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
     theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
     prior = wider.prior_of(named, judgement.FIT_TOLERATED_SIZE)
     best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    complete = best.with_all_derivatives(problem).with_form_error(problem, named)
-    with_it, without = weigh(complete.linear(problem), KNOWN, wider, [named, r.beside])
+    with_it, without = weigh(best.whole(problem, named).linear(problem), KNOWN, wider, [named, r.beside])
     return with_it.log_evidence - best.predicted_decrease, without.log_evidence
 
 

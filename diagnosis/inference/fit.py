@@ -54,10 +54,10 @@ class Fit:
         """The slope, recomputed if it was not kept."""
         return self.slope if self.slope is not None else problem.jacobian(self.theta)[1]
 
-    def with_all_derivatives(self, problem: Problem) -> Fit:
-        """The same fit with the derivatives by all parameters."""
+    def whole(self, problem: Problem, named: tuple[str, ...]) -> Fit:
+        """The same fit with the derivatives by all parameters and the model-form error of the laws of `named` effects."""
         predicted, slope = problem.jacobian(self.theta)
-        return replace(self, predicted=predicted, slope=slope)
+        return replace(self, predicted=predicted, slope=slope).with_form_error(problem, named)
 
     def with_form_error(self, problem: Problem, named: tuple[str, ...], shared: bool = False) -> Fit:
         """The same fit with the model-form error of the laws of `named` effects; `shared` as in `FormError`."""

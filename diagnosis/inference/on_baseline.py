@@ -41,7 +41,7 @@ SIMULATOR_DIFFERENCE = EffectSpec(
 )
 SHARE = "simulator_difference.share"
 ROUNDS, ENOUGH = 12, 1e-6
-"""Of Gauss-Newton for the area factor; step below which it is found."""
+"""Of Gauss-Newton, at most; largest step of a parameter at which it ends."""
 LEAST_AREA_EXCESS, MOST_AREA_EXCESS = -0.85, 7.5
 
 
@@ -140,24 +140,31 @@ def _nearest_area_factor(robot: Robot, design: States, simulator_table: Mapping[
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
     start = float(model.area_factor[~design.stiffness].mean())
-    value = model.observe(simulator_table)
-    of_tip = np.isfinite(value) & np.isin(model.observations.channel, ("x", "y", "z"))
-    theta = np.zeros(len(model.parameters))
-    (area,) = model.index("area")
+    of_tip = np.isin(model.observations.channel, ("x", "y", "z"))
+    tips = np.where(of_tip, model.observe(simulator_table), np.nan)
+    area = model.index("area")
+    theta, left = least_squares(model, tips, area, np.array([np.inf]), [LEAST_AREA_EXCESS], [MOST_AREA_EXCESS])
+    if not np.isfinite(left).any():
+        raise BadCase(
+            f"the baseline {name} has no state in which the rod of robot.yaml has an equilibrium: check its stiffness and "
+            "area factor"
+        )
+    return start * (1.0 + float(theta[area[0]]))
+
+
+def least_squares(
+    model: ForwardModel, observed: Array, free: Sequence[int], sd: Array, low: Sequence[float], high: Sequence[float]
+) -> tuple[Array, Array]:
+    """Parameters (k,), 0 but for those of indices `free` (f,), fitted within bounds to the observed values (n,) that are finite,
+    with priors of standard deviation `sd` (f,) in units of a value's error; and observed minus predicted values (n,) there."""
+    theta, free = np.zeros(len(model.parameters)), list(free)
     for _ in range(ROUNDS):
-        predicted, slope = model.linearise(theta, [area])
-        usable = of_tip & np.isfinite(predicted) & np.isfinite(slope[:, 0])
-        strength = float(slope[usable, 0] @ slope[usable, 0])
-        if not usable.any():
-            raise BadCase(
-                f"the baseline {name} has no state in which the rod of robot.yaml has an equilibrium: check its stiffness and "
-                "area factor"
-            )
-        if strength == 0.0:
+        predicted, slope = model.linearise(theta, free)
+        left = observed - predicted
+        usable = np.isfinite(left) & np.isfinite(slope).all(axis=1)
+        rows = np.vstack([slope[usable], np.diag(1 / sd)])
+        step = np.linalg.lstsq(rows, np.concatenate([left[usable], -theta[free] / sd]), rcond=None)[0]
+        before, theta[free] = theta[free], np.clip(theta[free] + step, low, high)
+        if np.abs(theta[free] - before).max() < ENOUGH:
             break
-        step = float(slope[usable, 0] @ (value - predicted)[usable]) / strength
-        next_excess = float(np.clip(theta[area] + step, LEAST_AREA_EXCESS, MOST_AREA_EXCESS))
-        change, theta[area] = abs(next_excess - theta[area]), next_excess
-        if change < ENOUGH:
-            break
-    return start * (1.0 + float(theta[area]))
+    return theta, observed - model.predict(theta)

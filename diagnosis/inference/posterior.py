@@ -67,6 +67,15 @@ def log_weight(named: Hypothesis, log_evidence: float, effects: int) -> float:
     return log_evidence / TEMPERATURE + log(hypothesis_prior(named, effects))
 
 
+@dataclass(frozen=True)
+class Related:
+    """A relative, weighed beside listed effects in the place of another."""
+
+    relative: str
+    beside: Hypothesis
+    log_evidence: float
+
+
 def odds_of_relatives(tried: Sequence[Candidate], weights: Sequence[float], effects: int) -> float:
     """Odds of relatives, of these log weights, against all hypotheses of a catalogue of `effects` effects that were tried."""
     of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])

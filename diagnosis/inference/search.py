@@ -73,7 +73,7 @@ class Search:
         self._none: dict[bool, Candidate] = {}
         self._standing = Standing()
         calibrated = self.fit(NONE, False, judgement.FIT_DISCREPANCY_SIZE, np.zeros_like(problem.parameters.sd), 4)
-        self._begin_at(calibrated.with_all_derivatives(problem), False)
+        self._begin_at(calibrated.whole(problem, NONE), False)
         tolerant = self._weigh(NONE, self.fit(NONE, True, judgement.FIT_DISCREPANCY_SIZE, self._none[False].fit, 3), True)
         self._begin_at(self.fit(NONE, True, tolerant.grid_point.size, tolerant.fit, 5), True)
 
@@ -287,7 +287,7 @@ class Search:
 
     def _whole(self, c: Candidate) -> Fit:
         """The fit of a candidate with all derivatives, around which others are weighed."""
-        return self._as_reference(c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
+        return self._as_reference(c.fit.whole(self.problem, c.named))
 
     def _with_one_more(self, named: Hypothesis) -> list[Hypothesis]:
         """Hypotheses that name one effect more; none where the prior knows no such number."""
@@ -310,7 +310,7 @@ class Search:
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
-        return replace(c, fit=c.fit.with_all_derivatives(self.problem).with_form_error(self.problem, c.named))
+        return replace(c, fit=c.fit.whole(self.problem, c.named))
 
     def alone(self, c: Candidate) -> Candidate:
         """The same hypothesis with all other effects absent, searched to convergence."""
