@@ -237,9 +237,8 @@ def test_who_takes_nothing_costs_nobody_else_a_message(tmp_path: Path, monkeypat
                 f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
             )
             assert stuck.recv(12) == b"HTTP/1.1 101"
-            subscription = json.dumps(
-                {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": looks.known({"/log"})[0]}]}
-            ).encode()
+            wanted = [{"id": 1, "channelId": looks.known({"/log"})[0]}]
+            subscription = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
             stuck.sendall(struct.pack("!BBI", 0x81, 0x80 | len(subscription), 0) + subscription)  # mask 0
             until_wanted(foxglove)
             looks.subscribe({"/log"})

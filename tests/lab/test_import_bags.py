@@ -67,6 +67,8 @@ def sweep() -> Iterator[tuple[int, dict[str, float], list[float]]]:
 
 Told = Callable[[int, dict[str, float], list[float]], list[Any]]
 """Messages of a sample."""
+TIP: tuple[str, Told] = ("/tip", lambda i, tip, p: [tip])
+PRESSURE: tuple[str, Told] = ("/pressure", lambda i, tip, p: [{"p": p}])
 JSON = ("", "", b"", "json")
 
 
@@ -95,10 +97,7 @@ def bag_of(
 
 def bag(path: Path, *odd: Odd, only: Callable[[int], bool] = lambda i: True, **how: Any) -> Path:
     """Tip and pressures, or those of the samples that `only` takes, and odd topics beside them."""
-    topics: list[tuple[str, Told]] = [
-        ("/tip", lambda i, tip, p: [tip] * only(i)),
-        ("/pressure", lambda i, tip, p: [{"p": p}] * only(i)),
-    ]
+    topics: list[tuple[str, Told]] = [(n, lambda i, tip, p, f=f: f(i, tip, p) * only(i)) for n, f in (TIP, PRESSURE)]
     topics += [(f"/odd{k or ''}", lambda i, tip, p, one=one: [one] * (i % 20 == 0)) for k, (*_, one) in enumerate(odd)]
     return bag_of(path, *topics, formats=[JSON, JSON, *(about[:4] for about in odd)], **how)
 
@@ -155,8 +154,6 @@ def test_messages_and_fields_that_cannot_be_decoded_are_left_out(place: Path, im
 
 # ------------------------------------------------------------------ whose numbers
 SOMETHING = {"x": 0.5, "y": 0.1, "z": 0.2}
-TIP: tuple[str, Told] = ("/tip", lambda i, tip, p: [tip])
-PRESSURE: tuple[str, Told] = ("/pressure", lambda i, tip, p: [{"p": p}])
 
 
 def bodies(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
