@@ -61,10 +61,10 @@ def spreadsheet(path: Path) -> Path:
     return path
 
 
-def guessed(cli: Cli, file: Path) -> Path:
+def guessed(cli: Cli, file: Path, robot: Path = ROBOT) -> Path:
     """The map proposed for a file."""
     out = file.with_name("guess")
-    cli("import", file, "--guess", "--robot", ROBOT, "--out", out)
+    cli("import", file, "--guess", "--robot", robot, "--out", out)
     assert (out / "states.png").exists()
     return out / "map.yaml"
 
@@ -507,8 +507,7 @@ def test_the_line_that_is_said_of_a_wrong_frame_is_that_of_the_right_one(
 def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_angles(tmp_path: Path, cli: Cli) -> None:
     file = tmp_path / "swapped.csv"
     file.write_text((OWN_TABLE / "sweep.csv").read_text().replace("tip x,tip y", "tip y,tip x", 1))
-    cli("import", file, "--guess", "--robot", OWN_TABLE / "robot.yaml", "--out", tmp_path / "map")
-    said = (tmp_path / "map" / "map.yaml").read_text()
+    said = guessed(cli, file, OWN_TABLE / "robot.yaml").read_text()
     assert "No order fits: two columns of the tip" in said and "Check the order" not in said
 
 
@@ -516,8 +515,7 @@ def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli)
     lines = ["P1 [kPa],x1 [mm],y1 [mm],z1 [mm],sx [mm],sy [mm],sz [mm]"]
     lines += [f"{p},{-p},0,{150 - p**2 / 300:.2f},0.01,0.0{p % 3},0.01" for p in (0, 10, 20, 30, 20, 10, 0)]
     (tmp_path / "means.csv").write_text("\n".join(lines))
-    cli("import", tmp_path / "means.csv", "--guess", "--robot", OWN_TABLE / "robot.yaml", "--out", tmp_path / "map")
-    said = (tmp_path / "map" / "map.yaml").read_text()
+    said = guessed(cli, tmp_path / "means.csv", OWN_TABLE / "robot.yaml").read_text()
     assert "not used: sx [mm]/sy" in said and "marker at the base" not in said
 
 

@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -64,24 +65,41 @@ def sweep() -> Iterator[tuple[int, dict[str, float], list[float]]]:
                 i += 1
 
 
-def bag(path: Path, *odd: Odd, only: Callable[[int], bool] = lambda i: True, **how: Any) -> Path:
-    """The sweep, or those of its samples that `only` takes."""
+Told = Callable[[int, dict[str, float], list[float]], list[Any]]
+"""Messages of a sample."""
+TIP: tuple[str, Told] = ("/tip", lambda i, tip, p: [tip])
+PRESSURE: tuple[str, Told] = ("/pressure", lambda i, tip, p: [{"p": p}])
+JSON = ("", "", b"", "json")
+
+
+def bag_of(
+    path: Path,
+    *topics: tuple[str, Told],
+    formats: Sequence[tuple[str, str, bytes, str]] = (),
+    log_time: Callable[[int], int] = int,
+    **how: Any,
+) -> Path:
+    """The sweep in these messages: JSON, where `formats` (name, encoding and text of a definition, encoding) has no other."""
     with open(path, "wb") as file:
         writer = Writer(file, **how)
         writer.start("ros2", "another recorder")
-        channels = [writer.register_channel(topic, "json", 0) for topic in ("/tip", "/pressure")]
-        for k, (name, encoding, data, messages, _) in enumerate(odd):
-            schema = writer.register_schema(name, encoding, data) if name else 0
-            channels.append(writer.register_channel(f"/odd{k or ''}", messages, schema))
+        channels = []
+        for (topic, told), (name, encoding, text, messages) in zip_longest(topics, formats, fillvalue=JSON):
+            schema = writer.register_schema(name, encoding, text) if name else 0
+            channels.append((writer.register_channel(topic, messages, schema), told))
         for i, (ns, tip, pressure) in enumerate(sweep()):
-            if not only(i):
-                continue
-            writer.add_message(channels[0], ns, json.dumps(tip).encode(), ns)
-            writer.add_message(channels[1], ns + 5, json.dumps({"p": pressure}).encode(), ns + 5)
-            for channel, (*_, payload) in zip(channels[2:], odd if i % 20 == 0 else (), strict=False):
-                writer.add_message(channel, ns, payload, ns)
+            for channel, told in channels:
+                for one in told(i, tip, pressure):
+                    writer.add_message(channel, log_time(ns), one if isinstance(one, bytes) else json.dumps(one).encode(), ns)
         writer.finish()
     return path
+
+
+def bag(path: Path, *odd: Odd, only: Callable[[int], bool] = lambda i: True, **how: Any) -> Path:
+    """Tip and pressures, or those of the samples that `only` takes, and odd topics beside them."""
+    topics: list[tuple[str, Told]] = [(n, lambda i, tip, p, f=f: f(i, tip, p) * only(i)) for n, f in (TIP, PRESSURE)]
+    topics += [(f"/odd{k or ''}", lambda i, tip, p, one=one: [one] * (i % 20 == 0)) for k, (*_, one) in enumerate(odd)]
+    return bag_of(path, *topics, formats=[JSON, JSON, *(about[:4] for about in odd)], **how)
 
 
 @pytest.fixture
@@ -135,29 +153,7 @@ def test_messages_and_fields_that_cannot_be_decoded_are_left_out(place: Path, im
 
 
 # ------------------------------------------------------------------ whose numbers
-Told = Callable[[int, dict[str, float], list[float]], list[Any]]
-"""Messages of a sample."""
 SOMETHING = {"x": 0.5, "y": 0.1, "z": 0.2}
-
-
-def bag_of(path: Path, *topics: tuple[str, Told], log_time: Callable[[int], int] = int, schemas: Sequence[bytes] = ()) -> Path:
-    """The sweep in other messages: JSON, or CDR where there are `schemas`, one for each topic."""
-    with open(path, "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        ids = [writer.register_schema(f"a/msg/S{k}", ROS, text) for k, text in enumerate(schemas)] or [0] * len(topics)
-        kind = "cdr" if schemas else "json"
-        channels = [writer.register_channel(topic, kind, k) for (topic, _), k in zip(topics, ids, strict=True)]
-        for i, (ns, tip, pressure) in enumerate(sweep()):
-            for channel, (_, told) in zip(channels, topics, strict=True):
-                for one in told(i, tip, pressure):
-                    writer.add_message(channel, log_time(ns), one if isinstance(one, bytes) else json.dumps(one).encode(), ns)
-        writer.finish()
-    return path
-
-
-TIP: tuple[str, Told] = ("/tip", lambda i, tip, p: [tip])
-PRESSURE: tuple[str, Told] = ("/pressure", lambda i, tip, p: [{"p": p}])
 
 
 def bodies(i: int, tip: dict[str, float], p: list[float]) -> list[Any]:
@@ -224,7 +220,10 @@ def test_only_plain_cdr_is_read_also_where_each_message_is_packed(place: Path, p
         place / "bag.mcap",
         ("/tip", lambda i, tip, p: [pack(head + struct.pack(f"<f{gap}3d", 1.0, *tip.values()))]),
         ("/pressure", lambda i, tip, p: [pack(head + struct.pack("<3d", *p))]),
-        schemas=[b"float32 q\nfloat64 x\nfloat64 y\nfloat64 z\n", b"float64[3] p\n"],
+        formats=[
+            ("a/msg/T", ROS, b"float32 q\nfloat64 x\nfloat64 y\nfloat64 z\n", "cdr"),
+            ("a/msg/P", ROS, b"float64[3] p\n", "cdr"),
+        ],
     )
     done = importer(path, code=0 if packed else 2)
     assert len(table(place)) == 25 if packed else "begins with 0007, which is not plain CDR" in done.flat_err

@@ -105,18 +105,17 @@ def test_a_file_without_columns_names_what_it_holds(tmp_path: Path) -> None:
 
 
 def test_a_cell_table_and_a_matrix_with_names_are_read_by_column(tmp_path: Path) -> None:
-    rows = np.array(sweep())
-    cells = np.empty((len(rows) + 1, 7), object)
-    cells[0], cells[1:] = list(HEADINGS), rows
+    cells = np.empty((len(ROWS) + 1, 7), object)
+    cells[0], cells[1:] = list(HEADINGS), ROWS
     savemat(tmp_path / "a.mat", {"C": cells})
-    savemat(tmp_path / "b.mat", {"M": rows, "names": np.array(HEADINGS, object)})
+    savemat(tmp_path / "b.mat", {"M": ROWS, "names": np.array(HEADINGS, object)})
     savemat(tmp_path / "c.mat", {"C": cells[1:]})
     for name, label in (("a", "C"), ("b", "M")):
         series = read(tmp_path / f"{name}.mat", Source())
-        assert series.names == tuple(f"{label}.{h}" for h in HEADINGS) and len(series) == len(rows)
-        assert series.numbers[f"{label}.Tip Z [mm]"] == pytest.approx(rows[:, 6])
+        assert series.names == tuple(f"{label}.{h}" for h in HEADINGS) and len(series) == len(ROWS)
+        assert series.numbers[f"{label}.Tip Z [mm]"] == pytest.approx(ROWS[:, 6])
     series = read(tmp_path / "c.mat", Source())
-    assert series.names == tuple(f"C.{k}" for k in range(1, 8)) and series.numbers["C.7"] == pytest.approx(rows[:, 6])
+    assert series.names == tuple(f"C.{k}" for k in range(1, 8)) and series.numbers["C.7"] == pytest.approx(ROWS[:, 6])
 
 
 def test_a_file_with_elements_of_no_kind_is_refused_and_does_not_end_the_process(tmp_path: Path) -> None:

@@ -216,9 +216,8 @@ def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
     assert len(made.table) == STATES and any("1 of 31 rows have no time (first: line 32)" in n for n in made.notes)
 
 
-def timed(folder: Path, times: Callable[[int], float | str | None], heading: str = "t [s]", rows: Rows | None = None) -> Imported:
+def timed(folder: Path, times: Callable[[int], float | str | None], heading: str = "t [s]", rows: Rows = MANY) -> Imported:
     """A sweep of 4 s holds, read ten times a second, with these times."""
-    rows = MANY if rows is None else rows
 
     def change(k: int, cells: list[str]) -> list[str]:
         found = times(k)
@@ -317,5 +316,5 @@ def test_measured_pressures_are_preferred_to_set_points(names: tuple[str, str], 
 def test_the_exit_code_of_a_file_of_an_unknown_kind_is_2(name: str, remedy: str, tmp_path: Path, cli: Cli) -> None:
     (tmp_path / name).write_bytes(b"SQLite format 3\0")
     (tmp_path / "map.yaml").write_text(yaml.safe_dump({"columns": plain(**COLUMNS), "robot": str(ROBOT)}))
-    words = ["import", str(tmp_path / name), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "c")]
-    assert remedy in cli(*words, code=2).flat_err
+    told = cli("import", tmp_path / name, "--map", tmp_path / "map.yaml", "--out", tmp_path / "c", code=2)
+    assert remedy in told.flat_err

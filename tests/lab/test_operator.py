@@ -92,21 +92,17 @@ def test_a_program_of_ones_own_prepares_and_confirms(folder: Path) -> None:
         operator(f"unix:{path}").confirm("the tip is hidden")
 
 
-@pytest.mark.parametrize("mode", [0o755, 0o750, 0o701, 0o770])
-def test_a_folder_that_others_may_enter_is_refused_with_what_to_do(folder: Path, mode: int) -> None:
+@pytest.mark.parametrize("mode", [0o755, 0o750, 0o701, 0o770, pytest.param(0o700, marks=needs_root, id="of another user")])
+def test_a_folder_that_others_may_enter_or_own_is_refused_with_what_to_do(folder: Path, mode: int) -> None:
+    says = f"mode {mode:04o}.*chmod 700 {folder}"
     folder.chmod(mode)
+    if mode == 0o700:
+        os.chown(folder, NOBODY, NOBODY)
+        says = f"belongs to user {NOBODY}"
     with answering(folder / "operator.sock", {"ok": True}) as asked:
-        with pytest.raises(ProtocolError, match=f"mode {mode:04o}.*chmod 700 {folder}"):
-            Program(folder / "operator.sock").confirm("the tip is hidden")
-        assert asked == []
-
-
-@needs_root
-def test_a_folder_of_another_user_is_refused(folder: Path) -> None:
-    os.chown(folder, NOBODY, NOBODY)
-    with answering(folder / "operator.sock", {"ok": True}) as asked:
-        with pytest.raises(ProtocolError, match=f"belongs to user {NOBODY}"):
-            Program(folder / "operator.sock").prepare(SETUP)
+        for ask, about in ((Program.confirm, "the tip is hidden"), (Program.prepare, SETUP)):
+            with pytest.raises(ProtocolError, match=says):
+                ask(Program(folder / "operator.sock"), about)
         assert asked == []
 
 

@@ -206,13 +206,10 @@ def test_names_and_units_are_those_that_were_recorded_and_without_units_there_ar
     assert [row[0] for row in rows] == ["skin_humidity", "skin_temperature"]
 
 
-def test_every_quantity_is_drawn(tmp_path: Path) -> None:
+def test_every_quantity_is_drawn_in_one_row_and_with_each_axis_in_a_panel_of_its_own(tmp_path: Path) -> None:
     picture = matplotlib.image.imread(in_a_row(sensors(table(), Chambers.words), tmp_path / "sensors.png"))
     dark = picture[..., :3].min(axis=2) < 0.5
     assert all(np.mean(part) > 0.001 for part in np.array_split(dark, 4))
-
-
-def test_a_page_has_a_panel_for_each_quantity_and_axis(tmp_path: Path) -> None:
     panels = [matplotlib.image.imread(path) for path in apart(sensors(table(), Chambers.words), tmp_path / "sensors.png")]
     assert len(panels) == 4
     assert all(panel.shape[1] < 700 for panel in panels)  # at 150 dots an inch: no wider than a phone

@@ -184,8 +184,9 @@ Rig = Callable[..., Path]
 def rig(tmp_path: Path) -> Rig:
     """The example's rig.yaml with tables changed, and robot.yaml beside it with values changed (None: left out)."""
 
-    def write(robot: dict[str, Any] | None = None, **tables: dict[str, Any]) -> Path:
+    def write(robot: dict[str, Any] | None = None, without: str = "", **tables: dict[str, Any]) -> Path:
         data = yaml.safe_load(RIG.read_text()) | {"robot": "robot.yaml"}
+        data.pop(without, None)
         for name, values in tables.items():
             place = data["instruments"] if name in data["instruments"] else data
             place[name] = place[name] | values
@@ -293,11 +294,7 @@ def test_every_place_of_the_probe_must_lie_in_the_arm_s_box(rig: Rig, box: dict[
 
 
 def test_a_stiffness_trial_without_a_stand_is_refused(rig: Rig) -> None:
-    path = rig()
-    data = yaml.safe_load(path.read_text())
-    del data["stand"]
-    path.write_text(yaml.safe_dump(data))
-    (line,) = refused(path, "stiffness")
+    (line,) = refused(rig(without="stand"), "stiffness")
     assert "stand: is missing" in line
 
 

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from synthetic_run import Run
+from synthetic_run import Run, recorded
 
 from recordings.campaign.info import info
 from recordings.errors import BadMessage, RecordingError, WriteFailed
@@ -35,16 +35,9 @@ from recordings.states.buffer import BLOCK, Buffers
 WALL = 1_700_000_000_000_000_123
 
 
-def record(path: Path, run: Run, **more: object) -> Recorder:
-    recorder = Recorder(path, start_wall_ns=WALL, attachments={"rig.yaml": b"x: 1\n"}, markers=2)
-    for topic, t, values in run.messages():
-        recorder.push(topic, t, values)
-    return recorder
-
-
 def test_an_independent_reader_finds_every_message_with_its_values_and_log_time(tmp_path: Path) -> None:
     run = Run(duration=2.0)
-    record(tmp_path / "a.mcap", run).close("completed")
+    recorded(tmp_path / "a.mcap", run, start_wall_ns=WALL)
     sent = {topic: [m for m in run.messages() if m[0] == topic] for topic in ("/pressure", "/tip", "/force", "/arm")}
     with open(tmp_path / "a.mcap", "rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
@@ -59,8 +52,9 @@ def test_an_independent_reader_finds_every_message_with_its_values_and_log_time(
 
 
 def test_the_buffer_and_the_file_hold_the_same_numbers_bit_by_bit(tmp_path: Path) -> None:
-    recorder = record(tmp_path / "a.mcap", Run(duration=3.0))
-    recorder.close("completed")
+    with Recorder(tmp_path / "a.mcap", start_wall_ns=WALL, markers=2) as recorder:
+        for topic, t, values in Run(duration=3.0).messages():
+            recorder.push(topic, t, values)
     recording = Recording.open(tmp_path / "a.mcap")
     for topic in recorder.messages:
         live = recorder.buffers.window(topic, -np.inf, np.inf)

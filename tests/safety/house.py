@@ -57,11 +57,17 @@ class House(VirtualLab):
         """Whether all chambers fall below 5 kPa and the valve drops."""
         return until(lambda: self.highest() < 5e3 and not self.fakes.plant.valve_on)
 
+    def landed(self) -> bool:
+        """Whether it is vented and then no longer locked."""
+        return self.vented() and until(lambda: not self.latch.exists())
+
     @contextlib.contextmanager
-    def opened(self, **how: Any) -> Iterator[Rig]:
+    def opened(self, inflated: bool = False, **how: Any) -> Iterator[Rig]:
         """The rig with all its instruments open."""
         with Rig(load_rig(self.rig), **how) as rig:
             assert rig.open_all(lambda name, outcome: None) == []
+            if inflated:
+                inflate(rig, self)
             yield rig
 
     def lab(self, folder: Path, protocol: str, *words: str) -> int:
@@ -74,7 +80,8 @@ class House(VirtualLab):
         return recorded(folder)
 
     def start(self, folder: Path, *more: str) -> subprocess.Popen[str]:
-        """A bending run in a process of its own, as soon as it has inflated the robot."""
+        """A bending run without arm and force in a process of its own, as soon as it has inflated the robot."""
+        self.change(without=("arm", "force"))
         command = [sys.executable, "-m", "lab.cli", "run", "bending", "--rig", str(self.rig), "--out", str(folder)]
         command += settings(*PATIENT_SETTLE, *more)
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

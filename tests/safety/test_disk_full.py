@@ -19,7 +19,6 @@ MORE = 30_000
 
 @pytest.mark.real
 def test_a_run_whose_disk_is_full_vents_says_so_and_leaves_a_file_without_holes(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     (file,) = tmp_path.glob("*.mcap")
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (file.stat().st_size + MORE, resource.RLIM_INFINITY))

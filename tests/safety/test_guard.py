@@ -59,12 +59,10 @@ def journal(house: House) -> str:
 
 @pytest.mark.real
 def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(program.pid, signal.SIGKILL)
     program.wait()
-    assert house.vented()
-    assert until(lambda: not house.latch.exists())
+    assert house.landed()
     assert "the program ended" in journal(house)
     (file,) = tmp_path.glob("*.mcap")
     raises(Exception, "recover", Recording.open, file)
@@ -73,7 +71,6 @@ def test_a_killed_program_leaves_the_rig_landed_and_free(house: House, tmp_path:
 
 @pytest.mark.real
 def test_a_frozen_program_is_landed_and_finds_out_when_it_wakes(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(program.pid, signal.SIGSTOP)
     try:
@@ -144,13 +141,11 @@ def test_a_guard_whose_program_ends_while_it_starts_ends_without_a_traceback(sma
 def test_a_program_without_its_guard_stops_lands_the_rig_anew_and_says_so(
     house: House, tmp_path: Path, how: signal.Signals, said: str
 ) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     os.kill(guard_of(program), how)
     output, _ = program.communicate(timeout=600)
     assert program.returncode == 1 and "guard" in output and said in output
-    assert house.vented()
-    assert until(lambda: not house.latch.exists())
+    assert house.landed()
 
 
 @pytest.mark.real
@@ -350,8 +345,7 @@ def test_a_guard_of_this_process_leaves_no_thread_behind(house: House) -> None:
 
 def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
     small.change(safe={"hang": 1.0})
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         assert small.vented()
         raises(RigLanded, "has made no progress", rig.actuators.pressure.set, (0.0, 0.0, 0.0))
         rig.actuators.resume()
@@ -360,8 +354,7 @@ def test_an_experiment_that_does_not_move_on_is_landed(small: House) -> None:
 
 def test_waiting_for_a_person_is_no_hang(small: House) -> None:
     small.change(safe={"hang": 2.0})
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         with rig.actuators.pulse.waiting_for_person():
             timing.sleep(3.0)
         rig.actuators.pressure.set((50e3, 50e3, 50e3))
@@ -386,8 +379,7 @@ def test_a_clipped_setpoint_is_returned_logged_and_told_by_its_ramp_until_the_ne
 def test_the_robot_s_own_pressure_clips_and_lands(small: House) -> None:
     robot = small.rig.with_name("robot.yaml")
     robot.write_text(robot.read_text().replace("max_pressure: 250000.0", "max_pressure: 80000.0"))
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         for _ in range(20):
             got = rig.actuators.pressure.set((200e3, 60e3, 60e3))
             timing.sleep(0.02)
@@ -428,7 +420,6 @@ def test_an_arm_that_its_safety_system_holds_is_confirmed_at_rest_though_it_cann
 
 @pytest.mark.real
 def test_twenty_signals_during_the_clean_up_still_end_safe(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     for i in range(20):
         program.send_signal(signal.SIGTERM if i % 2 else signal.SIGINT)

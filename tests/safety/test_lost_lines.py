@@ -89,15 +89,13 @@ def test_the_rig_is_made_safe_once_the_line_is_back(of: dict[str, House], kind: 
     house = of[kind]
     use(house, name)
     fakes = house.fakes
-    with house.opened() as rig:
-        inflate(rig, house)
+    with house.opened(inflated=True) as rig:
         fakes.switch.drop_out(name, OUT)
         if phase == "landing":
             rig.make_safe()
         else:
             experiment(rig, ramps=phase == "ramping")
-    assert house.vented()
-    assert until(lambda: not house.latch.exists())
+    assert house.landed()
 
 
 @pytest.mark.real
@@ -109,22 +107,19 @@ def test_an_inflated_rig_whose_guard_was_killed_is_landed_once_a_line_is_back(
 ) -> None:
     house = {FIRST: house, SECOND: real_second}[kind]
     use(house, name)
-    with house.opened(despite_latch=True) as rig:
-        inflate(rig, house)
+    with house.opened(inflated=True, despite_latch=True) as rig:
         rig.actuators._process.kill()
         rig.actuators._process.wait()
         house.fakes.switch.drop_out(name, OUT)
         names = [n for n in ACTUATORS if n in rig.identities]
         report = make_safe_with_new_guard(rig.file, RigClock(20.0), names, "test", unlock=True)
         assert report.confirmed, report
-    assert house.vented()
-    assert until(lambda: not house.latch.exists())
+    assert house.landed()
 
 
 @pytest.mark.parametrize("name", ["pressure", "spine", "valve", "gauge"])
 def test_the_guard_lands_everything_by_itself_and_names_the_line(small: House, name: str) -> None:
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         small.fakes.switch.drop_out(name, OUT)
         assert small.vented()
         assert until(lambda: rig.vital.landed is not None)
@@ -159,15 +154,13 @@ def test_a_line_that_returns_after_the_report_is_still_landed_and_that_is_report
 
 def test_the_guard_lives_on_after_its_program_and_lands_what_comes_back(small: House) -> None:
     small.change(safe={"within": 0.1})
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         small.fakes.switch.begin("pressure", "disconnect")
         assert not rig.make_safe().confirmed
     assert any("pressure" in text and "tries again" in text for text in rig.notices)
     assert small.highest() > 40e3 and small.latch.exists()
     small.fakes.switch.end()
-    assert small.vented()
-    assert until(lambda: not small.latch.exists())
+    assert small.landed()
     assert "vented: confirmed" in small.rig.with_suffix(".guard.log").read_text()
     with small.opened():  # the guard has ended by itself
         pass
@@ -190,16 +183,14 @@ def test_a_guard_that_ended_as_it_was_told_needs_no_rescue(small: House, monkeyp
 @pytest.mark.real
 def test_a_rescue_goes_on_after_its_program(small: House, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(new_guard, "REACH_WITHIN", 0.5)  # of the program; its rescue goes on for longer
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         small.fakes.switch.begin("pressure", "disconnect")
         os.kill(rig.actuators._process.pid, signal.SIGKILL)
         report = rig.make_safe()
         assert [s.instrument for s in report.steps if not s.confirmed] == ["pressure"]
     assert small.highest() > 40e3 and small.latch.exists()
     small.fakes.switch.end()
-    assert small.vented()
-    assert until(lambda: not small.latch.exists())
+    assert small.landed()
 
 
 def test_an_adapter_that_comes_back_under_the_name_of_another_is_landed_and_not_used_again(
@@ -207,8 +198,7 @@ def test_an_adapter_that_comes_back_under_the_name_of_another_is_landed_and_not_
 ) -> None:
     spine, gauge = (small.fakes.lines[name].port for name in ("spine", "gauge"))
     plugged = Plugged(monkeypatch, [line.port for line in small.fakes.lines.values()])
-    with small.opened() as rig:
-        inflate(rig, small)
+    with small.opened(inflated=True) as rig:
         small.fakes.lines["spine"].unplug()
         assert small.vented()
         plugged.exchange(spine, gauge)

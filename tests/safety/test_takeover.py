@@ -292,25 +292,21 @@ def test_the_owner_of_the_folder_is_believed_about_its_own_rig_alone(tmp_path: P
 
 
 # ------------------------------------------------------------------ a run that is going
-def test_a_rig_that_is_used_lands_at_once_and_for_good(house: House, capsys: pytest.CaptureFixture[str]) -> None:
-    house.change(without=("arm", "force", "mocap"))
-    with house.opened() as rig:
-        rig.actuators.valve.set(True)
-        rig.actuators.pressure.set((20e3, 20e3, 20e3))
-        assert main(["safe", "--json", "--rig", str(house.rig)]) == 0
+def test_a_rig_that_is_used_lands_at_once_and_for_good(small: House, capsys: pytest.CaptureFixture[str]) -> None:
+    with small.opened(inflated=True) as rig:
+        assert main(["safe", "--json", "--rig", str(small.rig)]) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["confirmed"] and {s["instrument"] for s in told["steps"]} == {"pressure", "spine", "valve"}
-        assert house.highest() < 5e3 and not house.fakes.plant.valve_on
+        assert small.highest() < 5e3 and not small.fakes.plant.valve_on
         assert until(lambda: rig.vital.landed is not None, 30.0)
         assert rig.vital.landed is not None and "requested by lab safe" in rig.vital.landed.text
         raises(RigLanded, "requested by lab safe", rig.actuators.pressure.set, (20e3, 20e3, 20e3))
         raises(RigLanded, "requested by lab safe", rig.actuators.resume)
-    assert not house.latch.exists()
+    assert not small.latch.exists()
 
 
 @pytest.mark.real
 def test_the_run_ends_and_says_who_asked(house: House, tmp_path: Path) -> None:
-    house.change(without=("arm", "force"))
     program = house.start(tmp_path)
     assert main(["safe", "--rig", str(house.rig)]) == 0
     assert house.highest() < 5e3
@@ -364,24 +360,20 @@ BAD_DAYS = ("log deleted", "wrong table", "not text", "gone", MOVED, "by link", 
 
 
 @pytest.fixture
-def own_folder(house: House, tmp_path: Path) -> Iterator[House]:
+def own_folder(small: House, tmp_path: Path) -> Iterator[House]:
     """The house with its rig.yaml in a folder of its own, whose files may be spoilt."""
-    house.change(without=("arm", "force", "mocap"))
     folder = tmp_path / "rig"
     folder.mkdir()
     for name in ("rig.yaml", "robot.yaml"):
-        shutil.copy(house.rig.with_name(name), folder)
-    yield House(house.fakes, folder / "rig.yaml")
+        shutil.copy(small.rig.with_name(name), folder)
+    yield House(small.fakes, folder / "rig.yaml")
     if (left := recall(folder / "rig.yaml")) is not None:
         forget(left)
 
 
 @pytest.mark.parametrize("day", BAD_DAYS)
 def test_a_live_run_is_landed(own_folder: House, day: str) -> None:
-    with own_folder.opened() as rig:
-        rig.actuators.valve.set(True)
-        rig.actuators.pressure.set((20e3, 20e3, 20e3))
-        assert until(lambda: own_folder.highest() > 10e3)
+    with own_folder.opened(inflated=True):
         place = spoilt(day, own_folder.rig)
         code = main(["safe", "--rig", str(place)])
         assert own_folder.highest() < 5e3 and not own_folder.fakes.plant.valve_on
@@ -474,9 +466,7 @@ def test_another_user_may_land_a_rig_whose_folder_is_closed_to_them(own_folder: 
         if crashed:
             subprocess.run([sys.executable, "-c", CRASHING, str(own_folder.rig)], check=False)
         else:
-            rig = alive.enter_context(own_folder.opened())
-            rig.actuators.valve.set(True)
-            rig.actuators.pressure.set((20e3, 20e3, 20e3))
+            alive.enter_context(own_folder.opened(inflated=True))
         assert until(lambda: own_folder.highest() > 10e3)
         own_folder.rig.parent.chmod(0o700)
         for table in yaml.safe_load(own_folder.rig.read_text())["instruments"].values():
