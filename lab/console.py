@@ -14,12 +14,13 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import IO, Any
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.protocol import is_renderable
+from rich.table import Column, Table
 from rich.text import Text
 
 from .plain import plain
@@ -67,6 +68,14 @@ def questions() -> PlainConsole:
 def styled(text: str, style: str) -> Text:
     """Text in a style, for a table's cell or a part of a line."""
     return Text(plain(text), style)
+
+
+def titled(title: str, columns: Iterable[Column | str], rows: Iterable[Sequence[str]] = (), numbers: Iterable[str] = ()) -> Table:
+    """A table under its title; columns of `numbers` stand behind the others and end at the right."""
+    table = Table(*columns, *(Column(name, justify="right") for name in numbers), title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def complain(text: str) -> None:

@@ -43,12 +43,7 @@ def forget(rig: RigFile) -> None:
 
 def recall(path: Path) -> RigFile | None:
     """The rig as it was last used with the rig.yaml of this path; None when that is not known."""
-    return next((found for found in _all(_digest(path.resolve())) if found.path == path.resolve()), None)
-
-
-def remembered() -> list[RigFile]:
-    """All rigs of this computer that were not left safe, as far as this user may know."""
-    return list(_all("*"))
+    return next((found for found in remembered(_digest(path.resolve())) if found.path == path.resolve()), None)
 
 
 def _place(path: Path) -> Path:
@@ -59,8 +54,10 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(os.fsencode(path)).hexdigest()[:24]
 
 
-def _all(digest: str) -> Iterator[RigFile]:
-    """Newest first; damaged files and those of other users are ignored."""
+def remembered(digest: str = "*") -> Iterator[RigFile]:
+    """All rigs of this computer that were not left safe, or those with this digest of their path, as far as this user may know.
+
+    Newest first; damaged files and those of other users are ignored."""
     places = [(p.lstat().st_mtime, p) for p in FOLDER.glob(f"{PREFIX}*-{digest}.json")]
     for _, place in sorted(places, reverse=True):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, ValidationError):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table as Sheet
+from rich.table import Column
 
 from diagnosis.data.case import Case, states
 from diagnosis.power import OTHER_LAWS, Addition, Planned, Power, additions, foreseen, of_case, power
@@ -19,7 +19,7 @@ from protocols.planned import planned_rows
 from recordings.trials import counted
 
 from ..campaign.design import campaign_of, planned_table
-from ..console import Screen, note, out
+from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, load
 from ..files.inputs import read_case
 from ..files.own_effects import catalogue
@@ -106,11 +106,9 @@ def _show(plan: str, powers: dict[str, Power], brings: tuple[Addition, ...]) -> 
     """Print for each cause how often it is named by its size, what it is mistaken for, and experiments worth adding."""
     out.print(plan, soft_wrap=True)
     clean, cluttered = powers["clean"], powers["cluttered"]
-    sheet = Sheet(title="How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)",
-                  title_justify="left")  # fmt: skip
-    sheet.add_column("cause", no_wrap=True)
-    for column in ("tip moved / noise floor", "small", "medium", "large", "among others"):
-        sheet.add_column(column, justify="right")
+    title = "How often the cause would be named, by its size (thirds of 0.5 to 1.5 plausible scales)"
+    numbers = ("tip moved / noise floor", "small", "medium", "large", "among others")
+    sheet = titled(title, (Column("cause", no_wrap=True),), numbers=numbers)
     mistaken: list[str] = []
     among_others = {e.effect: e for e in cluttered.effects}
     for e in clean.effects:

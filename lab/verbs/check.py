@@ -30,7 +30,7 @@ from protocols.errors import ProtocolError, Stopped
 from protocols.parameters import Jam, SpineMotion
 from recordings.states.demands import too_far
 
-from ..console import Screen, err, out, questions, styled, warn
+from ..console import Screen, err, out, questions, styled, titled, warn
 from ..files.checked import Moved, adapters_now, keep, place
 from ..files.config import ConfigError, unit_of
 from ..files.rig_file import RigFile, load_rig, table_of
@@ -453,8 +453,7 @@ def _row(
 
 def _table(title: str, rows: list[dict[str, Any]], span: float) -> Table:
     """The rows of `_row` as a table for the screen."""
-    heading = f"{title}: instruments, counted over {span:.1f} s"
-    table = Table("instrument", "identity", "rate", "lost", "limits", title=heading, title_justify="left")
+    table = titled(f"{title}: instruments, counted over {span:.1f} s", ("instrument", "identity", "rate", "lost", "limits"))
     for r in rows:
         if not r["ok"]:
             table.add_row(r["instrument"], styled("missing" if "samples" not in r else "silent", "red"), "", "", "")

@@ -11,7 +11,7 @@ from model.compare import ErrorTable
 from model.robot import Robot
 
 from ..comparison import comparison
-from ..console import note, out
+from ..console import note, out, titled
 from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
@@ -41,11 +41,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
         out.print(sheet(c.table, case.robot))
         if c.elongation:
             lowest = f"Elongation from the lowest {words.pressure}"
-            t = Sheet("spine", words.pressure, "measured", "model", title=lowest, title_justify="left")
-            for length, pressure, *longer in c.elongation:
-                at = f"{words.number(pressure)} {words.unit}"
-                t.add_row(f"{100 * length:.1f} cm", at, *(f"{1e3 * x:.2f} mm" for x in longer))
-            out.print(t)
+            rows = (
+                (f"{100 * length:.1f} cm", f"{words.number(pressure)} {words.unit}", *(f"{1e3 * x:.2f} mm" for x in longer))
+                for length, pressure, *longer in c.elongation
+            )
+            out.print(titled(lowest, ("spine", words.pressure, "measured", "model"), rows))
         note(marked_notes(case.table))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
@@ -60,9 +60,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     """The error table in mm, and in % of the robot's length."""
     spine = robot.spine is not None
-    t = Sheet(title="Measured against model: mean absolute error of the tip", title_justify="left")
-    for column in (*(("spine",) if spine else ()), "states", "x", "y", "z", "rms", "worst"):
-        t.add_column(column, justify="right")
+    columns = (*(("spine",) if spine else ()), "states", "x", "y", "z", "rms", "worst")
+    t = titled("Measured against model: mean absolute error of the tip", (), (), columns)
     for r in table.rows:
         length = (f"{r.spine_length * 100:.1f} cm",) if spine else ()
         errors = (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z, r.rmse, r.worst)

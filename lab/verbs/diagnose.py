@@ -33,7 +33,7 @@ from recordings.errors import RecordingError
 from recordings.own_files import replaced
 from recordings.table_file import csv_text
 
-from ..console import Screen, note, out
+from ..console import Screen, note, out, titled
 from ..files.baseline import from_simulator, from_table, simulator
 from ..files.config import ConfigError, demand_writable, in_units, read_yaml
 from ..files.inputs import Case, marked_notes, read_case, unconfirmed_guesses
@@ -232,8 +232,7 @@ def show(d: Diagnosis, protocols: Path | None = None) -> None:
 
 def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     """The hypotheses as a table, most probable first."""
-    columns = ("hypothesis", "p", "log evidence", "unseen states", "size")
-    t = Sheet(*columns, title="What the data support", title_justify="left")
+    t = titled("What the data support", ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
         evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
@@ -246,7 +245,7 @@ def _proposals(d: Diagnosis) -> Sheet:
     by_rig = d.words.by_rig
     columns = ("name", "experiment", *(() if by_rig else ("states to apply",)), "information", "takes")
     order = f"per minute first, {OVERHEAD_MIN:g} min added to each for setting up" if by_rig else "first"
-    t = Sheet(*columns, title=f"Suggested experiments, most informative {order}", title_justify="left")
+    t = titled(f"Suggested experiments, most informative {order}", columns)
     for p in d.next_experiment[:FIRST]:
         states = () if by_rig else (to_apply(p.protocol, d.words),)
         t.add_row(p.id if by_rig else f"{p.id}.csv", p.do, *states, f"{p.expected_bits:.2f} bits", f"{p.cost_min:.0f} min")

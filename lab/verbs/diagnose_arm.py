@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.table import Table as Sheet
 
 from diagnosis.any_model import diagnose_model
 from diagnosis.any_model.answer import Answer
 from model.arm import Arm, ArmModel, placed, poses_within, weighed
 from model.errors import BadCondition
 
-from ..console import Screen, note, out
+from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, Source, check, demand_writable
 from ..files.poses import POSITION, read_poses
 from ..options import Result
@@ -105,8 +104,5 @@ def show(answer: Answer) -> None:
     note(answer.notes)
     titles = ("How far the gap shrinks", "What the data support", "What to measure next, most informative first")
     for title, (head, rows) in zip(titles, (steps(answer), shares(answer), proposals(answer)), strict=True):
-        sheet = Sheet(*head, title=title, title_justify="left")
-        for row in rows:
-            sheet.add_row(*row)
         if rows:
-            out.print(sheet)
+            out.print(titled(title, head, rows))

@@ -14,8 +14,7 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
-from rich.table import Column as Heading
-from rich.table import Table as Sheet
+from rich.table import Column
 
 from model.errors import unit_text
 from model.robot import Robot
@@ -28,7 +27,7 @@ from sim_fakes.registry import GROUP, OWN, of_role
 from sim_fakes.rig import USUAL, FakeRig
 from sim_fakes.virtual_robot import RobotTruth, list_effects
 
-from ..console import err, note, out
+from ..console import err, note, out, titled
 from ..files.config import ConfigError, in_si, in_units, load, parse_yaml
 from ..files.packages import Registered, installed, without
 from ..files.rig_file import RigFile, drivers, found_drivers
@@ -62,10 +61,8 @@ def serve(a: argparse.Namespace) -> Result:
     """Run fakes until Ctrl-C, and write or print the rig.yaml that reaches them; with --list-effects only list effects."""
     if a.list_effects:
         title = "Effects of the virtual robot, for --effect ID[=SIZE]"
-        sheet = Sheet(Heading("effect", no_wrap=True), "plausible size", "what it is", title=title, title_justify="left")
-        for e in list_effects():
-            sheet.add_row(e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics)
-        out.print(sheet)
+        rows = ((e.id, f"{e.scale:.4g}{unit_text(e.unit)}", e.physics) for e in list_effects())
+        out.print(titled(title, (Column("effect", no_wrap=True), "plausible size", "what it is"), rows))
         return Result()
     demand_speed(a.speed)
     _demand_free(a.rig)

@@ -24,7 +24,7 @@ from recordings.own_files import folder_in, replaced
 from recordings.table_file import csv_text
 
 from ..calibration import calibrate
-from ..console import Screen, note, out
+from ..console import Screen, note, out, titled
 from ..files.config import ConfigError
 from ..files.inputs import Case, read_case
 from ..files.output_folder import demand_free, whole
@@ -133,7 +133,7 @@ def disagreement(f: Fitted, d: FittedRobot) -> Iterator[str]:
 def effects_sheet(f: Fitted) -> Sheet:
     """The fitted parameters as a table, in the units in which people read them."""
     named, words = " + ".join(f.effects) or "no effect", f.robot.actuators.words
-    t = Sheet("parameter", "value", title=f"Robot with {named} (± standard deviation)", title_justify="left")
+    t = titled(f"Robot with {named} (± standard deviation)", ("parameter", "value"))
     for _, group in groupby(f.parameters.items(), lambda one: (one[0].partition(".")[0] in f.effects, "." in one[0])):
         t.add_section()
         for name, p in group:
@@ -183,10 +183,8 @@ def sheet(c: Fitted) -> Sheet:
         rows.append((f"{factor}, {kind}", where, value, str(a.states), f"{a.rmse * 1e3:.2f} mm rms"))
     spine = c.robot.spine is not None
     columns = ("parameter", *(("spine",) if spine else ()), "value", "states", "residual")
-    t = Sheet(*columns, title="Calibration (± standard error)", title_justify="left")
-    for name, where, *rest in rows:
-        t.add_row(name, *((where,) if spine else ()), *rest)
-    return t
+    shown = ((name, *((where,) if spine else ()), *rest) for name, where, *rest in rows)
+    return titled("Calibration (± standard error)", columns, shown)
 
 
 def baseline_line(c: Fitted) -> str:

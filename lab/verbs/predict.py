@@ -29,7 +29,7 @@ from recordings.json_text import plain_numbers
 from recordings.numbers import whole_number
 from recordings.table_file import csv_text, read_numbers
 
-from ..console import Screen, note, out
+from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
@@ -296,9 +296,7 @@ def _sheet(
     # chambers of a robot with more are listed in one column
     one_by_one = count <= 4
     columns = [f"p{c}" for c in range(1, count + 1)] if one_by_one else [f"p ({words.actuators})"]
-    t = Sheet(title=title, title_justify="left")
-    for column in (*lead, *(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"):
-        t.add_column(column, justify="right")
+    t = titled(title, (), (), (*lead, *(("spine",) if spine else ()), *columns, "x, mm", "y, mm", "z, mm"))
     for i in range(min(len(pressures), SHOWN)):
         t.add_row(
             *(cells[i] for cells in lead.values()),

@@ -79,7 +79,7 @@ def safe_all() -> Result:
     from ..guard.last_used import forget, remembered
     from ..rig.real_time import FakesEnded
 
-    for rig in remembered():
+    for rig in list(remembered()):
         if rig.path is not None and not names_of_path(rig.path) & live.names_for(rig.path):
             try:
                 landings[str(rig.path)] = _landed(rig.path, clear=False)
