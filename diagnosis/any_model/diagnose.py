@@ -352,8 +352,7 @@ def together(search: Search) -> list[Candidate]:
         out = {c.named: c for c in found} | out
         first = max(found, key=weight, default=here)
         fitted = search.fit(first.named, False, judgement.FIT_DISCREPANCY_SIZE, first.fit.theta, LAST_ROUNDS)
-        whole = fitted.whole(search.problem, first.named)
-        (first,) = search.around(whole, [first.named], False)
+        (first,) = search.around(fitted.whole(search.problem, first.named), [first.named], False)
         here = replace(first, turns=1, ended=True) if weight(first) > weight(here) else None
         if here is not None:
             out[here.named] = here

@@ -136,10 +136,9 @@ class Variants:
             factor, area = robot.area_factor, float(self.area[0, 0])
             areas = {k: v * area for k, v in factor.items()} if isinstance(factor, dict) else factor * area
             robot = robot.model_copy(update={"area_factor": areas})
-        if "gravity" in changed:
-            robot = robot.model_copy(update={"gravity": tuple(self.gravity[0, 0].tolist())})
-        if "arcs" in changed:
-            robot = robot.model_copy(update={"markers": tuple(self.arcs[0, 0].tolist())})
+        for name, key in (("gravity", "gravity"), ("arcs", "markers")):
+            if name in changed:
+                robot = robot.model_copy(update={key: tuple(changed[name][0].tolist())})
         if "stretch" in changed:
             robot = with_length(robot, robot.length * float(self.stretch[0, 0]))
         names: dict[str, Sequence[str]] = {"tip": TIP, "orientation": ORIENTATION, "force": FORCE, "moment": MOMENT,

@@ -195,7 +195,8 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
             sign = np.array([1.0, 1.0, handed])
             quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
-            yield Edit(kind, prior, axes_say(axes, mapped), partial(_axes, quaternion, sign))
+            turned = partial(lambda q, s, v, own: v.turned(q[None], s), quaternion, sign)
+            yield Edit(kind, prior, axes_say(axes, mapped), turned)
     start = tuple(turn.inv().as_rotvec().tolist())
     bounds = ((-4.0, 4.0),) * 3  # rad
     yield Edit("frame", 0.02, partial(_turn_says, mapped), lambda v, own: v.turned(from_vector(-own)), (start,), bounds)
@@ -211,11 +212,6 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
         says = partial(_step_says, trial)
         yield Edit("step", share, says, moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
-
-
-def _axes(quaternion: Array, sign: Array, v: Variants, own: Array) -> Variants:
-    """Places along other axes of the file, which are turned and mirrored to be the base's."""
-    return v.turned(np.broadcast_to(quaternion, (len(own), 4)), sign)
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
@@ -331,9 +327,6 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         if highest.max() < SMALL if sign > 0 else highest.max() > LARGE:
             prior, most = 0.3 if mapped is not None and mapped.unit == "" else 0.03, float(highest.max())
             yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
-    if low := sample.ambient:
-        says = stating("pressures_absolute", "gauge or absolute pressures", ambient=low)
-        yield Edit("zero", 0.03, says, lambda v, _: replace(v, pressure=v.pressure - low))
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
         says = stating("roll_in_rad", "column roll_deg")
@@ -378,7 +371,8 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
                bounds=((-robot.tip_mass - mass, 3 * mass),), left=True)  # fmt: skip
     yield Edit("weight", 0.1, apply=lambda v, own: replace(v, gravity=own[:, :, None] * v.gravity),
                starts=((0.6,), (1.6,), (2.5,)), bounds=((0.3, 3.0),), left=True)  # fmt: skip
-    yield Edit("drift", 0.2, apply=_drift, starts=((0.0, 0.0, 0.0),), bounds=((-0.1, 0.1),) * 3, left=True)
+    wander = np.eye(3)[:, None] * robot.length * np.linspace(-0.5, 0.5, len(sample.table))[:, None]  # over the campaign
+    yield Edit("drift", 0.2, apply=partial(_effect, wander), starts=((0.0,) * 3,), bounds=((-0.1, 0.1),) * 3, left=True)
     count, gain = len(robot.actuators.azimuths_deg), np.log(judgement.EDIT_USUAL_GAIN)
     for k in range(count):
         apply = partial(_gain, [k], 1.0)
@@ -410,9 +404,5 @@ def _signatures(robot: Robot, table: Table) -> list[tuple[Array, tuple[tuple[flo
 
 
 def _effect(slope: Array, v: Variants, own: Array) -> Variants:
+    """Places without the moves (k, n, 3) m of own (v, k) parameters."""
     return v.moved(-np.einsum("vk,kni->vni", own, slope))
-
-
-def _drift(v: Variants, own: Array) -> Variants:
-    """Tips that wander by own (v, 3) robot lengths over the campaign."""
-    return v.moved(-own[:, None] * v.robot.length * np.linspace(-0.5, 0.5, len(v.table))[:, None])

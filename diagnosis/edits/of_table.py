@@ -43,11 +43,11 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
         says = stating("refitted", number, name=number, given=given, found=factor * given, unit=unit)
         yield Edit("modulus", 0.01, says, times(factor, "modulus"))
     for unit, size in PASCALS.items() if robot.chambers is not None else ():
-        if unit != "Pa" and AMBIENT[0] < (ambient := float(table.pressures.min() * size)) < AMBIENT[1]:
+        if AMBIENT[0] < (ambient := float(table.pressures.min() * size)) < AMBIENT[1]:
             remedy, short = of_unit(table.mapped, robot, unit), "gauge or absolute pressures"
-            in_unit = mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)
-            says = stating("pressures_absolute", short, in_unit, ambient=ambient)
-            yield Edit("zero", 0.01, says, partial(_absolute, size, ambient))
+            in_unit = [mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)] * (unit != "Pa")
+            says = stating("pressures_absolute", short, *in_unit, ambient=ambient)
+            yield Edit("zero", 0.01 if in_unit else 0.03, says, partial(_absolute, size, ambient))
     rest = at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]

@@ -39,9 +39,8 @@ class Grid:
     @property
     def log_weights(self) -> Array:
         """(s, g, f)."""
-        s, g, f = (np.log(w) for w in (self.spike_weights, self.size_weights, _equal(self.form_errors)))
-        out: Array = s[:, None, None] + g[None, :, None] + f[None, None, :]
-        return out
+        of_both = np.log(self.spike_weights)[:, None, None] + np.log(self.size_weights)[:, None]
+        return np.asarray(of_both - np.full(len(self.form_errors), np.log(len(self.form_errors))))
 
     def part(self, with_tolerances: bool) -> Grid:
         """The half in which all other effects are free within their tolerance, or the half in which they are absent.
@@ -61,12 +60,8 @@ class GridPoint:
     form_error: float
 
 
-def _equal(values: Array) -> Array:
-    """Equal weights, of sum 1."""
-    return np.full(len(values), 1 / len(values))
-
-
-KNOWN = Grid(TOLERATED_SIZES, _equal(TOLERATED_SIZES), DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
+EQUAL = np.full_like(TOLERATED_SIZES, 1 / len(TOLERATED_SIZES))
+KNOWN = Grid(TOLERATED_SIZES, EQUAL, DISCREPANCY_SIZES, DISCREPANCY_WEIGHTS, LAW_ERRORS)
 """For hypotheses of the catalogue, none included; sizes in units of the noise floor."""
 
 
