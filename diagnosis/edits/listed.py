@@ -12,7 +12,7 @@ from functools import partial
 from itertools import combinations, permutations, product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.effects import CATALOGUE, ForwardModel, design_from_columns
 from model.errors import ModelError
@@ -188,12 +188,12 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     widest = dict.fromkeys(range(5, 8), max(0.3, 2 * float(np.abs(off).max())))
     yield Edit("origin", 0.03, partial(_origin, mapped), starts=(tuple(off.tolist()),), widens=widest)
     predicted = np.nan_to_num(sample.rods(sample.described).tip[0])
-    turn = Rotation.from_matrix(turn_onto(predicted, seen))
+    turn = scipy.spatial.transform.Rotation.from_matrix(turn_onto(predicted, seen))
     for handed in (1, -1):
         axes = max((m for m in FRAMES if np.linalg.det(m) * handed > 0), key=lambda m: np.sum(predicted * (seen @ m.T)))
         if not np.array_equal(axes, np.eye(3)):
             sign = np.array([1.0, 1.0, handed])
-            quaternion = Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
+            quaternion = scipy.spatial.transform.Rotation.from_matrix(np.diag(sign) @ axes).as_quat(scalar_first=True)
             kind, prior = ("frame", 0.006) if handed > 0 else MIRROR
             turned = partial(lambda q, s, v, own: v.turned(q[None], s), quaternion, sign)
             yield Edit(kind, prior, axes_say(axes, mapped), turned)
@@ -215,15 +215,15 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
-    turn = Rotation.from_rotvec(own)
+    turn = scipy.spatial.transform.Rotation.from_rotvec(own)
     tilted = turn.magnitude() >= np.radians(judgement.EDIT_LEAST_TILT)
     return axes_say(turn.inv().as_matrix(), mapped, turn.inv())(robot, theta, own) if tilted else []
 
 
-def axes_say(axes: Array, mapped: Mapped | None, turn: Rotation | None = None) -> Says:
+def axes_say(axes: Array, mapped: Mapped | None, turn: scipy.spatial.transform.Rotation | None = None) -> Says:
     """State the frame's angle and axis, and what to write; `axes` (3, 3), and `turn` without a mirror, lead to the base."""
     handed = np.round(np.linalg.det(axes))
-    back = (turn or Rotation.from_matrix(handed * axes)).inv().as_rotvec()
+    back = (turn or scipy.spatial.transform.Rotation.from_matrix(handed * axes)).inv().as_rotvec()
     angle = float(np.linalg.norm(back))
     nearest = max(FRAMES, key=lambda m: float(np.sum(m * axes)))
     aligned = float(np.sum(nearest * axes)) > 1 + 2 * np.cos(np.radians(10.0))
@@ -273,7 +273,7 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
         return float(np.nanmean(np.abs((predicted * way(measured)).sum(axis=-1))))
 
     known, mapped = np.isfinite(measured * predicted).all(axis=-1), sample.table.mapped
-    read, stands = (Rotation.from_quat(q[known], scalar_first=True) for q in (measured, predicted))
+    read, stands = (scipy.spatial.transform.Rotation.from_quat(q[known], scalar_first=True) for q in (measured, predicted))
     mount = (read.inv() * stands).mean().as_quat(canonical=True, scalar_first=True)
     ways = dict(_attitudes(mapped))
     best, askew = max(ways, key=lambda remedy: round(agrees(ways[remedy]), 3)), partial(_framed, NO_TURN, mount)
@@ -285,10 +285,10 @@ def of_attitudes(sample: Sample, near: Fit) -> Iterator[Edit]:
 
 def _attitudes(mapped: Mapped | None) -> Iterator[tuple[str, Callable[[Array], Array]]]:
     """Remedies and the resulting orientations (.., 4), the simplest first."""
-    base = Rotation.from_matrix((mapped or Mapped()).axes)
+    base = scipy.spatial.transform.Rotation.from_matrix((mapped or Mapped()).axes)
     yield "they hold x, y, z, w: exchange the columns", partial(np.take, indices=[3, 0, 1, 2], axis=-1)
     yield "change the sign of qx, qy and qz", partial(np.multiply, CONJUGATE)
-    of_axes = (turns := Rotation.create_group("O")), base.inv() * turns * base
+    of_axes = (turns := scipy.spatial.transform.Rotation.create_group("O")), base.inv() * turns * base
     for turn, of_file in zip(*(q.as_quat(canonical=True, scalar_first=True) for q in of_axes), strict=True):
         left, right, mount = (listed(q, 3) for q in (of_file, of_file * CONJUGATE, turn))
         yield f"multiply each quaternion from the left by {left}", partial(_framed, turn, NO_TURN)

@@ -11,7 +11,7 @@ from functools import partial
 from itertools import permutations, product
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from model.rotation import CONJUGATE, multiply
 from recordings.trials import Mapped, Table
@@ -73,7 +73,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             whole = len(handed) == 1
             kind, prior = ("points", 0.02) if not whole else ("frame", 0.02) if handed == (1,) else MIRROR
             says = axes_say(axes, table.mapped) if whole else _axes_of_one_say(bodies[0], axes)
-            turn = Rotation.from_matrix(axes * np.round(np.linalg.det(axes))).as_quat(scalar_first=True) if whole else None
+            proper = axes * np.round(np.linalg.det(axes))
+            turn = scipy.spatial.transform.Rotation.from_matrix(proper).as_quat(scalar_first=True) if whole else None
             yield Edit(kind, prior / len(every), says, partial(_about_rest, axes, bodies, turn))
 
 
