@@ -95,7 +95,7 @@ def sparse(problem: Problem) -> dict[str, Any]:
     """Group lasso in the linear problem about the calibrated model."""
     p = problem.parameters
     none = fitted(problem, (), np.zeros_like(p.sd))
-    linear = none.with_all_derivatives(problem).linear(problem)
+    linear = problem.whitened(none.theta, none.predicted, problem.jacobian(none.theta)[1].every)
     nuisance = linear.nuisance.whole
     base = np.linalg.qr(np.vstack([nuisance, np.eye(nuisance.shape[1])]))[0]
     padded = [np.vstack([x, np.zeros((nuisance.shape[1], x.shape[1]))]) for x in (linear.effects, linear.observed[:, None])]

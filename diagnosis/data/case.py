@@ -132,8 +132,7 @@ def _sweeps(inflated: Mask, highest: Array, gap: float) -> Mask:
     if not with_pressure.size:
         return np.broadcast_to(top, out.shape)
     following = np.searchsorted(with_pressure, np.arange(len(out)))
-    of_sweep: Mask = out[with_pressure[np.minimum(following, with_pressure.size - 1)]]
-    return of_sweep
+    return np.asarray(out[with_pressure[np.minimum(following, with_pressure.size - 1)]])
 
 
 def lacking(s: Campaign) -> tuple[str, ...]:

@@ -124,8 +124,7 @@ def weigh(linear: Linear, grid: Grid, parameters: FitParameters, named: Sequence
     weights = np.exp(log_terms - total[:, None, None, None])
     averaged, square = (np.einsum("hpsgf,hsgf->hp", moment, weights) for moment in (first, second))
     sds = np.sqrt(np.maximum(square - averaged**2, 0.0))
-    each = zip(total.tolist(), log_terms, means, covariances, averaged, sds, strict=True)
-    return [Weighed(*own) for own in each]
+    return [Weighed(*own) for own in zip(total.tolist(), log_terms, means, covariances, averaged, sds, strict=True)]
 
 
 def log_allowed_share(mean: Array, variance: Array, prior: SizePrior, parameters: FitParameters) -> Array:
@@ -154,5 +153,4 @@ def log_mass(mean: Array, sd: Array, low: Array, high: Array) -> Array:
     flip = a > 0
     a, b = np.where(flip, -b, a), np.where(flip, -a, b)
     upper, lower = log_ndtr(b), log_ndtr(a)
-    out: Array = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12)))
-    return out
+    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
