@@ -240,12 +240,11 @@ def _point(p: Prepared, start: Mapping[str, float]) -> Array:
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:
     """Written parameters and robot.yaml's `posterior`; `rms_after` (m) of the fit."""
     parameters = p.problem.parameters
-    prior = c.prior(parameters)
     linear = c.fit.linear(p.problem)
     law_error, size = _model_errors(c, linear, parameters)
     index_of = _lasting(p, c.named)
     columns = np.array(list(index_of.values()))
-    covariance = Gaussian(linear, prior, size, law_error).covariance(parameters.of_effect, columns)
+    covariance = Gaussian(linear, c.prior(parameters), size, law_error).covariance(parameters.of_effect, columns)
     scale = np.sqrt(np.diag(covariance))
     area = float(p.forward.area_factor[0])
     stated: dict[str, Value] = {}
