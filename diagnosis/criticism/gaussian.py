@@ -46,11 +46,6 @@ class Gaussian:
         block = np.eye(len(left)) - self._factors.covariance(x.dense, x.sparse)
         return float(left @ np.linalg.solve(block, left)), len(left)
 
-    def misfit_per_dof(self) -> float:
-        """Squared residual after the fit per remaining degree of freedom."""
-        spent = self._x.shape[1] - self._factors.inverse_trace
-        return float(self.residual @ self.residual) / max(len(self.residual) - spent, 1.0)
-
     def covariance(self, of_effect: Mask, chosen: Ints) -> Array:
         """(c, c) posterior covariance of chosen parameters (c,), `of_effect` (k,) those of effects, in units of priors."""
         column = np.empty(len(of_effect), np.int64)
@@ -93,7 +88,9 @@ def misfit_diagnostics(
     if answer.fit.linear(problem).form_error.shape[1]:
         by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1))  # all shares are equally probable before
         law_error_gain = float(by_share[-1] - by_share[0])
-    lack_of_fit = Gaussian(linear, prior, 0.0, law_error).misfit_per_dof()
+    g = Gaussian(linear, prior, 0.0, law_error)
+    free = len(g.residual) - g._x.shape[1] + g._factors.inverse_trace
+    lack_of_fit = float(g.residual @ g.residual) / max(free, 1.0)  # squared residual per remaining degree of freedom
     predictive, trials = Gaussian(linear, prior, max(best.grid_point.size, PREDICTIVE_DISCREPANCY), law_error), np.unique(trial)
     surprise, value_count = np.array([predictive.surprise(trial == t) for t in trials]).T
     probability = chdtrc(value_count, surprise)

@@ -64,7 +64,9 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
         apply, widest = lambda v, own: replace(v, bending=v.bending * np.exp(own)), ((-WIDEST, WIDEST),)
         yield Edit("modulus", 0.02, _bending, apply, tenfold, widest)
     yield Edit("order", 0.05, _azimuth, starts=EIGHTHS, widens={AZIMUTH: np.pi})
-    yield Edit("order", 0.03, _counted, _mirrored, starts=EIGHTHS, widens={AZIMUTH: np.pi})
+    # chambers counted the other way round, from the first one
+    yield Edit("order", 0.03, _counted, lambda v, _: replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth), EIGHTHS,
+               widens={AZIMUTH: np.pi})  # fmt: skip
     turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
     yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(gravity_along, turned_round))
     for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
@@ -107,11 +109,6 @@ def _azimuth(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     first, words = robot.actuators.azimuths_deg[0], robot.actuators.words
     found, name = first + float(np.degrees(theta[AZIMUTH])), words.fill("azimuth of the first {actuator}")
     return _refitted(name, first, found, "deg") if _beyond(theta, AZIMUTH) else []
-
-
-def _mirrored(v: Variants, own: Array) -> Variants:
-    """Chambers counted the other way round, from the first one."""
-    return replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth)
 
 
 def _counted(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -311,7 +308,8 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
         order = list(columns)
         order[i], order[j] = j, i
         says = stating("actuators_exchanged", "order of the {actuators}", first=i + 1, second=j + 1)
-        yield Edit("order", 0.04 / len(pairs), says, partial(_order, order))
+        apply = partial(lambda order, v, _: replace(v, pressure=v.pressure[:, :, order]), order)
+        yield Edit("order", 0.04 / len(pairs), says, apply)
     driven, widest = np.flatnonzero(highest > 0), float(np.log(2e5))
     for k in driven.tolist():
         share, others = 1 / len(driven), highest[driven[driven != k]]
@@ -331,10 +329,6 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
     if 0 < roll.max() < 2 * np.pi + 0.01:
         says = stating("roll_in_rad", "column roll_deg")
         yield Edit("roll", 0.03, says, lambda v, _: replace(v, roll=np.degrees(v.roll)))
-
-
-def _order(order: list[int], v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure[:, :, order])
 
 
 def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:

@@ -47,7 +47,8 @@ def of_table(sample: Sample, near: Fit) -> Iterator[Edit]:
             remedy, short = of_unit(table.mapped, robot, unit), "gauge or absolute pressures"
             in_unit = [mistake("pressures_in_unit", short, factor=size, looks=unit, remedy=remedy)] * (unit != "Pa")
             says = stating("pressures_absolute", short, *in_unit, ambient=ambient)
-            yield Edit("zero", 0.01 if in_unit else 0.03, says, partial(_absolute, size, ambient))
+            apply = partial(lambda size, ambient, v, _: replace(v, pressure=v.pressure * size - ambient), size, ambient)
+            yield Edit("zero", 0.01 if in_unit else 0.03, says, apply)
     rest = at_rest(table)
     yield from _gravity_about_rest(sample, rest)
     markers = sample.described.markers.shape[2]
@@ -144,10 +145,6 @@ def _axes_of_one_say(body: int, axes: Array) -> Says:
     point = f"marker {body}" if body else "the tip"
     axis_of = ", ".join(f"{a}: {name}" for a, name in zip("xyz", named(axes), strict=True))
     return stating("axes_of_point", f"columns of {point}", point=point, axes=axis_of)
-
-
-def _absolute(size: float, ambient: float, v: Variants, own: Array) -> Variants:
-    return replace(v, pressure=v.pressure * size - ambient)
 
 
 def _exchanged(k: int, about_rest: bool, v: Variants, own: Array) -> Variants:
