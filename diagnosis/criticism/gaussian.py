@@ -85,7 +85,7 @@ def misfit_diagnostics(
     """
     linear, prior, law_error = best.fit.linear(problem), best.prior(problem.parameters), best.grid_point.form_error
     law_error_gain = 0.0
-    if answer.fit.linear(problem).form_error.shape[1]:
+    if (linear if answer is best else answer.fit.linear(problem)).form_error.shape[1]:
         by_share = logsumexp(answer.weighed.log_terms, axis=(0, 1))  # all shares are equally probable before
         law_error_gain = float(by_share[-1] - by_share[0])
     g = Gaussian(linear, prior, 0.0, law_error)

@@ -106,8 +106,7 @@ class Search:
     def run(self, begun: Sequence[tuple[Hypothesis, Array]] = ()) -> list[Candidate]:
         """All candidates of the catalogue, most probable data first; some are `begun` at parameters (k,) of their own, too."""
         first = self._first()
-        fits = ((named, self.fit(named, False, judgement.FIT_DISCREPANCY_SIZE, theta, LAST_ROUNDS)) for named, theta in begun)
-        first += [self._weigh(named, fitted, False) for named, fitted in fits]
+        first += [self._to_the_end(named, False, judgement.FIT_DISCREPANCY_SIZE, theta) for named, theta in begun]
         self._add(first)
         self._queue = first  # all of them: `_add` queues only starts that are better than the earlier ones of a hypothesis
         self._search()
@@ -240,8 +239,7 @@ class Search:
         explain alone what seemed to take several."""
         out, start = [], c.fit.theta
         for named in (c.named, *itertools.combinations(c.named, len(c.named) - 1)):
-            fitted = self.fit(named, c.with_tolerances, c.grid_point.size, start, LAST_ROUNDS)
-            out.append(replace(self._weigh(named, fitted, c.with_tolerances), turns=1))
+            out.append(replace(self._to_the_end(named, c.with_tolerances, c.grid_point.size, start), turns=1))
             start = out[0].fit.theta
         return out
 
@@ -305,8 +303,8 @@ class Search:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
         points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
-        fits = [self.fit(named, False, size, at, LAST_ROUNDS) for size in {begun.grid_point.size, 0.0} for at in points]
-        return max((begun, *(self._weigh(named, f, False) for f in fits)), key=_evidence)
+        ends = [self._to_the_end(named, False, size, at) for size in {begun.grid_point.size, 0.0} for at in points]
+        return max((begun, *ends), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
@@ -315,16 +313,19 @@ class Search:
     def alone(self, c: Candidate) -> Candidate:
         """The same hypothesis with all other effects absent, searched to convergence."""
         begun = self._tried.get((c.named, False), c)
-        fitted = self.fit(c.named, False, begun.grid_point.size, begun.fit.theta, LAST_ROUNDS)
-        return self._weigh(c.named, fitted, False)
+        return self._to_the_end(c.named, False, begun.grid_point.size, begun.fit.theta)
 
     def searched_beside(self, leading: Candidate, answer: Candidate) -> Candidate:
         """An answer that was only weighed, searched from there and from the leading hypothesis, where it is a tolerance."""
         if answer.turns:
             return answer
         named, with_tolerances, size = answer.named, leading.with_tolerances, leading.grid_point.size
-        fits = [self.fit(named, with_tolerances, size, start.theta, LAST_ROUNDS) for start in (answer.fit, leading.fit)]
-        return max((self._weigh(named, f, with_tolerances) for f in fits), key=_evidence)
+        ends = [self._to_the_end(named, with_tolerances, size, start.theta) for start in (answer.fit, leading.fit)]
+        return max(ends, key=_evidence)
+
+    def _to_the_end(self, named: Hypothesis, with_tolerances: bool, size: float, start: Array | Fit) -> Candidate:
+        """A hypothesis searched by itself from a start, and weighed where that ends; `size` of its discrepancy."""
+        return self._weigh(named, self.fit(named, with_tolerances, size, start, LAST_ROUNDS), with_tolerances)
 
     # ------------------------------------------------------------------ here or elsewhere
 

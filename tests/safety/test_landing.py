@@ -201,7 +201,7 @@ def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> 
 
 
 class Spine:
-    """It stands once it is told to stop."""
+    """Its motion ends with `stop`."""
 
     moving, stops = False, 0
 
