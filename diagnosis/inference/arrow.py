@@ -21,7 +21,7 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from model.prediction.box_minima import Free, pivoted
+from model.prediction.box_minima import Free, projected
 
 from ..arrays import Array, Ints, Mask
 
@@ -88,7 +88,7 @@ class Arrow:
         def solve(free: Free, downhill: Array) -> Array:
             return self.factorised(free[0]).solve(downhill[0])[None]
 
-        return pivoted(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]
+        return projected(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]
 
     def factorised(self, free: Mask | None = None) -> Factors:
         """Factorise the free part (c,); the rest is solved as 0."""

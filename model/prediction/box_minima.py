@@ -10,8 +10,8 @@ from model.arrays import Array, Mask
 
 Free = Mask
 
-PATIENCE, PIVOTS = 3, 100
-"""Exchanges of a whole active set without progress before single ones; most exchanges."""
+STEPS, SUFFICIENT, LEAST_SHARE = 100, 1e-4, 1e-9
+"""Most steps; share of the decrease by the gradient alone from which a bent step is taken; least share of a step."""
 
 
 def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
@@ -21,34 +21,41 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
         both_free = free[:, :, None] & free[:, None, :]
         return np.asarray(np.linalg.solve(np.where(both_free, curve, np.eye(slope.shape[1])), downhill[..., None])[..., 0])
 
-    return pivoted(lambda x: (curve @ x[..., None])[..., 0], solved, slope, low, high)
+    return projected(lambda x: (curve @ x[..., None])[..., 0], solved, slope, low, high)
 
 
-def pivoted(
+def projected(
     product: Callable[[Array], Array], solved: Callable[[Free, Array], Array], slope: Array, low: Array, high: Array
 ) -> Array:
     """The same of curves that are given by their `product` with x (n, k), and by what they are `solved` for: the x that is zero
     where not `free` (n, k), and whose product is elsewhere `downhill` (n, k), zero where not free.
 
-    Block principal pivoting (Kim and Park 2011, for two-sided bounds): a variable beyond its bound is held there, a held one
-    whose gradient points inwards is freed. All at once while that helps, else one by one, which ends after finitely many steps.
+    Projected Newton by faces (Bertsekas 1982, Moré and Toraldo 1991): the step to the minimum of all that are free, bent at the
+    bounds, is halved until it leads down; what it brings to a bound is held. At the minimum of a face, what would go downhill
+    from its bound is freed. No face is met twice.
     """
-    n, k = slope.shape
-    held = np.zeros((n, k), np.int64)  # -1 at the lower bound, 1 at the upper, 0 free
-    fewest, patience = np.full(n, k + 1), np.full(n, PATIENCE)
-    x = np.zeros((n, k))
-    for _ in range(PIVOTS):
-        free = held == 0
-        x = np.where(held < 0, low, np.where(held > 0, high, 0.0))
-        x = x + solved(free, np.where(free, -slope - product(x), 0.0))
+    x = np.clip(np.zeros_like(slope), low, high)
+    gradient = product(x) + slope
+    free = _downhill(x, gradient, low, high)
+    for _ in range(STEPS):
+        step, share = solved(free, np.where(free, -gradient, 0.0)), np.ones((len(x), 1))
+        whole = ((x + step >= low) & (x + step <= high)).all(axis=1)
+        bent = ~whole
+        while bent.any():
+            moved = np.clip(x + share * step, low, high) - x
+            by_gradient = -(gradient * moved).sum(axis=1)
+            decrease = by_gradient - 0.5 * (product(moved) * moved).sum(axis=1)
+            bent &= (decrease < SUFFICIENT * by_gradient) & (share[:, 0] > LEAST_SHARE)
+            share[bent] /= 2
+        x = np.clip(x + share * step, low, high)
         gradient = product(x) + slope
-        target = np.where(free, (x > high).astype(np.int64) - (x < low), np.where(held * gradient > 0, 0, held))
-        wrong = target != held
-        count = wrong.sum(axis=1)
-        if not count.any():
+        left = np.where(whole[:, None], _downhill(x, gradient, low, high), free & (x > low) & (x < high))
+        if (whole & (left == free).all(axis=1)).all():
             break
-        patience = np.where(count < fewest, PATIENCE, patience - 1)
-        fewest = np.minimum(fewest, count)
-        is_last = np.arange(k) == (k - 1 - np.argmax(wrong[:, ::-1], axis=1))[:, None]
-        held = np.where(wrong & (is_last | (patience >= 0)[:, None]), target, held)
-    return np.clip(x, low, high)
+        free = left
+    return x
+
+
+def _downhill(x: Array, gradient: Array, low: Array, high: Array) -> Free:
+    """(n, k) which can move downhill, or lie between their bounds."""
+    return ~((x <= low) & (gradient > 0) | (x >= high) & (gradient < 0))

@@ -189,10 +189,10 @@ def minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:
     return box_minima(curve[None], -score[None], low[None], high[None])[0]
 
 
-def problem(seed: int, n: int) -> tuple[Array, Array, Array, Array]:
-    """Curvature with columns of very different size, and bounds of which many are zero or hold."""
+def problem(seed: int, n: int, alike: float) -> tuple[Array, Array, Array, Array]:
+    """Curvature with columns of very different size, more or less alike, and bounds of which many are zero or hold."""
     rng = np.random.default_rng(seed)
-    columns = rng.normal(size=(n + 20, n)) * 10 ** rng.uniform(-1, 2, n)
+    columns = (rng.normal(size=(n + 20, n)) + alike * rng.normal(size=(n + 20, 1))) * 10 ** rng.uniform(-1, 2, n)
     curve = np.eye(n) + columns.T @ columns
     score = columns.T @ rng.normal(size=n + 20) * 30
     low = np.where(rng.random(n) < 0.4, 0.0, -rng.uniform(0.5, 3, n))
@@ -200,8 +200,9 @@ def problem(seed: int, n: int) -> tuple[Array, Array, Array, Array]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_it_is_the_minimum_within_the_bounds(seed: int) -> None:
-    curve, score, low, high = problem(seed, 60)
+@pytest.mark.parametrize("alike", [0.0, 10.0])
+def test_it_is_the_minimum_within_the_bounds(seed: int, alike: float) -> None:
+    curve, score, low, high = problem(seed, 60, alike)
     root = np.linalg.cholesky(curve)
     known = lsq_linear(root.T, np.linalg.solve(root, score), (low, high), method="bvls", tol=1e-14).x
     assert ((known == low) | (known == high)).sum() > 10
