@@ -92,10 +92,11 @@ def outside_at_most(d: Decision, probability: float) -> Decision:
 
 def behaves_like(d: Decision, best: Hypothesis, posterior: EffectPosterior, closed: float | None) -> Decision:
     """The decision to name the `best` effects of the catalogue, although the readings follow no law of theirs exactly, where they
-    close `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known): a law of another form is more probable than a
-    cause outside."""
+    close `FOLLOWED_SHARE` of the gap on unseen states (`closed`; None: not known) and no relative explains more: a law of another
+    form is more probable than a cause outside."""
     within = 1 - posterior.probability(UNKNOWN)
-    if d.verdict != "unknown" or not d.enough or not best or closed is None or closed < judgement.FOLLOWED_SHARE or not within:
+    followed = closed is not None and closed >= judgement.FOLLOWED_SHARE and not d.relatives
+    if d.verdict != "unknown" or not d.enough or not best or not followed or not within:
         return d
     most = judgement.DOUBTED_PROBABILITY
     return replace(d, verdict="effect", effects=best, probability=most * posterior.probability(best) / within, outside=1 - most)

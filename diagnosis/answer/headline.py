@@ -11,6 +11,7 @@ from model.actuators import Chambers, Words
 from model.effects.spec import EffectSpec
 from model.robot import Robot
 
+from ..criticism.relatives import RELATIVES
 from ..inference.posterior import UNKNOWN
 from ..judgement import CAUSE_PROBABILITY, LEAST_STATED, LIKELY, SAME_FACTOR, TIE_STATED
 from .result import Attribute, Diagnosis, Value
@@ -156,6 +157,7 @@ def headline(
     if a.verdict == "unknown":
         error = stage(a.stage_errors)
         place = f"; it may be in the {error.stage} and {d.words.fill(error.varies)}" if error else ""
+        place = f"; it may be {RELATIVES[a.relatives[0]].name(d.words)}" if a.relatives else place
         return f"No known cause fits {p}{place}.".replace("_", " ")
     if by_calibration is not None:
         other = f"no other cause {'is needed' if a.probability >= CAUSE_PROBABILITY else 'stands out'} {p}"

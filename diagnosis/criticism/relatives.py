@@ -33,11 +33,16 @@ def _highest(q: Quantities) -> Array:
 
 
 def _shared_pressure(q: Quantities, v: Values) -> None:
-    ring = np.argsort(np.mod(q.robot.actuators.azimuths_deg, 360.0), kind="stable")
-    back = np.argsort(ring)
+    """Half a share of each difference to both neighbours; shares vary about the axis by two harmonics."""
+    azimuth = np.mod(np.radians(q.robot.actuators.azimuths_deg), 2 * np.pi)
+    ring = np.argsort(azimuth, kind="stable")
+    wall = azimuth[ring] + 0.5 * np.mod(np.roll(azimuth[ring], -1) - azimuth[ring], 2 * np.pi)  # to the next chamber
+    share = v["share"][..., None] + sum(
+        v[f"x{k}"][..., None] * np.cos(k * wall) + v[f"y{k}"][..., None] * np.sin(k * wall) for k in (1, 2)
+    )
     p = q.pressure[..., ring]
-    mean = 0.5 * (np.roll(p, 1, axis=-1) + np.roll(p, -1, axis=-1))
-    q.pressure = q.pressure + v["share"][..., None] * (mean - p)[..., back]
+    gained = 0.5 * share * (np.roll(p, -1, axis=-1) - p)
+    q.pressure = q.pressure + (gained - np.roll(gained, 1, axis=-1))[..., np.argsort(ring)]
 
 
 def _zeros(q: Quantities, v: Values) -> None:
@@ -79,7 +84,7 @@ RELATIVES: Mapping[str, EffectSpec] = MappingProxyType({
         _relative(
             "shared_pressure", "actuation", "leaks between neighbouring chambers",
             "measure the pressure in a vented chamber while its neighbour is inflated",
-            Law(before=_shared_pressure), Parameter("share", "1", 0.15, -0.5, 0.5)),
+            Law(before=_shared_pressure), *(Parameter(k, "1", 0.15, -0.5, 0.5) for k in ("share", "x1", "y1", "x2", "y2"))),
         _relative(
             "regulator_offset", "actuation", "an offset of one {actuator}'s regulator",
             "read the pressure gauges with all {actuators} open to the air",
