@@ -263,12 +263,15 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
     # rounding must leave the correlations positive definite
     correlation = (1 - 1e-6) * covariance / np.outer(scale, scale)
+    design = p.forward.design[~p.forward.design.stiffness]
+    fitted = {name: getattr(design, name) for name in ("pressure", "tip_mass", *(["spine_length"] if p.robot.spine else []))}
     posterior = {
         "parameters": list(index_of),
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": rounded(law_error),
         "discrepancy": rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
+        **{f"fitted_{name}": [rounded(end) for end in (of.min(), of.max())] for name, of in fitted.items()},
         "noise": {
             "floor": rounded(p.noise_floor),
             "reading": rounded(rms(p.problem.noise.own[p.labels.kind == 0])),

@@ -14,12 +14,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.actuators import Words
 from model.condition import NOMINAL_VACUUM, TIP
-from model.effects.design import QUATERNION
+from model.effects.design import QUATERNION, Columns
 from model.effects.scales import scales
 from model.robot import Robot
 
@@ -31,8 +30,6 @@ from ..inference.prepare import Prepared
 from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
 from .rivals import RivalForecast, Rivals
-
-Columns = dict[str, NDArray[np.generic]]
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
@@ -160,7 +157,7 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     n = len(states)
     by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
-    out: Columns = {
+    out: dict[str, Any] = {
         "trial": np.array([trial[s[:3]] for s in states]),
         "protocol": np.array([p["protocol"]] * n),
         "t": np.cumsum(by_field.pop("seconds")),

@@ -8,8 +8,6 @@ import numpy as np
 
 from model.arrays import Array, Mask
 
-Free = Mask
-
 PATIENCE, PIVOTS = 3, 100
 """Exchanges of a whole active set without progress before single ones; most exchanges."""
 
@@ -17,7 +15,7 @@ PATIENCE, PIVOTS = 3, 100
 def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
     """The x (n, k) within low .. high that minimise x.curve.x / 2 + slope.x, for n positive definite curves (n, k, k)."""
 
-    def solved(free: Free, downhill: Array) -> Array:
+    def solved(free: Mask, downhill: Array) -> Array:
         both_free = free[:, :, None] & free[:, None, :]
         return np.asarray(np.linalg.solve(np.where(both_free, curve, np.eye(slope.shape[1])), downhill[..., None])[..., 0])
 
@@ -25,7 +23,7 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
 
 
 def pivoted(
-    product: Callable[[Array], Array], solved: Callable[[Free, Array], Array], slope: Array, low: Array, high: Array
+    product: Callable[[Array], Array], solved: Callable[[Mask, Array], Array], slope: Array, low: Array, high: Array
 ) -> Array:
     """The same of curves that are given by their `product` with x (n, k), and by what they are `solved` for: the x that is zero
     where not `free` (n, k), and whose product is elsewhere `downhill` (n, k), zero where not free.

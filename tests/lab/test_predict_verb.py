@@ -119,14 +119,25 @@ def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: C
     assert found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
     tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0]).tip
     np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found["states"]], tips, atol=1e-9)
+    assert len(found["notes"]) == 1
+    states.write_text("p1 [kPa],spine_length\n240.5,0.2\n248,0.2\n")
+    (beyond := tmp_path / "robot.yaml").write_text(robot.read_text().replace("tilt.x,", "gone.x,"))
+    words = ("predict", "--robot", beyond, "--table", states)
+    said, found = cli(*words).flat_err, cli(*words, "--json").json
+    for note in (
+        "1 of 2 states have pressures outside 0 to 240 kPa, to which robot.yaml was fitted: 248 kPa of chamber 1 in row 2",
+        "robot.yaml: posterior: gone.x not stated in effects or tolerances, and ignored",
+    ):
+        assert f"note: {note}" in said and sum(text.startswith(note) for text in found["notes"]) == 1
 
 
 def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> None:
     targets, table = tmp_path / "targets.csv", tmp_path / "p.csv"
     targets.write_text("x,y,z\n-0.05,0.01,\n1,0,0.2\n")
     words = ("predict", "--robot", robot, "--inverse", targets, "--groups", "9,1,2 3,4,5 6,7,8", "--spine-length", 0.1)
-    said = cli(*words, "--out", table, "--figure", tmp_path / "p.png").out
-    assert "1 of 2 targets are out of reach" in said and "2 (" in said
+    done = cli(*words, "--out", table, "--figure", tmp_path / "p.png")
+    assert "1 of 2 targets are out of reach" in done.out and "2 (" in done.out
+    assert "1 of 2 states have pressures outside 0 to 240 kPa" in done.flat_err and "Warning" not in done.err
     with table.open(newline="") as file:
         first, second = csv.DictReader(file)
     assert first["reached"] == "True" and second["reached"] == "False" and first["p9"] == first["p1"] == first["p2"]
