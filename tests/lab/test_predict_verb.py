@@ -209,7 +209,7 @@ def test_a_fit_states_what_each_actuator_does_and_which_parameter_is_at_its_boun
 ) -> None:
     four = {"path_radius": 0.0125, "azimuths_deg": [0, 90, 180, 270]} | ({"radius": 0.004} if kind == "chambers" else {})
     stated = {"thrust": "cap"} if kind == "chambers" else {}
-    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four, **stated}), np.random.default_rng(1)
+    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four, **stated}), np.random.default_rng(10)
     shares = [np.eye(4)[k % 4] + 0.25 * (k > 7) * np.eye(4)[(k + 1) % 4] for k in range(12)]
     pressures = np.concatenate([np.outer([0, 20e3, 40e3, 60e3, 80e3], share) for share in shares])
     tip = robot.predict(pressures * [1, 0.7, 1, 1]).tip + rng.normal(0, 1e-4, (60, 3))
