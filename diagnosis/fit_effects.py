@@ -41,7 +41,7 @@ from .data.case import CaseLike, states
 from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
-from .findings import Finding
+from .findings import Finding, finding
 from .fit_residual import learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
@@ -178,7 +178,7 @@ def fit_effects(
     if ORDER in named and not contradicted(robot, case_states):
         made = f"with {edited.named} changed, " if edited.named else ""
         raise BadEffect(f"effect {ORDER}: {made}tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*edited.concerns, *findings, *([settled] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *filter(None, [settled]), *(finding("as_read", text=w) for w in case.table.warnings))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 

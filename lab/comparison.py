@@ -21,7 +21,7 @@ from model.prediction.campaign import predict_campaign
 from model.shown import Shown, by_axis
 from recordings.trials import Table
 
-from .files.inputs import Case
+from .files.inputs import Case, marked_notes
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Comparison(Shown):
     table: ErrorTable
     unsolved: int
     words: Words
+    notes: tuple[str, ...] = ()
+    """Doubts about how the table was read, and about states."""
 
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
@@ -92,4 +94,5 @@ def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> C
     ok = np.asarray(np.isfinite(tip).all(axis=1))
     branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), case.robot.actuators.words)
+    words, notes = case.robot.actuators.words, (*case.table.warnings, *marked_notes(case.table))
+    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), words, notes)

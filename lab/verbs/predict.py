@@ -53,7 +53,6 @@ NO_INTERVAL = (
 )
 PICTURES = (".svg", ".png", ".pdf")
 
-
 Files = tuple[Path | None, Path | None]
 """Table and figure to write in addition to the screen."""
 

@@ -112,7 +112,7 @@ def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli
     assert all(float(r["x_low"]) < float(r["x"]) < float(r["x_high"]) for r in rows)
 
 
-def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: Cli) -> None:
+def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     states = tmp_path / "states.csv"
     states.write_text("p1 [bar],p2 (kPa),spine_length\n0.8,0,0.1\n0,60,0\n")
     found = cli("predict", "--robot", robot, "--table", states, "--json").json
@@ -129,6 +129,9 @@ def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: C
         "robot.yaml: posterior: gone.x not stated in effects or tolerances, and ignored",
     ):
         assert f"note: {note}" in said and sum(text.startswith(note) for text in found["notes"]) == 1
+    compared = cli("compare", case, "--robot", beyond, "--json").json["notes"]
+    fitted = cli("fit", case, "--robot", beyond, "--set-up", "--json").json["findings"]
+    assert any("gone.x" in text for text in compared) and any("gone.x" in f["text"] for f in fitted if f["code"] == "as_read")
 
 
 def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> None:
