@@ -93,8 +93,7 @@ def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_more(fitted:
 
 
 def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an_answer() -> None:
-    rows = bending({"chamber_ballooning.growth": 0.3}, 2, repeats=2, lengths=(0.0, 0.1, 0.2))
-    case = Measured(ROBOT.replace(thrust="cap"), Table.of(rows))
+    case = Measured(ROBOT.replace(thrust="cap"), Table.of(bending({"chamber_ballooning.growth": 0.3}, 2, 2, (0.0, 0.1, 0.2))))
     found = fit_effects(case, ["chamber_ballooning"]).parameters
     again = fit_effects(case, ["chamber_ballooning"], start={name: p.value for name, p in found.items()}).parameters
     assert all(again[name].value == pytest.approx(p.value, abs=0.01 * p.sd) for name, p in found.items())

@@ -84,12 +84,10 @@ def campaign(
     cells = [dict(zip(table, row, strict=True)) for row in zip(*(own.tolist() for own in table.values()), strict=True)]
     forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table), catalogue=catalogue, area_factor=AREA_FACTOR)
     rng = np.random.default_rng(seed)
-    theta = np.zeros(len(forward.parameters))
-    for k, p in enumerate(forward.parameters):
-        spread = {"spine_length": AGAIN, "spine_stiffness": JAM}.get(p.source, 0.0) if p.recurs else 0.0
-        theta[k] = effects.get(p.name, spread * rng.normal())
-    unused = set(effects) - {p.name for p in forward.parameters}
-    if unused:
+    spread = {"spine_length": AGAIN, "spine_stiffness": JAM}
+    drawn = ((p.name, spread.get(p.source, 0.0) * p.recurs * rng.normal()) for p in forward.parameters)
+    theta = np.array([effects.get(name, random) for name, random in drawn])
+    if unused := set(effects) - {p.name for p in forward.parameters}:
         raise KeyError(f"no such parameters: {sorted(unused)}")
     predicted = forward.predict(theta)
     n = len(cells)
