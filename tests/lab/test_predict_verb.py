@@ -60,7 +60,9 @@ def test_a_robot_and_robots_drawn_from_its_posterior_are_written(robot: Path) ->
 def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     fitted = cli("fit", case, "--with", EFFECT, "--json").json
     assert fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
-    assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
+    known, given = (cli("compare", case, *of, "--json").json for of in (("--robot", robot), ()))
+    assert 1e3 * known["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3) and known["notes"] == []
+    assert "mm rms, after a rough calibration by 0." in given["notes"][-1] and "lab diagnose" in given["notes"][-1]
     done = cli("fit", case, "--robot", robot, "--json")
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
     plain = cli("fit", case, "--out", tmp_path / "exact").flat
@@ -122,13 +124,12 @@ def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: 
     assert len(found["notes"]) == 1
     states.write_text("p1 [kPa],spine_length\n240.5,0.2\n248,0.2\n")
     (beyond := tmp_path / "robot.yaml").write_text(robot.read_text().replace("tilt.x,", "gone.x,"))
-    words = ("predict", "--robot", beyond, "--table", states)
-    said, found = cli(*words).flat_err, cli(*words, "--json").json
+    said, found = (cli("predict", "--robot", beyond, "--table", states, *more) for more in ((), ("--json",)))
     for note in (
         "1 of 2 states have pressures outside 0 to 240 kPa, to which robot.yaml was fitted: 248 kPa of chamber 1 in row 2",
         "robot.yaml: posterior: gone.x not stated in effects or tolerances, and ignored",
     ):
-        assert f"note: {note}" in said and sum(text.startswith(note) for text in found["notes"]) == 1
+        assert f"note: {note}" in said.flat_err and sum(text.startswith(note) for text in found.json["notes"]) == 1
     compared = cli("compare", case, "--robot", beyond, "--json").json["notes"]
     fitted = cli("fit", case, "--robot", beyond, "--set-up", "--json").json["findings"]
     assert any("gone.x" in text for text in compared) and any("gone.x" in f["text"] for f in fitted if f["code"] == "as_read")
