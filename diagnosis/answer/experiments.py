@@ -44,10 +44,10 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
     chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
-    limit = robot.max_pressure or float(s.highest.max())
-    grain = 10.0 ** (np.floor(np.log10(limit)) - 2)  # three digits, which may not round it up
+    grain = 10.0 ** (np.floor(np.log10(s.highest.max())) - 2)  # three digits, which may not round it up
+    limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
     pressures_used = np.minimum(s.highest[s.highest > rest + s.pressure_gap], limit)
-    pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), np.floor(limit / grain + 1e-9) * grain)).tolist()
+    pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), limit)).tolist()
     mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
@@ -180,7 +180,7 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
     >>> to_apply(sweep, Tendons.words)
     'tendon 2: 0, 2, 4.5 N and back, 2 times, at 2.5 N/s'
     """
-    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (p.get("rest", 0.0), *p["pressures"]))
+    levels = ", ".join(f"{x / words.pascal:.6g}" for x in (p.get("rest", 0.0), *p["pressures"]))
     parts = [f"{words.group(p['chambers'])}: {levels} {words.unit}{' and back' if p['unload'] else ''}"]
     parts += [f"{p['repeats']} times", f"at {p['rate'] / words.pascal:.3g} {words.unit}/s"]
     if p.get("hold_times"):
