@@ -41,7 +41,7 @@ from .data.case import CaseLike, states
 from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
-from .findings import Finding
+from .findings import Finding, finding
 from .fit_residual import learn_residual
 from .inference.candidate import Candidate
 from .inference.evidence import KNOWN, weigh
@@ -178,7 +178,7 @@ def fit_effects(
     if ORDER in named and not contradicted(robot, case_states):
         made = f"with {edited.named} changed, " if edited.named else ""
         raise BadEffect(f"effect {ORDER}: {made}tips go to where the chambers push them, there is no other order; leave it out")
-    findings = (*edited.concerns, *findings, *([settled] if settled is not None else ()))
+    findings = (*edited.concerns, *findings, *filter(None, [settled]), *(finding("as_read", text=w) for w in case.table.warnings))
     fit = fit_described(robot, case_states, named, catalogue, progress, residual, start)
     return replace(fit, effects=(*settled_before, *named), findings=(*findings, *fit.findings))
 
@@ -263,12 +263,15 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
     beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
     # rounding must leave the correlations positive definite
     correlation = (1 - 1e-6) * covariance / np.outer(scale, scale)
+    design = p.forward.design[~p.forward.design.stiffness]
+    fitted = {name: getattr(design, name) for name in ("pressure", "tip_mass", *(["spine_length"] if p.robot.spine else []))}
     posterior = {
         "parameters": list(index_of),
         "area_factor_sd": stated[AREA_FACTOR].sd,
         "correlation": [[*np.round(correlation[i, :i], DIGITS).tolist(), 1.0] for i in range(len(columns))],
         "law_error": rounded(law_error),
         "discrepancy": rounded(float(np.sqrt(max((size * p.unit) ** 2, beyond_noise / 3)))),
+        **{f"fitted_{name}": [rounded(end) for end in (of.min(), of.max())] for name, of in fitted.items()},
         "noise": {
             "floor": rounded(p.noise_floor),
             "reading": rounded(rms(p.problem.noise.own[p.labels.kind == 0])),

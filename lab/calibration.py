@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from diagnosis.findings import finding
 from diagnosis.fit_effects import Fitted, fit_effects
 from diagnosis.inference.executor import Progress, no_progress
 from model.calibration import fit_area_factor_by_length, fit_body_modulus, fit_spine_modulus
@@ -26,8 +27,8 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Fitted:
     body = _body_modulus(case)
     if not case.table.with_tip.any():
         return Fitted(
-            (), {}, math.nan, math.nan, robot=robot, states=0, trials=0, calibrated_area_factor=math.nan, findings=(),
-            spine_modulus=spine, body_modulus=body,
+            (), {}, math.nan, math.nan, robot=robot, states=0, trials=0, calibrated_area_factor=math.nan,
+            findings=tuple(finding("as_read", text=text) for text in case.table.warnings), spine_modulus=spine, body_modulus=body,
         )  # fmt: skip
     condition, tip, trial = case.tips
     by_length = fit_area_factor_by_length(robot, condition, tip, trial)

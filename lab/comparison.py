@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.data.case import states
 from diagnosis.data.levels import PRESSURE_GAP, levels
+from diagnosis.edits.misfit import as_described, sample_of
 from diagnosis.inference.prepare import table_columns
 from model.actuators import Words
 from model.arrays import Array, Ints
@@ -21,7 +22,10 @@ from model.prediction.campaign import predict_campaign
 from model.shown import Shown, by_axis
 from recordings.trials import Table
 
-from .files.inputs import Case
+from .files.inputs import Case, marked_notes
+
+MANY = 5.0
+"""Times what a calibration leaves from which a model misses by far."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class Comparison(Shown):
     table: ErrorTable
     unsolved: int
     words: Words
+    notes: tuple[str, ...] = ()
+    """Doubts about how the table was read and about states, and what to do about a model that misses by far."""
 
     def __repr__(self) -> str:
         missed = f", {self.unsolved} without an equilibrium" if self.unsolved else ""
@@ -92,4 +98,17 @@ def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> C
     ok = np.asarray(np.isfinite(tip).all(axis=1))
     branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), case.robot.actuators.words)
+    words, notes = case.robot.actuators.words, (*case.table.warnings, *marked_notes(case.table), *_far_off(case, table.rmse))
+    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), words, notes)
+
+
+def _far_off(case: Case, missed: float) -> Iterator[str]:
+    """A line if a rough calibration of a robot without effects of its own leaves far less than `missed` (m), or does not help."""
+    if case.robot.effects or case.robot.tolerances or (sample := sample_of(case.robot, states(case)[0])) is None:
+        return
+    fits = sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10)
+    left, near = min((float(sample.rms(f.missed)), sample.near(f)) for f in fits)
+    if not near or missed > MANY * left:
+        wrong = "" if near else "; perhaps a unit, an axis, gravity or another number is wrong"
+        by = f"{1e3 * missed:.3g} mm rms, after a rough calibration by {1e3 * left:.2g} mm{wrong}"
+        yield f"the model misses the tip by {by}; find the cause with lab diagnose"

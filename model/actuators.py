@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import ConfigDict, Field, FiniteFloat
 
 from model.arrays import Array
+from model.plain_yaml import FileTable
 
 PULL_AREA = 1e-4
 """m^2: tables hold the tension T of a tendon as the pressure T / 1 cm^2, so 1 N is 10 kPa."""
@@ -76,7 +77,7 @@ class Words:
         return f"{named} {', '.join(map(str, numbers))}" if numbers else f"nothing {self.inflated}"
 
 
-class Actuators(BaseModel):
+class Actuators(FileTable):
     """What chambers and tendons have in common."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

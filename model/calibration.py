@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from model.arrays import Array
@@ -20,8 +20,6 @@ from model.robot import Robot
 from model.rods import FINE, solve
 from model.rods.beam import bar_deflection
 from model.section import annulus_second_moment, body_second_moment, rods_of
-
-Labels = NDArray[np.generic]
 
 
 def fit_stiffness(deflection: ArrayLike, force: ArrayLike, trial: ArrayLike | None = None) -> Estimate:

@@ -15,8 +15,6 @@ from model.arrays import Array, Ints, Mask
 from model.errors import BadCondition
 from model.robot import Robot
 
-Flags = Mask
-
 LOWEST_PRESSURE = -101_325.0
 """Pa gauge: a perfect vacuum."""
 HIGHEST_PRESSURE = 2e6
@@ -41,11 +39,11 @@ class States:
     """(n,) 0..trials-1; states of one trial follow each other and share one history."""
     trial_id: Ints
     """(trials,) the numbers the table gives them."""
-    stiffness: Flags
+    stiffness: Mask
     """(n,) rows of force over deflection; the others are states of the robot."""
-    body: Flags
+    body: Mask
     """(n,) stiffness rows whose specimen is the body, not the bare spine."""
-    unload: Flags
+    unload: Mask
     repeat: Ints
     t: Array
     """(n,) s."""
@@ -74,7 +72,7 @@ class States:
     """(n,) rad."""
     pressure: Array
     """(n, chambers) Pa gauge, as read."""
-    used: Flags
+    used: Mask
     """(n, chambers) chambers that are pressurised at some state of the trial."""
     deflection: Array
     """(n,) m; 0 where the row is no stiffness row."""

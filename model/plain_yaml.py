@@ -14,11 +14,19 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from model.errors import ModelError
 
 M = TypeVar("M", bound=BaseModel)
+
+
+class FileTable(BaseModel):
+    """A table of a file: no unknown keys, no NaN, unchangeable."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
 Nested = Mapping[str, type[BaseModel]]
 """Key -> the model of the table that it holds."""
 

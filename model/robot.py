@@ -14,13 +14,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, Field, FiniteFloat, ValidationInfo, field_validator, model_validator
 from pydantic.types import Discriminator, Tag
 
 from model.actuators import PULL_AREA, Chambers, Tendons
 from model.arrays import Array
 from model.errors import BadRobot
-from model.plain_yaml import checked, loaded, unit_at
+from model.plain_yaml import FileTable, checked, loaded, unit_at
 from model.sections import Positive, Section, Weight, section_problems
 from model.shown import Shown
 from model.stated import AREA_FACTOR, Noise, Posterior, Residual, Stated, Table, named, problems
@@ -85,10 +85,8 @@ NumberOrTable = Annotated[
 ]
 
 
-class Spine(BaseModel):
+class Spine(FileTable):
     """The jammed growing spine; `modulus` is its apparent Young's modulus by spine length."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     modulus: dict[LengthKey, Modulus] = Field(min_length=1, json_schema_extra={"unit": "Pa", "key_unit": "m"})
@@ -98,10 +96,8 @@ class Spine(BaseModel):
         return smooth_at(tuple(sorted(self.modulus.items())), np.asarray(spine_length, float))
 
 
-class Pose(BaseModel):
+class Pose(FileTable):
     """Where the base sits in the world: position (m) and orientation (unit quaternion w, x, y, z)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     position: Vector3 = Field(json_schema_extra={"unit": "m"})
     orientation: tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat] = Field(
@@ -116,10 +112,8 @@ class Pose(BaseModel):
         return self
 
 
-class Uncertainty(BaseModel):
+class Uncertainty(FileTable):
     """Standard deviations of numbers of robot.yaml and of the set-up."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     youngs_modulus: FiniteFloat | None = Field(default=None, gt=0, le=2, json_schema_extra={"unit": "1"})
     """Share of the value; usual 2 %."""
@@ -154,10 +148,9 @@ class Uncertainty(BaseModel):
         return {name: value for name in type(self).model_fields if (value := getattr(self, name)) is not None}
 
 
-class Robot(Shown, BaseModel):
+class Robot(Shown, FileTable):
     """The soft robot of one case; see docs/explanations/model.md for how each value enters the equations."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     predict: ClassVar[Callable[..., Any]]
     inverse: ClassVar[Callable[..., Any]]
     """`lab.predict` and `lab.inverse`, once `lab` is imported."""

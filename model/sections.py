@@ -6,21 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from model.arrays import Array
+from model.plain_yaml import FileTable
 
 Radius = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Positive = Annotated[FiniteFloat, Field(gt=0, le=1e9)]
 Weight = Annotated[FiniteFloat, Field(ge=0, le=20_000)]
 
 
-class Section(BaseModel):
+class Section(FileTable):
     """A part of the body; keys that it leaves out are the robot's. Two numbers are those at its base and tip end, linear in
     between.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     length: FiniteFloat = Field(gt=0, le=5, json_schema_extra={"unit": "m"})
     outer_radius: Radius | tuple[Radius, Radius] | None = Field(default=None, json_schema_extra={"unit": "m"})

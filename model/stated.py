@@ -12,6 +12,7 @@
       correlation: [[1], [0.31, 1], [0.02, -0.1, 1]]    # lower triangle, in the order of `parameters`
       law_error: 0.03                                   # share of what each effect does
       discrepancy: 0.0001                               # m
+      fitted_pressure: [0, 60000]                       # Pa, of the states that were fitted
       noise: {floor: 0.0006, reading: 0.0001, pressure: 500, spine_length: 0.001, spine_stiffness: 0.02, turn: 0.0005}
 
 Which ids, parameters and units there are is known to a catalogue of effects alone: `model.effects.nominal` checks them.
@@ -22,9 +23,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import ConfigDict, Field, FiniteFloat, model_validator
 
 from model.arrays import Array
+from model.plain_yaml import FileTable
 
 AREA_FACTOR = "area_factor"
 """Stands for robot.yaml's area factor among the parameters of a posterior."""
@@ -33,12 +35,14 @@ LEAST_EIGENVALUE = 1e-9
 
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 Correlation = Annotated[FiniteFloat, Field(ge=-1, le=1)]
+Ends = tuple[FiniteFloat, FiniteFloat]
+"""Lowest and highest."""
 
 
-class Stated(BaseModel):
+class Stated(FileTable):
     """One parameter of an effect."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", coerce_numbers_to_str=True)
+    model_config = ConfigDict(coerce_numbers_to_str=True)
 
     value: FiniteFloat
     sd: FiniteFloat = Field(default=0.0, ge=0)
@@ -51,10 +55,8 @@ Table = dict[Name, dict[Name, Stated]]
 """Effect (or tolerance) -> parameter -> what is stated of it."""
 
 
-class Noise(BaseModel):
+class Noise(FileTable):
     """Standard deviations between repeats of a state, by their origin."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     floor: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """rms distance of a tip reading from the mean of its repeats."""
@@ -72,10 +74,8 @@ class Noise(BaseModel):
     """Of the base along each axis between mountings."""
 
 
-class Posterior(BaseModel):
+class Posterior(FileTable):
     """Correlations of what a fit leaves uncertain, and its other errors."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     parameters: tuple[Name, ...] = Field(min_length=1, max_length=200)
     """area_factor, or EFFECT.PARAMETER of `effects` or `tolerances`; one that is stated in neither is ignored."""
@@ -86,6 +86,12 @@ class Posterior(BaseModel):
     """Model-form error, as a share of what each effect does."""
     discrepancy: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """Standard deviation along each axis of what no effect describes."""
+    fitted_pressure: Ends | None = Field(default=None, json_schema_extra={"unit": "Pa"})
+    """Lowest and highest of an actuator in the states fitted; predictions beyond extrapolate."""
+    fitted_spine_length: Ends | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """Likewise."""
+    fitted_tip_mass: Ends | None = Field(default=None, json_schema_extra={"unit": "kg"})
+    """Likewise."""
     noise: Noise = Noise()
 
     @model_validator(mode="after")
@@ -125,10 +131,8 @@ class Posterior(BaseModel):
 State = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 
 
-class Residual(BaseModel):
+class Residual(FileTable):
     """Gaussian process of what the model misses, learnt from a campaign (`model.prediction.residual`)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     amplitude: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     """Standard deviation along each axis far from all states."""

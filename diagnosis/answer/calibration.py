@@ -70,11 +70,10 @@ def _with_set_up(c: Calibration, f: Attribution) -> Calibration:
     def moves(chosen: Mask) -> float:
         return 1e3 * rms(f.prepared.gap(problem.noise.colour(slope.along(np.where(chosen, theta / p.sd, 0.0)))))
 
-    sources, out = np.array([i.source for i in p.infos]), []
-    for source in dict.fromkeys(sources[lasting & ~p.calibration & ~body].tolist()):
-        own = lasting & (sources == source)
-        first = p.infos[int(np.argmax(own))]
-        out.append(SetUp(source, float(np.linalg.norm(theta[own])), first.sd, first.unit, moves(own)))
+    out = []
+    for i in np.flatnonzero(lasting & ~p.calibration & ~body):
+        own, number = np.arange(len(theta)) == i, p.infos[i]
+        out.append(SetUp(number.name.removesuffix(".excess"), abs(float(theta[i])), float(p.sd[i]), number.unit, moves(own)))
     least = 1e3 * OUTSTANDING_FLOORS * f.prepared.noise_floor
     return replace(c, body_mm=moves(body), set_up=tuple(sorted((s for s in out if s.mm >= least), key=lambda s: -s.mm)))
 

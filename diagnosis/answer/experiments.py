@@ -14,12 +14,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from model.actuators import Words
 from model.condition import NOMINAL_VACUUM, TIP
-from model.effects.design import QUATERNION
+from model.effects.design import QUATERNION, Columns
 from model.effects.scales import scales
 from model.robot import Robot
 
@@ -31,8 +30,6 @@ from ..inference.prepare import Prepared
 from ..judgement import LEAST_BITS, OVERHEAD_MIN, RIVAL_WORTH_SEPARATING, SEPARATED_BITS
 from .result import Proposal
 from .rivals import RivalForecast, Rivals
-
-Columns = dict[str, NDArray[np.generic]]
 
 PER_TRIAL = 25.0
 """s: release, grow, jam and vent."""
@@ -47,8 +44,10 @@ def candidate_experiments(robot: Robot, s: Campaign) -> list[Proposal]:
     top = s.pressure[main[np.argmax(s.highest[main])]]  # of the state with the highest pressure of the main sweep
     chambers = (np.flatnonzero(top > 0.5 * top.max()) + 1).tolist()
     rest = 0.0 if words.by_rig else rounded(float(np.quantile(s.pressure, 0.1)), 2)  # tendons are kept taut
-    pressures_used = s.highest[s.highest > rest + s.pressure_gap]
-    pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), robot.max_pressure or np.inf)).tolist()
+    grain = 10.0 ** (np.floor(np.log10(s.highest.max())) - 2)  # three digits, which may not round it up
+    limit = robot.max_pressure or float(np.floor(s.highest.max() / grain + 1e-9) * grain)
+    pressures_used = np.minimum(s.highest[s.highest > rest + s.pressure_gap], limit)
+    pressures = np.unique(np.minimum(_three(pressures_used, s.pressure_gap), limit)).tolist()
     mass = float(np.median(tip_masses(robot, s.trials)))
     default_vacuum = NOMINAL_VACUUM if robot.spine is not None else 0.0
     vacuum = float(np.median(s.trials.get("vacuum", default_vacuum)))
@@ -160,7 +159,7 @@ def columns(p: Mapping[str, Any], chambers: int, channels: tuple[str, ...]) -> C
     n = len(states)
     by_field = {name: np.array([getattr(s, name) for s in states]) for name in _PlannedState._fields}
     trial = {key: i for i, key in enumerate(dict.fromkeys(s[:3] for s in states), 1)}
-    out: Columns = {
+    out: dict[str, Any] = {
         "trial": np.array([trial[s[:3]] for s in states]),
         "protocol": np.array([p["protocol"]] * n),
         "t": np.cumsum(by_field.pop("seconds")),
@@ -181,7 +180,7 @@ def to_apply(p: Mapping[str, Any], words: Words) -> str:
     >>> to_apply(sweep, Tendons.words)
     'tendon 2: 0, 2, 4.5 N and back, 2 times, at 2.5 N/s'
     """
-    levels = ", ".join(f"{x / words.pascal:.3g}" for x in (p.get("rest", 0.0), *p["pressures"]))
+    levels = ", ".join(f"{x / words.pascal:.6g}" for x in (p.get("rest", 0.0), *p["pressures"]))
     parts = [f"{words.group(p['chambers'])}: {levels} {words.unit}{' and back' if p['unload'] else ''}"]
     parts += [f"{p['repeats']} times", f"at {p['rate'] / words.pascal:.3g} {words.unit}/s"]
     if p.get("hold_times"):
@@ -232,19 +231,16 @@ def planned(p: Prepared, x: Proposal) -> Columns:
 def _information(predictions: tuple[RivalForecast, ...], weight: Array) -> tuple[float, list[tuple[int, int]]]:
     """Mutual information of candidates of probability `weight` and outcome, bits, and pairs (i, j) that would be told apart."""
     rng, draws = np.random.default_rng(4711), 60
-    n = len(predictions)
-    bits = 0.0
-    log_density = np.empty((n, n, draws))  # of outcomes drawn from candidate i, under candidate j
-    for i, p in enumerate(predictions):
-        outcomes = p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T
-        log_density[i] = [q.log_density(outcomes) for q in predictions]
-        mixture = logsumexp(log_density[i] + np.log(weight)[:, None], axis=0)
-        bits += weight[i] * float(np.mean(log_density[i, i] - mixture)) / np.log(2)
+    outcomes = [p.mean + rng.normal(size=(draws, len(p.mean))) @ p.factor.T for p in predictions]
+    # (i, j, draws) of outcomes drawn from candidate i, under candidate j
+    log_density = np.array([[q.log_density(own) for q in predictions] for own in outcomes])
+    mixture = logsumexp(log_density + np.log(weight)[:, None], axis=1)
+    bits = float(weight @ (np.einsum("iid->id", log_density) - mixture).mean(axis=1)) / np.log(2)
 
     def pair_bits(true: int, other: int) -> float:
         """By which outcomes drawn from one candidate tell it from one other, both as likely before."""
         return float(1 - np.mean(np.logaddexp(0.0, log_density[true, other] - log_density[true, true])) / np.log(2))
 
-    pairs = itertools.combinations(range(n), 2)
+    pairs = itertools.combinations(range(len(predictions)), 2)
     separated = [(i, j) for i, j in pairs if min(pair_bits(i, j), pair_bits(j, i)) > SEPARATED_BITS]
     return max(bits, 0.0), separated  # the mean of few draws can fall below 0

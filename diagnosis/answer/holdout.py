@@ -44,12 +44,9 @@ def other_campaign(diagnosed: CaseLike, other: CaseLike) -> Campaign:
             "nor tested on a bending run; diagnose and hold out bending or elongation runs"
         )
     # no two readings have the same tip, pressures and spine length to the last digit
-    diagnosed_states, other_states = (
-        [tuple(r) for r in np.column_stack([t.tip, t.pressures, t.spine_length]).tolist()]
-        for t in (diagnosed.table, with_tip.trials)
-    )
-    fitted_states = set(diagnosed_states)
-    if shared := sum(r in fitted_states for r in other_states):
+    known, others = (np.column_stack([t.tip, t.pressures, t.spine_length]) for t in (diagnosed.table, with_tip.trials))
+    fitted_states = set(map(tuple, known.tolist()))
+    if shared := sum(tuple(state) in fitted_states for state in others.tolist()):
         raise BadHoldout(
             f"{shared} of its {len(with_tip)} states are among those diagnosed, so the fit saw them; "
             "give a campaign that is not among the inputs"

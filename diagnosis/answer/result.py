@@ -105,12 +105,13 @@ class Alike:
 
 @dataclass(frozen=True)
 class SetUp:
-    """What the calibrated model moves within a tolerance of robot.yaml."""
+    """A number that the calibrated model moves within a tolerance of robot.yaml."""
 
     name: str
+    """Of a vector, one component: frame_turn.z."""
     value: float
     sd: float
-    """Of one component in robot.yaml, as `value` in `unit`."""
+    """In robot.yaml, as `value` in `unit`."""
     unit: str
     mm: float
     """rms by which it moves what the gap is of."""

@@ -262,11 +262,11 @@ def beyond_tolerance(p: FitParameters, moved: Mapping[int, float], robot: Robot,
 
 
 def tracked_turn(p: Prepared, theta: Array) -> Iterator[Finding]:
-    """A finding if a fit (k,) turns the tracked body on the tip by more than its tolerance, and no map took it as it rests."""
+    """A finding if a fit (k,) turns the tracked body beyond its tolerance about an axis, and no map took it as it rests."""
     own = np.array([info.source == TRACKED_TURN.spec.id for info in p.problem.parameters.infos])
     turn, trials = theta[own], p.states.trials
-    angle, tolerance = float(np.linalg.norm(turn)), p.problem.parameters.sd[own].max(initial=0.0)
-    if angle > tolerance and not trials.moved_to_model:
+    angle = float(np.linalg.norm(turn))
+    if (np.abs(turn) > p.problem.parameters.sd[own]).any() and not trials.moved_to_model:
         deg, remedy = float(np.degrees(angle)), of_mount(listed(from_vector(-turn), 4), trials.mapped)
         yield finding("tracked_turn", deg=deg, about=listed(turn / angle), remedy=remedy)
 

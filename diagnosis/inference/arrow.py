@@ -21,7 +21,7 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from model.prediction.box_minima import Free, projected
+from model.prediction.box_minima import projected
 
 from ..arrays import Array, Ints, Mask
 
@@ -85,7 +85,7 @@ class Arrow:
     def within(self, slope: Array, low: Array, high: Array) -> Array:
         """The x (c,) within low .. high that minimises x.A.x / 2 + slope.x."""
 
-        def solve(free: Free, downhill: Array) -> Array:
+        def solve(free: Mask, downhill: Array) -> Array:
             return self.factorised(free[0]).solve(downhill[0])[None]
 
         return projected(lambda x: self.times(x[0])[None], solve, slope[None], low[None], high[None])[0]

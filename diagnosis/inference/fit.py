@@ -19,16 +19,18 @@ from .jacobian import Jacobian
 from .linear import Linear, SizePrior
 from .problem import FormError, Problem, derivatives
 
-LEAST_PROMISE, CHORD_PROMISE = 0.01, 0.2
-"""Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew."""
+LEAST_PROMISE, CHORD_PROMISE, WRITTEN_PROMISE = 0.01, 0.2, 1e-5
+"""Steps that promise to lower it by less are not tried; the second where derivatives are never taken anew, the third where the
+numbers are written: 0.01 is a seventh of a standard deviation, by which they would depend on the start."""
 DAMPINGS = (0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6, 1e7)
 """Added to the curvature, in units of the prior's, until a step lowers the cost."""
 FIRST_DAMPINGS, CHORD_DAMPINGS = DAMPINGS[:6], DAMPINGS[:3]
 """The same in the first steps of a hypothesis, with derivatives by what it names alone taken anew, and where derivatives are
 never taken anew: where those do not lead down, others do."""
-LEAST_GAIN, PROMISING, HALVINGS = 0.02, 1.0, 6
-"""A step that lowers the cost by less is the last; a promise from which even a search near its minimum goes on; how often a start
-without equilibrium is moved half way to the baseline before it is moved there."""
+LEAST_GAIN, NEAR, PROMISING, HALVINGS = 2.0, 5.0, 1.0, 6
+"""A step that lowers the cost by less is the last, and a search within this many prior sd of its minimum may end, both in units
+of `LEAST_PROMISE`, or of the least promise where it is smaller; a promise from which even a search near its minimum goes on; how
+often a start without equilibrium is moved half way to the baseline before it is moved there."""
 TRUST_RATIO, MOST_CORRECTION = 0.75, 0.75
 """Share of the predicted decrease from which a step is taken uncorrected; largest correction, as a share of the step."""
 
@@ -107,7 +109,7 @@ def fit(
         fresh[of_effect] &= prior.wide
         fresh[~of_effect] = False
     dampings = DAMPINGS if frozen is None else FIRST_DAMPINGS
-    return _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings).search(start, rounds, 0.05)
+    return _Descent(problem, prior, size, frozen, np.flatnonzero(fresh), least_promise, dampings).search(start, rounds, NEAR)
 
 
 def fit_alone(problem: Problem, named: tuple[str, ...], theta: Array, rounds: int) -> Fit:
@@ -131,14 +133,14 @@ class _Descent:
         self._factor = cho_factor(np.eye(m) + size**2 * problem.gram, lower=True) if size and m else None
 
     def search(self, start: Array | Fit, rounds: int, tolerance: float) -> Fit:
-        """Step down until the minimum of the linear problem is within `tolerance` (prior sd) or it promises too little."""
-        local = self.begin(start)
+        """Step down until the minimum of the linear problem is within `tolerance` (as `NEAR`) or it promises too little."""
+        local, unit = self.begin(start), min(self._least, LEAST_PROMISE)
         if rounds:
             self._forward = self._forward.near(local.theta)
         level = 0  # index among the dampings
         for _ in range(rounds):
             away = np.abs((local.optimum - local.theta) / self._p.sd) if np.isfinite(local.cost) else np.array([np.inf])
-            if away.max(initial=0.0) < tolerance and self._promise(local) < PROMISING:
+            if away.max(initial=0.0) < tolerance * unit and self._promise(local) < PROMISING:
                 break
             step = self.step_down(local, level)
             if step is None:
@@ -149,7 +151,7 @@ class _Descent:
             if not np.isfinite(predicted).all():  # a trial mistook a state for one in equilibrium
                 break
             decrease, local = local.cost - cost, _Local(self, theta, predicted, slope, cost)
-            if decrease < max(LEAST_GAIN, self._least):
+            if decrease < max(LEAST_GAIN * unit, self._least):
                 break
             level = max(level - 2, 0)
         return Fit(local.theta, local.predicted, local.slope, local.cost, self._promise(local))

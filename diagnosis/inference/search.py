@@ -30,7 +30,7 @@ from ..arrays import Array
 from .candidate import Bases, Candidate, complete, light
 from .evidence import KNOWN, NONE, Hypothesis, weigh
 from .executor import SINGLE_THREAD, DiagnosisStep, Executor
-from .fit import Fit, fit
+from .fit import LEAST_PROMISE, WRITTEN_PROMISE, Fit, fit
 from .jacobian import Jacobian
 from .linear import Linear
 from .posterior import hypothesis_prior
@@ -303,8 +303,9 @@ class Search:
             (here,) = self.around(none.fit, [named], False)
             begun = max((self._searched_on(c)[0] for c in self._at_starts(here)), key=_evidence)
         points: list[Array | Fit] = [begun.fit, self.fit(NONE, False, 0.0, none.fit, LAST_ROUNDS).theta, *more]
-        ends = [self._to_the_end(named, False, size, at) for size in {begun.grid_point.size, 0.0} for at in points]
-        return max((begun, *ends), key=_evidence)
+        each = ((size, at) for size in {begun.grid_point.size, 0.0} for at in points)
+        ends = (self.fit(named, False, size, at, LAST_ROUNDS, least_promise=WRITTEN_PROMISE) for size, at in each)
+        return max((self._weigh(named, end, False) for end in ends), key=_evidence)
 
     def with_all_derivatives(self, c: Candidate) -> Candidate:
         """The same candidate with derivatives by all parameters, those of absent effects included."""
@@ -350,12 +351,12 @@ class Search:
 
     def fit(
         self, named: Hypothesis, with_tolerances: bool, size: float, start: Array | Fit, rounds: int,
-        frozen: Jacobian | None = None,
+        frozen: Jacobian | None = None, least_promise: float = LEAST_PROMISE,
     ) -> Fit:  # fmt: skip
         """A hypothesis fitted from a start, with a discrepancy of this size; see `fit.fit`."""
         p = self.problem.parameters
         own = p.prior_of(named, judgement.FIT_TOLERATED_SIZE * with_tolerances)
-        return fit(self.problem, own, size, start, rounds, frozen)
+        return fit(self.problem, own, size, start, rounds, frozen, least_promise)
 
     def _as_reference(self, f: Fit) -> Fit:
         """A fit that lends its derivatives and the model-form error of what is not named to hypotheses around it."""

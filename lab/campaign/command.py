@@ -41,9 +41,6 @@ from ..verbs.run import Job, Outcome, connect, execute, job_again, note_unverifi
 from .design import SHOWN, CampaignDesign, CampaignRun, campaign_of, planned_table
 from .journal import FILE, CampaignJournal, CampaignProgress, RunState, demand_same, fill, found_of, mend
 
-Key = tuple[tuple[int, int], int, int]
-"""Cell, trial in the run, step: a state that each block has once."""
-
 
 class Stops:
     """The stop rules of a campaign, judged between two runs: why it ends, or nothing."""
@@ -54,7 +51,8 @@ class Stops:
         """Failures since this process began: a person has seen earlier ones."""
         self._chambers = chambers
         self._cycles = np.zeros(chambers, np.int64)
-        self._tips: dict[Key, list[np.ndarray]] = {}
+        self._tips: dict[tuple[tuple[int, int], int, int], list[np.ndarray]] = {}
+        """By protocol and condition, trial in the run, step: a state that each block has once."""
 
     def count(self, plan: Plan, times: int = 1) -> None:
         """Count how often a plan was begun, each time with all of its cycles."""

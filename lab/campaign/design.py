@@ -26,15 +26,12 @@ from ..files.config import ConfigError, Loc, Source, in_units
 from ..files.rig_file import RigFile, load_rig
 from ..verbs.run import Columns, Job, job, planned_columns
 
-Cell = tuple[int, int]
-"""Number of the protocol in the file, and of its condition."""
-Slot = tuple[int, Cell]
-"""A block and what is done in it."""
 
+def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped: bool) -> list[tuple[int, tuple[int, int]]]:
+    """All runs in order, (block, (protocol of the file, condition)), conditions of a block shuffled by `seed`.
 
-def ordered(hands: Sequence[Sequence[Hashable]], blocks: int, seed: int, grouped: bool) -> list[Slot]:
-    """All runs in order, conditions of a block shuffled by `seed`; `hands`: of each protocol the set-up of each condition;
-    `grouped`: a set-up is kept for all blocks before the next, so that a person changes it as seldom as possible.
+    `hands`: of each protocol the set-up of each condition; `grouped`: a set-up is kept for all blocks before the next, so that a
+    person changes it as seldom as possible.
 
     >>> ordered([["light", "light", "heavy"]], 2, 1, True)
     [(1, (0, 1)), (1, (0, 0)), (2, (0, 1)), (2, (0, 0)), (1, (0, 2)), (2, (0, 2))]

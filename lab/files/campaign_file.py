@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
+from model.plain_yaml import FileTable
 from recordings.campaign.labels import labels
 from recordings.errors import BadMessage
 from recordings.messages import NAME
 
-from .config import FileTable, Source, check, read_yaml
+from .config import Source, check, read_yaml
 
 OWN_LABELS = ("campaign", "block", "run", "condition", "warm_up")
 """Labels that a campaign adds to its recordings."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -51,12 +51,6 @@ def in_si(place: str, text: str, unit: str, units: Mapping[str, float] | None = 
         return to_si(text, unit, units)
     except UnitError as e:
         raise ConfigError(f"{place}: {e}") from e
-
-
-class FileTable(BaseModel):
-    """A table of a file: no unknown keys, no NaN, unchangeable."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def demand_writable(*paths: Path | None) -> None:

@@ -28,8 +28,9 @@ from drivers.configs import (
 )
 from drivers.interfaces import Vector3
 from drivers.registry import GROUP, QUANTITY, ROLES, Driver, faults, own
+from model.plain_yaml import FileTable
 
-from .config import ConfigError, FileTable, Source, check, read_yaml
+from .config import ConfigError, Source, check, read_yaml
 from .packages import Registered, installed, without
 
 if TYPE_CHECKING:

@@ -29,8 +29,6 @@ STOP_WAITS = 0.3
 STOPS = 3
 """Tries to stop the arm that may fail in a row before the guard lands the rig."""
 
-Call = tuple[Any, ...]
-
 
 class UnderForce:
     """The arm's driver, moving only with force samples; has the driver's methods that the guard uses."""
@@ -49,7 +47,7 @@ class UnderForce:
         self._arrivals: deque[float] = deque(maxlen=FLOW)
         self._turn = timing.Lock()
         """Held by a call to the arm's motion."""
-        self._goal: Call | None = None
+        self._goal: tuple[Any, ...] | None = None
         """The motion under way, its arguments of move_to; None at rest."""
         self._waits = self._reported = False
         """Whether that motion stands still until samples flow; whether that was logged."""

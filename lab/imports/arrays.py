@@ -75,8 +75,7 @@ def columns_of(path: Path, given: Mapping[str, Any], source: Source, form: str, 
             columns[heading if source.variable else of_variable] = Judged(column)
     if unread:
         all_notes.append(f"not read: {', '.join(unread)}")
-    series = of_judged(path, columns, form)
-    return replace(series, notes=(*all_notes, *series.notes))
+    return of_judged(path, columns, form, all_notes)
 
 
 def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | Judged | str]]:

@@ -118,8 +118,7 @@ def _of_columns(
             notes.append(f"column {name!r} ({columns[k][1]}) is left out: {reason(e)}")
     if not judged:
         raise ConfigError(f"{path}: no column can be read; {'; '.join(notes) or 'it has none'}")
-    series = of_judged(path, judged, form)
-    return replace(series, notes=(*notes, *series.notes))
+    return of_judged(path, judged, form, notes)
 
 
 # ------------------------------------------------------------------ C3D

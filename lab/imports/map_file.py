@@ -17,9 +17,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, 
 from diagnosis.data.levels import REST
 from model.actuators import Words
 from model.arrays import Array
+from model.plain_yaml import FileTable
 from recordings.trials import AXES, TEXTS, Axis, Mapped, column_order, unit_of
 
-from ..files.config import ConfigError, FileTable, check, in_si
+from ..files.config import ConfigError, check, in_si
 from ..files.config import Source as Parsed
 from ..files.units import KINDS, plain_unit, usual
 

@@ -100,12 +100,12 @@ class Series:
         return next((unit for unit in stated if unit in units), "")
 
 
-def of_judged(path: Path, judged: Mapping[str, Judged], form: str) -> Series:
-    """Columns that were judged one by one."""
+def of_judged(path: Path, judged: Mapping[str, Judged], form: str, notes: Sequence[str] = ()) -> Series:
+    """Columns that were judged one by one; `notes` come before those on columns."""
     return Series(
         path, {n: j.values for n, j in judged.items()}, form, {n: j.unit for n, j in judged.items() if j.unit}, {},
         {n: j.strange for n, j in judged.items() if j.strange}, {n: j.absent for n, j in judged.items() if j.absent},
-        notes=tuple(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note),
+        notes=(*notes, *(f"column {n!r}: {j.note}" for n, j in judged.items() if j.note)),
     )  # fmt: skip
 
 

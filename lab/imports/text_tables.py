@@ -96,16 +96,14 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     lines = np.array([r.line for r, is_data in zip(records, data, strict=True) if is_data], np.int64)
     columns = _columns(frame[data], parsed[data], head, source, separator)
     columns |= _times_of_frames(columns, records[:first])
-    notes = tuple(_left_out(path, records, frame.shape[1], data, first, too_long))
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     of_motive = MOTIVE.match(records[0].text)
     form = "Motive's export" if of_motive else f"columns separated by {mark}"
-    series = of_judged(path, columns, form)
-    units = {**head.units, **series.units}
+    series = of_judged(path, columns, form, tuple(_left_out(path, records, frame.shape[1], data, first, too_long)))
     if of_motive and (stated := START.search(records[0].text)):
         times = judge(pd.Series([f"{stated['date']} {stated['clock'].replace('.', ':', 2)}"])).values
         series = replace(series, start=(stated["start"], float(times[0])) if times.dtype.kind == "f" else None)
-    return replace(series, units=units, common_units=head.common_units, lines=lines, notes=(*notes, *series.notes))
+    return replace(series, units={**head.units, **series.units}, common_units=head.common_units, lines=lines)
 
 
 # ------------------------------------------------------------------ tables below each other

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model.actuators import Words
 from model.arrays import Array, Ints, Mask
@@ -23,8 +22,6 @@ from .clock import gaps
 from .map_file import Map, Plateaus, States
 from .quantities import FileRows
 from .series import Series
-
-Texts = NDArray[np.str_]
 
 MOST_NOTES = 3
 """Changes away from rest that are noted one by one."""

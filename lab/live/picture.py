@@ -412,10 +412,7 @@ def _listed(row: TrialRow, again: bool) -> Numbers:
     }  # fmt: skip
 
 
-Samples = NDArray[np.void]
-
-
-def _force(s: Samples) -> Numbers:
+def _force(s: NDArray[np.void]) -> Numbers:
     """The newest force and moment, and the largest force of the piece."""
     net = s["raw"] - s["zero"]
     force, moment = (np.sqrt((half**2).sum(axis=1)) for half in (net[:, :3], net[:, 3:]))
@@ -423,7 +420,7 @@ def _force(s: Samples) -> Numbers:
     return {"t": float(s["t"][-1]), **newest}
 
 
-def _newest(*fields: str) -> Callable[[Samples], Numbers]:
+def _newest(*fields: str) -> Callable[[NDArray[np.void]], Numbers]:
     """The newest sample's stamp and these of its fields."""
     return lambda s: {name: s[name][-1].tolist() for name in ("t", *fields)}
 

@@ -96,10 +96,6 @@ def moves(bench: Bench, rig: RigFile, robot: Robot) -> Iterator[Moved]:
             return
 
 
-Trial = Callable[[Bench, RigFile, Robot], Iterator[Moved | str]]
-"""`moves` or `calibrate`: what is done with a rig, by its outcomes and lines."""
-
-
 class NotAsCommanded(ProtocolError):
     """An actuator moved, but not as commanded."""
 
@@ -390,8 +386,8 @@ def _may_move(file: RigFile, yes: bool, option: str, what: str) -> Robot:
     return robot
 
 
-def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]]:
-    """Do what `trial` does, land the rig, and print each outcome and line, the landing last; returns both."""
+def _moved(rig: Rig, robot: Robot, do: Callable[[Bench, RigFile, Robot], Iterator[Moved | str]]) -> tuple[list[Moved], list[str]]:
+    """`do` something (`moves` or `calibrate`), land the rig, and print each outcome and line, the landing last; returns both."""
     outcomes, said = list[Moved](), list[str]()
     screen = Screen("check", rig.clock.speed)
 
@@ -403,7 +399,7 @@ def _moved(rig: Rig, robot: Robot, trial: Trial) -> tuple[list[Moved], list[str]
         try:
             if rig.file.operator != "console":  # a person at the console has just been asked
                 bench.operator.prepare(Setup("robot", robot.tip_mass, 0.0, 80e3))  # Pa below ambient
-            for result in trial(bench, rig.file, robot):
+            for result in do(bench, rig.file, robot):
                 if isinstance(result, Moved):
                     tell(result)
                 else:

@@ -12,7 +12,7 @@ from model.robot import Robot
 
 from ..comparison import comparison
 from ..console import note, out, titled
-from ..files.inputs import marked_notes, read_case
+from ..files.inputs import read_case
 from ..files.output_folder import demand_free, whole
 from ..files.own_effects import stated_by
 from ..options import JSON, OF_CASE, REPLACE, Result, Verb, path_option
@@ -26,8 +26,8 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
     demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     words = case.robot.actuators.words
-    note(case.table.warnings)
     c = comparison(case, stated_by(case.robot))
+    note(c.notes)
     figure = measured = None
     if folder is not None:
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
@@ -46,7 +46,6 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
                 for length, pressure, *longer in c.elongation
             )
             out.print(titled(lowest, ("spine", words.pressure, "measured", "model"), rows))
-        note(marked_notes(case.table))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
         for path in filter(None, (figure, measured)):
@@ -54,7 +53,7 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
 
     pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
     counts = {"unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
-    return Result({**c.table.as_dict(), "elongation": c.elongation, **counts, **pictures}, show)
+    return Result({**c.table.as_dict(), "elongation": c.elongation, "notes": c.notes, **counts, **pictures}, show)
 
 
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:

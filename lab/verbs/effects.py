@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from rich.table import Column, Table
 
 from diagnosis.answer.headline import for_people
 from model.actuators import Words
 from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, ForwardModel, Parameter, design_from_columns
+from model.effects.design import Columns
 from model.effects.scales import scales
 from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
@@ -33,8 +33,6 @@ from ..files.own_effects import catalogue
 from ..files.robot_file import paper_robot
 from ..options import JSON, OWN_EFFECTS, REPLACE, Result, Verb, path_option
 from ..pages.figures import colours, drawing
-
-Columns = dict[str, NDArray[np.generic]]
 
 OWN = ("signatures.png",)
 """What is written, and replaced when the command is repeated."""

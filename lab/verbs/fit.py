@@ -84,7 +84,8 @@ def fit(
         start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
         with Screen("fitting") as screen:
             fitted = fit_effects(case, named or (), effects, screen.step, residual, start)
-        note((*map(str, fitted.findings), *([] if diagnosed is None else disagreement(fitted, diagnosed))))
+        own = (str(f) for f in fitted.findings if f.code != "as_read")  # those were said before the fit
+        note((*own, *([] if diagnosed is None else disagreement(fitted, diagnosed))))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as (place, word):

@@ -7,6 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from model.errors import ModelError
 from model.prediction import NORMAL_95, Prediction, Predictor
 from model.prediction.campaign import ASKED, predict_campaign
 from model.prediction.inverse import REACHED, Reached, inverse, limits_of
-from model.prediction.predictor import outside_limits
+from model.prediction.predictor import outside_known
 from model.prediction.spread import states_uncertainty
 from model.robot import Robot
 from protocols.planned import planned_rows
@@ -33,6 +34,7 @@ from ..console import Screen, note, out, titled
 from ..files.config import ConfigError, demand_writable, load
 from ..files.output_folder import fate
 from ..files.own_effects import stated_by
+from ..files.robot_numbers import doubtful_numbers
 from ..imports.headings import unit_named
 from ..imports.map_file import factor
 from ..options import JSON, OWN_EFFECTS, OneOf, Result, Verb, option, path_option, repeatable
@@ -51,7 +53,6 @@ NO_INTERVAL = (
 )
 PICTURES = (".svg", ".png", ".pdf")
 
-
 Files = tuple[Path | None, Path | None]
 """Table and figure to write in addition to the screen."""
 
@@ -59,7 +60,7 @@ Files = tuple[Path | None, Path | None]
 def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -> Result:
     """Predict the tip of states (columns of trials.csv, SI), those of a trial in order. Raises ConfigError, ModelError."""
     catalogue = stated_by(robot, effects)
-    _judge(robot, states)
+    notes = _judge(robot, states)
     with Screen("predicting"):
         prediction = _with_known_intervals(robot, _predicted(robot, states, catalogue))
     bent = states["protocol"] != "stiffness" if "protocol" in states else np.ones(len(prediction.tip), bool)
@@ -75,15 +76,19 @@ def predict(robot: Robot, states: Columns, files: Files, effects: Path | None) -
     named = f"{robot.name}, {' + '.join(robot.effects) or 'no effect'}"
     title = f"Expected readings of the tip, p in {robot.actuators.words.unit}: {named}"
     lengths, pressures, rows = bending["spine_length"], _pressures(robot, bending), prediction_rows(bending, prediction)
-    return _result(robot, files, "states", rows, lambda: _sheet(title, robot, {}, lengths, pressures, prediction), draw, missing)
+    sheet = partial(_sheet, title, robot, {}, lengths, pressures, prediction)
+    return _result(robot, files, "states", rows, sheet, draw, missing, notes)
 
 
 def _result(
     robot: Robot, files: Files, kind: str, rows: list[dict[str, Any]], sheet: Callable[[], Sheet],
-    draw: Callable[[Path], None], missing: str,
+    draw: Callable[[Path], None], missing: str, notes: list[str],
 ) -> Result:  # fmt: skip
-    """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer."""
+    """Write the files wanted and return the result; `kind`: name of the rows in JSON, `missing`: which have no answer.
+
+    `notes` go with those about robot.yaml: on the screen, and in JSON."""
     csv, figure = files
+    note(notes := [*(f"robot.yaml: {text}" for text in doubtful_numbers(robot)), *notes])
     written = {str(path): fate(path) for path in files if path is not None}
     if csv is not None:
         csv.write_text(csv_text([list(rows[0]), *(row.values() for row in rows)]), encoding="utf-8")
@@ -102,7 +107,7 @@ def _result(
         if missing:
             out.print(missing)
 
-    head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval}
+    head = {"schema": "prediction/1", "robot": robot.name, "effects": list(robot.effects), "interval": interval, "notes": notes}
     return Result({**head, "files": list(written), kind: rows}, show)
 
 
@@ -132,7 +137,7 @@ def invert(
     fixed = None if spine_length is None else (spine_length, spine_length)
     try:
         limits = limits_of(robot, groups, spine=fixed)
-        with Screen(f"searching {robot.actuators.words.pressures}") as screen:
+        with Screen(f"searching {robot.actuators.words.pressures}") as screen, warnings.catch_warnings(action="ignore"):
             predictor = Predictor(robot, stated_by(robot, effects))
             reached = inverse(predictor, place, limits, weight, lambda share: screen.progress(share, 1.0))
         reached = replace(reached, prediction=_with_known_intervals(robot, reached.prediction))
@@ -160,7 +165,8 @@ def invert(
         title = f"{words.pressures.capitalize()} for wanted tips, p in {words.unit} (there: within {MM * REACHED:g} mm)"
         return _sheet(title, robot, lead, reached.spine_length, reached.pressures, reached.prediction, model_only=True)
 
-    return _result(robot, files, "targets", inverse_rows(place, reached), sheet, draw, missing)
+    _, notes = outside_known(robot, reached.pressures, reached.spine_length)
+    return _result(robot, files, "targets", inverse_rows(place, reached), sheet, draw, missing, notes)
 
 
 def table_states(path: Path, words: Words) -> Columns:
@@ -260,8 +266,8 @@ def _pressures(robot: Robot, states: Columns) -> Array:
     return np.stack([np.asarray(states.get(f"p{c}", none), float) for c in range(1, count + 1)], axis=1)
 
 
-def _judge(robot: Robot, states: Columns) -> None:
-    """Note actuators without a column and pressures beyond the robot's limits, where the model was never compared with a robot.
+def _judge(robot: Robot, states: Columns) -> list[str]:
+    """Notes about actuators without a column and states where the model was never compared with the robot (`outside_known`).
 
     Raises ConfigError for columns of actuators that it lacks or of none, BadCondition for a tendon that pushes."""
     own, words = range(1, len(robot.actuators.azimuths_deg) + 1), robot.actuators.words
@@ -270,9 +276,9 @@ def _judge(robot: Robot, states: Columns) -> None:
         raise ConfigError(f"the table has no {words.pressures}: give columns p1 .. p{own[-1]}, in Pa, or p1 [{words.unit}] ..")
     if unknown := sorted(given - {*own}):
         raise ConfigError(f"column p{unknown[0]}: {robot.name} has {words.group(own)}; leave the column out")
-    if lacking := sorted({*own} - given):
-        note([f"no column of {words.group(lacking)}: taken as 0 {words.unit}"])
-    note(filter(None, outside_limits(robot, np.nan_to_num(_pressures(robot, states)))[1:]))
+    lacking, lengths = sorted({*own} - given), np.asarray(states["spine_length"], float)
+    _, outside = outside_known(robot, np.nan_to_num(_pressures(robot, states)), lengths, states.get("tip_mass"))
+    return [f"no column of {words.group(lacking)}: taken as 0 {words.unit}"] * bool(lacking) + outside
 
 
 def _coordinates(path: Path, table: Columns) -> tuple[Array, Array]:

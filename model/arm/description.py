@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from model.errors import BadArm
-from model.plain_yaml import checked, loaded
+from model.plain_yaml import FileTable, checked, loaded
 from model.robot import Array, Pose, Vector3
 
 PARALLEL = math.radians(10)
@@ -32,10 +32,8 @@ LONGEST = 10.0
 """Largest length of a description, m: beyond it a number is in mm."""
 
 
-class Link(BaseModel):
+class Link(FileTable):
     """A joint and the link behind it: one row of the table of Denavit and Hartenberg."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     a: FiniteFloat = Field(ge=-LONGEST, le=LONGEST, json_schema_extra={"unit": "m"})
     """Along x of the new frame, from axis to axis."""
@@ -60,10 +58,8 @@ class Link(BaseModel):
         return self
 
 
-class Arm(BaseModel):
+class Arm(FileTable):
     """A serial arm of revolute joints with a point on its tool that is measured."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(min_length=1, max_length=100)
     links: tuple[Link, ...]

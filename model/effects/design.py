@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arrays import Array, Ints
+from model.arrays import Array, Ints, Mask
 from model.condition import (
     HIGHEST_PRESSURE,
     HOLD,
@@ -17,7 +17,6 @@ from model.condition import (
     RATE,
     TIP,
     USED,
-    Flags,
     States,
     highest_of_trial,
 )
@@ -104,7 +103,7 @@ def _sittings(t: Array, trial: Ints) -> Ints:
     return np.asarray(of_trial[np.searchsorted(numbers, trial)], np.int64)
 
 
-def _progress(t: Array, trial: Ints, of_robot: Flags) -> Array:
+def _progress(t: Array, trial: Ints, of_robot: Mask) -> Array:
     """Part 0..1 (n,) of the campaign past at the states `of_robot`, by time where trials follow each other, else by trial."""
     out = np.zeros(len(t))
     if of_robot.any():
@@ -180,7 +179,7 @@ def _usual(vacuum: Array) -> float:
     return max(float(vacuum[np.round(vacuum / 2e3) == level].mean()), 1.0)
 
 
-def _pressures(robot: Robot, columns: Columns, stiffness: Flags) -> Array:
+def _pressures(robot: Robot, columns: Columns, stiffness: Mask) -> Array:
     n, chambers = len(stiffness), len(robot.actuators.azimuths_deg)
     names = [f"p{i}" for i in range(1, chambers + 1)]
     extra = [name for name in columns if re.fullmatch(r"p\d+", name) and name not in names]
@@ -208,7 +207,7 @@ def _trials(numbers: NDArray[np.generic], spine_length: Array) -> tuple[Ints, In
     return np.array(ids, np.int64), trial
 
 
-def _channels(robot: Robot, columns: Columns, stiffness: Flags) -> tuple[str, ...]:
+def _channels(robot: Robot, columns: Columns, stiffness: Mask) -> tuple[str, ...]:
     names: list[str] = []
     if not stiffness.all():
         names += [name for name in TIP if name in columns]

@@ -24,7 +24,7 @@ from model.effects.parameters import ParameterInfo, Spread, parameter_table
 from model.effects.quantities import Quantities, baseline
 from model.effects.readings import Readings, readings
 from model.effects.scales import Scales, scales
-from model.effects.solver import SolvedRods, Steps, differentiate, integration_steps, look_inside, nudged, solve
+from model.effects.solver import SolvedRods, differentiate, integration_steps, look_inside, nudged, solve
 from model.effects.spec import EffectSpec, Values
 from model.effects.spine import ShearSpine, shear_spine
 from model.effects.tolerance import VariationSource, single_sources, sources
@@ -141,7 +141,7 @@ class ForwardModel:
         `plane_direction` (2,) is the way sideways to the plane that may be touched: by default the robot's, or where the
         campaign bends to. Raises `BadRobot` for an effect in robot.yaml that neither the project nor `catalogue` knows.
         """
-        self._steps: Steps | None
+        self._steps: Ints | None
         self._start: SolvedRods | None
         full, rest_of = with_rest(design)
         self.scales = sized or scales(robot, design.pressure, design.pace)

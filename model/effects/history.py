@@ -12,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model.arrays import Array
+from model.arrays import Array, Ints, Mask
 from model.condition import States
 from model.effects import layout as at
 from model.effects.compose import RodColumns, silicone_share
@@ -23,8 +22,6 @@ from model.robot import Robot
 from model.rods import columns as col
 from model.rods.fast.compiler import kernel
 from model.rotation import CONJUGATE, multiply, rotation_vector
-
-Order = NDArray[np.int64]
 
 CELLS = 12
 """Cells of equal length along the body: the silicone of each remembers its own shapes, whether the spine is in it or not."""
@@ -50,11 +47,11 @@ def rest_columns(robot: Robot, layout: at.Layout) -> list[int]:
 class Path:
     """When and in which order the drive changes: one line a step, from one state to another."""
 
-    before: Order
+    before: Ints
     """(k,) index of the state a step comes from; a trial starts at its rest."""
-    after: Order
+    after: Ints
     """(k,) index of the state it leads to; steps of a trial follow each other."""
-    first: NDArray[np.bool_]
+    first: Mask
     """(k,) the trial starts here."""
     stay: Array
     ramp: Array
@@ -106,7 +103,7 @@ class Path:
         return out
 
 
-def loading_path(design: States, rest_of: Order) -> Path:
+def loading_path(design: States, rest_of: Ints) -> Path:
     """The steps of all trials in the order of the table; trial k begins at state rest_of[k]. No stiffness rows."""
     before, after, first, stay, ramp, hold = [], [], [], [], [], []
     time = np.nan
@@ -214,7 +211,7 @@ def by_element(history: History, rods: RodColumns) -> Array:
     return np.stack(np.broadcast_arrays(*added), axis=-1)
 
 
-def drive(lengths: Sequence[Array], results: Array, places: Order, states: int) -> Array:
+def drive(lengths: Sequence[Array], results: Array, places: Ints, states: int) -> Array:
     """(v, states, DRIVES) mean curvature and strain of both parts, `lengths` (v or 1, m) m, from results (v, m, columns).
 
     `places` (m,) says which states the rods are; the others stay 0, and so do rods without equilibrium, lest they
@@ -236,7 +233,7 @@ def _spread(values: Array, *shape: int) -> Array:
 
 @kernel
 def _lag(
-    drive: Array, before: Order, after: Order, first: NDArray[np.bool_], stay: Array, ramp: Array, hold: Array,
+    drive: Array, before: Ints, after: Ints, first: Mask, stay: Array, ramp: Array, hold: Array,
     time: float, out: Array,
 ) -> None:  # fmt: skip
     """Write drive - x (v, n, c) into `out`, x the exact solution of x' = (drive - x) / time.
@@ -266,7 +263,7 @@ def _lag(
 
 
 @kernel
-def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], yields: Array, out: Array) -> None:
+def _slide(drive: Array, before: Ints, after: Ints, first: Mask, yields: Array, out: Array) -> None:
     """Fill `out` with the mean of Jenkins elements: state += change of drive / yield, shortened to length 1 where longer."""
     elements, components = yields.shape[1], drive.shape[2]
     state = np.zeros((elements, components))
@@ -286,9 +283,7 @@ def _slide(drive: Array, before: Order, after: Order, first: NDArray[np.bool_], 
 
 
 @kernel
-def _hold(
-    pulls: Array, friction: Array, before: Order, after: Order, first: NDArray[np.bool_], means: Array, rises: Array
-) -> None:
+def _hold(pulls: Array, friction: Array, before: Ints, after: Ints, first: Mask, means: Array, rises: Array) -> None:
     """Fill `means` and `rises` of `Path.held`: each step clips tensions to their limits, which begin as pulls at rest."""
     parts, places, tendons = friction.shape[2], friction.shape[3], pulls.shape[2]
     tensions = np.zeros((parts, places, tendons))
@@ -315,7 +310,7 @@ def _hold(
 
 
 @kernel
-def _extremes(drive: Array, covered: Array, roll: Array, after: Order, passed: Array, rate: Array, out: Array) -> None:
+def _extremes(drive: Array, covered: Array, roll: Array, after: Ints, passed: Array, rate: Array, out: Array) -> None:
     """See `Path.extremes`; `passed` (k,) s since the step before, the state `after[k]` included."""
     cells = covered.shape[2]
     top, low = np.zeros((cells, 4)), np.zeros((cells, 4))

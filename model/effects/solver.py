@@ -9,15 +9,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from model import rods as rod
-from model.arrays import Array, Ints, Mask
+from model.arrays import Array, Ints, Mask, Order
 from model.effects import layout as at
 from model.rods.solution import AT_LARGEST
 from model.rotation import from_vector, multiply
-
-Steps = Ints
 
 DIVISIONS = 5.0
 """Integration steps along a whole rod: keeps one of 0.4 m within 0.01 mm up to a bend of `BEND`; in proportion beyond."""
@@ -41,7 +38,7 @@ class SolvedRods:
     """(n, layout.width)."""
     arcs: Array
     """(k,) m."""
-    steps: Steps
+    steps: Ints
     solution: rod.Solution
     """Where a solve nearby starts."""
     result: Array
@@ -65,7 +62,7 @@ class SolvedRods:
         return SolvedRods(self.layout, self.rows[keep], self.arcs, self.steps[keep], part, self.result[keep], False)
 
 
-def integration_steps(layout: at.Layout, rows: Array) -> Steps:
+def integration_steps(layout: at.Layout, rows: Array) -> Ints:
     """(n, elements) integration steps of the elements of nominal rows.
 
     They stay the same while parameters change, so that results are smooth in the parameters.
@@ -74,7 +71,7 @@ def integration_steps(layout: at.Layout, rows: Array) -> Steps:
     return _steps(rods, rod.solve(rods, rod.Fast(follow=False)).values[:, AT_LARGEST])
 
 
-def _steps(rods: rod.Rods, moment: Array) -> Steps:
+def _steps(rods: rod.Rods, moment: Array) -> Ints:
     """(n, elements) steps that rods under these largest moments (n,) N m need; NaN counts as a moment that bends little."""
     length = rods.field("length")
     share = length / length.sum(axis=1, keepdims=True)
@@ -87,7 +84,7 @@ def solve(
     layout: at.Layout,
     rows: Array,
     arcs: Array,
-    steps: Steps | None,
+    steps: Ints | None,
     start: SolvedRods | None = None,
     inside: bool = True,
     trial: bool = False,
@@ -142,7 +139,7 @@ def _fill_stations(solved: SolvedRods, rods: rod.Rods, inside: bool) -> None:
         result[:, at.STRAIN : at.STRAIN + 2] = np.einsum("nep,p,nqe->nq", strain, weights, shares)
 
 
-def _solve_anew(rods: rod.Rods, method: rod.Fast, steps: Steps | None) -> tuple[rod.Solution, Steps]:
+def _solve_anew(rods: rod.Rods, method: rod.Fast, steps: Ints | None) -> tuple[rod.Solution, Ints]:
     """Solve from nothing. Without `steps`, with few at first, and once more what bends so far that it needs others."""
     if steps is not None:
         return rod.solve(rods, replace(method, steps=steps)), steps
@@ -156,7 +153,7 @@ def _solve_anew(rods: rod.Rods, method: rod.Fast, steps: Steps | None) -> tuple[
 
 
 def _solve_from(
-    layout: at.Layout, rows: Array, steps: Steps, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
+    layout: at.Layout, rows: Array, steps: Ints, start: SolvedRods, trial: bool, whole: bool, followed: SolvedRods | None
 ) -> rod.Solution:
     """Solve from `start`; what fails from `followed`, else anew, else through rods between, else as loads grow from zero."""
     rods = rods_from(layout, rows)
@@ -187,8 +184,8 @@ def _solve_from(
 
 
 def _all_or_none(
-    found: rod.Solution, rods: rod.Rods, steps: Steps, unsolved: NDArray[np.intp], start: SolvedRods, followed: SolvedRods | None
-) -> NDArray[np.intp]:
+    found: rod.Solution, rods: rod.Rods, steps: Ints, unsolved: Order, start: SolvedRods, followed: SolvedRods | None
+) -> Order:
     """Follow the loads of rods until one has no equilibrium that had one at the start; returns those that are then not solved."""
     # what had none the last time comes first
     for i in unsolved if followed is None else unsolved[np.argsort(followed.converged[unsolved], kind="stable")]:
@@ -200,7 +197,7 @@ def _all_or_none(
     return unsolved
 
 
-def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
+def _nearby(rods: rod.Rods, steps: Ints, start: rod.Solution) -> rod.Solution:
     """Solve from solutions close by; FAILED where one is not to be trusted, or the tip turned so far that it may have snapped."""
     # closer to buckling, not even a solution that began at a trusted one close by is trusted
     solution = rod.solve(rods, replace(METHOD, steps=steps, least_margin=0.02, follow=False), start=start)
@@ -209,12 +206,12 @@ def _nearby(rods: rod.Rods, steps: Steps, start: rod.Solution) -> rod.Solution:
     return solution
 
 
-def _unsolved(found: rod.Solution) -> NDArray[np.intp]:
+def _unsolved(found: rod.Solution) -> Order:
     """Rods without a solution."""
     return np.flatnonzero(found.status > rod.Status.SOLVED_IN_STEPS)
 
 
-def _put(into: rod.Solution, rows: NDArray[np.intp], found: rod.Solution) -> NDArray[np.intp]:
+def _put(into: rod.Solution, rows: Order, found: rod.Solution) -> Order:
     """Take over what was found of some rods; which of them are still open."""
     into.values[rows], into.status[rows] = found.values, found.status
     if len(found.memory):

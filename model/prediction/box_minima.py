@@ -8,8 +8,6 @@ import numpy as np
 
 from model.arrays import Array, Mask
 
-Free = Mask
-
 STEPS, SUFFICIENT, LEAST_SHARE = 100, 1e-4, 1e-9
 """Most steps; share of the decrease by the gradient alone from which a bent step is taken; least share of a step."""
 
@@ -17,7 +15,7 @@ STEPS, SUFFICIENT, LEAST_SHARE = 100, 1e-4, 1e-9
 def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
     """The x (n, k) within low .. high that minimise x.curve.x / 2 + slope.x, for n positive definite curves (n, k, k)."""
 
-    def solved(free: Free, downhill: Array) -> Array:
+    def solved(free: Mask, downhill: Array) -> Array:
         both_free = free[:, :, None] & free[:, None, :]
         return np.asarray(np.linalg.solve(np.where(both_free, curve, np.eye(slope.shape[1])), downhill[..., None])[..., 0])
 
@@ -25,7 +23,7 @@ def box_minima(curve: Array, slope: Array, low: Array, high: Array) -> Array:
 
 
 def projected(
-    product: Callable[[Array], Array], solved: Callable[[Free, Array], Array], slope: Array, low: Array, high: Array
+    product: Callable[[Array], Array], solved: Callable[[Mask, Array], Array], slope: Array, low: Array, high: Array
 ) -> Array:
     """The same of curves that are given by their `product` with x (n, k), and by what they are `solved` for: the x that is zero
     where not `free` (n, k), and whose product is elsewhere `downhill` (n, k), zero where not free.
@@ -56,6 +54,6 @@ def projected(
     return x
 
 
-def _downhill(x: Array, gradient: Array, low: Array, high: Array) -> Free:
+def _downhill(x: Array, gradient: Array, low: Array, high: Array) -> Mask:
     """(n, k) which can move downhill, or lie between their bounds."""
     return ~((x <= low) & (gradient > 0) | (x >= high) & (gradient < 0))

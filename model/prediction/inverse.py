@@ -11,22 +11,21 @@ best of many states that are tried first.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from model.actuators import Words
-from model.arrays import Array, Mask
+from model.arrays import Array, Mask, Order
 from model.errors import BadCondition
 from model.prediction.box_minima import box_minima
 from model.prediction.predictor import Prediction, Predictor
 from model.robot import Robot
 from model.shown import Shown, by_axis
-
-Order = NDArray[np.intp]
 
 TAU = 0.05e-3
 """m."""
@@ -133,7 +132,8 @@ def inverse(
     if not (weight >= 0).all() or (weight.max(axis=1) <= 0).any():
         raise BadCondition("weights: must be numbers, not negative, and one of each row above 0")
     search = _InverseSearch(at, limits, np.where(free, 0.0, wanted), weight)
-    u = search.run(progress)
+    with warnings.catch_warnings(action="ignore"):  # of states that are only tried
+        u = search.run(progress)
     pressures, lengths = search.inputs(u)
     prediction = at(pressures, lengths, intervals=True)
     miss = np.linalg.norm(np.where(free, 0.0, prediction.tip - wanted), axis=1)

@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from model.arrays import Array, Mask
+from model.arrays import Array, Mask, Order
 from model.condition import HOLD, NOMINAL_VACUUM, RATE, States, conditions
 from model.effects.catalogue import CATALOGUE
 from model.effects.forward import ForwardModel, InputChange
@@ -24,14 +24,14 @@ from model.robot import Robot
 from model.shown import Shown, by_axis
 from model.stated import AREA_FACTOR
 
-Order = NDArray[np.intp]
-
 BATCH = 4096
 """States that are worked on together: their arrays stay within a processor's cache."""
 PRESSURE_STEP, LENGTH_STEP = 50.0, 1e-5
 """Pa and m by which inputs are varied for a gradient."""
 PRESSURE_NOISE = 2e3
 """Pa by which a reading of a regulator may lie outside the robot's limits."""
+FITTED_NOISE = 0.02
+"""Share of the highest pressure or mass fitted, or of the robot's length, by which a state may lie outside what was fitted."""
 NORMAL_95 = 1.959963984540054
 
 
@@ -58,8 +58,8 @@ class Prediction(Shown):
     tip_by_length: Array | None = None
     """(n, 3) m/m: by the spine's length."""
     outside: Mask | None = None
-    """(n,) whether a pressure or tension is below 0 or above the robot's limit, by more than `PRESSURE_NOISE`: nothing was
-    measured there. None from `campaign`."""
+    """(n,) whether a state is outside the robot's limits or what was fitted, see `outside_known`: nothing was measured there.
+    None from `campaign`."""
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """(n, 3) m: as an array a prediction is its tips."""
@@ -140,8 +140,8 @@ class Predictor:
         if beyond.size:
             raise BadCondition(f"arcs: {beyond[0]:g} m must lie between 0 and the robot's length {self.robot.length:g} m")
 
-        outside, note = outside_limits(self.robot, states.pressure)
-        if note:
+        outside, notes = outside_known(self.robot, states.pressure, states.spine_length, states.tip_mass)
+        for note in notes:
             warnings.warn(f"{note}; `.outside` marks them", stacklevel=2)
 
         def part(rows: Order) -> Prediction:
@@ -160,20 +160,43 @@ class Predictor:
         return replace(_joined(parts, order), outside=outside)
 
 
-def outside_limits(robot: Robot, pressure: Array) -> tuple[Mask, str]:
-    """(n,) whether states of pressures (n, chambers) Pa are outside the robot's limits, and what to say of it, "" if none is.
+def outside_known(
+    robot: Robot, pressure: Array, spine_length: ArrayLike, tip_mass: ArrayLike | None = None
+) -> tuple[Mask, list[str]]:
+    """(n,) whether states are outside the robot's limits or what its posterior was fitted to, and one line for each kind.
 
-    Raises `BadCondition` for a tendon that pushes."""
-    highest, words = np.inf if robot.max_pressure is None else robot.max_pressure, robot.actuators.words
-    beyond = np.maximum(-pressure, pressure - highest)
-    outside: Mask = np.any(beyond > PRESSURE_NOISE, axis=1)
+    `pressure` (n, actuators) Pa, `spine_length` (n,) m, `tip_mass` kg (robot.yaml's unless given). Raises `BadCondition` for a
+    tendon that pushes."""
+    words, length = robot.actuators.words, np.asarray(spine_length, float)[:, None]
+    mass = np.broadcast_to(np.reshape(robot.tip_mass if tip_mass is None else tip_mass, (-1, 1)), length.shape)
     pushing = robot.tendons is not None and bool((pressure < -PRESSURE_NOISE).any())
-    state, actuator = np.unravel_index(int((-pressure if pushing else beyond).argmax()), pressure.shape)
-    worst = f"{pressure[state, actuator] / words.pascal:g} {words.unit} of {words.actuator} {actuator + 1} in row {state + 1}"
-    if pushing:
-        raise BadCondition(f"{worst}: a tendon cannot push; the least tension is 0 N")
-    limits = f"outside 0 to {highest / words.pascal:g} {words.unit}, the limits of {robot.name}: {worst} is farthest"
-    return outside, f"{int(outside.sum())} of {len(pressure)} states have {words.pressures} {limits}" if outside.any() else ""
+    limits = (0.0, np.inf if robot.max_pressure is None or pushing else robot.max_pressure)
+    driven = (words.pressures, pressure, words.pascal, words.unit)
+    kinds = {"limits": driven, "fitted_pressure": driven, "fitted_spine_length": ("spine lengths", length, 0.01, "cm")}
+    kinds["fitted_tip_mass"] = ("tip masses", mass, 1.0, "kg")
+    outside, notes = np.zeros(len(pressure), bool), list[str]()
+    for name, (quantity, values, scale, unit) in kinds.items():
+        ends = limits if name == "limits" else getattr(robot.posterior, name, None)
+        if ends is None:
+            continue
+        low, high = ends
+        beyond = np.maximum(low - values, values - high)
+        row, column = np.unravel_index(int(np.nan_to_num(beyond).argmax()), beyond.shape)
+        actuator = f" of {words.actuator} {column + 1}" if values is pressure else ""
+        worst = f"{values[row, column] / scale:g} {unit}{actuator} in row {row + 1}"
+        if pushing:
+            raise BadCondition(f"{worst}: a tendon cannot push; the least tension is 0 N")
+        noise, of, more = PRESSURE_NOISE, f"the limits of {robot.name}", ""
+        if name != "limits":
+            noise = FITTED_NOISE * (robot.length if values is length else max(-low, high))
+            of, more = "to which robot.yaml was fitted", "; predictions there extrapolate, and no interval covers that"
+        own = np.any(beyond > noise, axis=1)
+        if own.any():
+            between = " to ".join(dict.fromkeys(f"{end / scale:.4g}" for end in ends))
+            having = f"{own.sum()} of {len(own)} states have {quantity} outside {between} {unit}"
+            notes.append(f"{having}, {of}: {worst} is farthest{more}")
+        outside |= own
+    return outside, notes
 
 
 def predicted(

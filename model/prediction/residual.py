@@ -24,8 +24,6 @@ from model.arrays import Array
 from model.robot import Robot
 from model.stated import Residual
 
-Numbers = NDArray[Any]
-
 
 def section_sums(robot: Robot, pressure: Array) -> Array:
     """(n, 3) Pa: the sums u of pressures (n, chambers)."""
@@ -38,7 +36,7 @@ def kernel(u: Array, length: Array, v: Array, other: Array, pressure_scale: floa
     return np.asarray(np.exp(-0.5 * (np.maximum(squares, 0.0) + ((length[:, None] - other) / length_scale) ** 2)))
 
 
-def covariance(amplitude: float, per_trial: float, reading: float, trial: Numbers, correlation: Array) -> Array:
+def covariance(amplitude: float, per_trial: float, reading: float, trial: NDArray[Any], correlation: Array) -> Array:
     """(n, n) m^2 of learnt states: what is common to them, to those of one trial, and to one reading (sd, m)."""
     same = trial[:, None] == trial
     return np.asarray(amplitude**2 * correlation + per_trial**2 * same + reading**2 * np.eye(len(trial)))

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from model.arrays import Array, Mask
+from model.arrays import Array, Mask, Order
 from model.errors import BadCondition
 from model.rods import columns
 
@@ -107,7 +107,7 @@ class Rods:
     def __len__(self) -> int:
         return len(self.values)
 
-    def __getitem__(self, rows: slice | Mask | NDArray[np.intp]) -> Rods:
+    def __getitem__(self, rows: slice | Mask | Order) -> Rods:
         """The rods picked by a slice, mask or index array."""
         return Rods(self.form, np.ascontiguousarray(self.values[rows]))
 

@@ -11,8 +11,9 @@ from diagnosis.answer.result import Diagnosis
 from diagnosis.data.case import CaseLike
 from diagnosis.diagnose import Examined, Options, diagnose, examine
 from diagnosis.inference.prepare import table_columns
-from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_columns
+from model.effects import CATALOGUE, EffectSpec
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
+from tests.model.effects.campaigns import Moved
 
 LENGTHS, FEW = (0.0, 0.1, 0.2, 0.3), (0.0, 0.2)
 """Spine lengths of a campaign, m; of one that is answered quickly."""
@@ -38,10 +39,8 @@ def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **ef
     rows = sweep(repeats, lengths)
     values = {name.replace("__", "."): value for name, value in effects.items()}
     own = {effect: CATALOGUE[effect] for effect in (name.partition(".")[0] for name in values) if effect in CATALOGUE}
-    forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table_columns(states(case(rows))[0])), "one", own)
-    theta = np.array([values.pop(p.name, 0.0) for p in forward.parameters])
-    assert not values
-    tips = forward.predict(theta).reshape(len(rows), 3) + 0.3e-3 * rng.normal(size=(len(rows), 3))
+    tips = Moved(ROBOT, table_columns(states(case(rows))[0]), area="one", catalogue=own).tips(values)
+    tips = tips + 0.3e-3 * rng.normal(size=(len(rows), 3))
     return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
 
 

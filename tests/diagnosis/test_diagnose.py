@@ -203,4 +203,5 @@ def test_an_offset_of_one_axis_is_named_alone_with_its_size() -> None:
     (beyond,) = (str(f) for f in found.findings if f.code == "beyond_tolerance")
     named = re.findall(r"(frame_shift\.\w|length|tilt\.\w)( \(`zero` of the positions\))? ([\d.]+) mm", beyond)
     assert [name[:2] for name in named] == [("frame_shift.y", " (`zero` of the positions)")]
-    assert float(named[0][2]) == pytest.approx(40 * FINGER.length, rel=0.1)
+    assert float(named[0][2]) == pytest.approx(40 * FINGER.length, rel=0.1) and found.calibration is not None
+    assert [(s.name, s.sd) for s in found.calibration.set_up] == [("frame_shift.y", pytest.approx(0.004 * FINGER.length))]

@@ -17,8 +17,10 @@ from lab.verbs.fit import residual_lines
 from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.robot import Robot
+from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, answer, campaign, quick
-from tests.diagnosis.test_case import Measured, case
+from tests.diagnosis.test_case import ROBOT, Measured, case
+from tests.lab.diagnosed_case import campaign as bending
 
 ANGLE = np.radians(8)
 
@@ -88,6 +90,13 @@ def test_what_the_data_say_nothing_of_is_undetermined_and_leaves_no_more(fitted:
     assert absent.left_mm <= 1.001 * absent.calibrated_mm
     worse = " ".join(residual_lines(replace(absent, left_mm=2.21, calibrated_mm=1.79)))
     assert "1.79 mm rms with area factor and set-up fitted, 2.21 mm with the effects, which is larger: spine_slip does" in worse
+
+
+def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an_answer() -> None:
+    case = Measured(ROBOT.replace(thrust="cap"), Table.of(bending({"chamber_ballooning.growth": 0.3}, 2, 2, (0.0, 0.1, 0.2))))
+    found = fit_effects(case, ["chamber_ballooning"]).parameters
+    again = fit_effects(case, ["chamber_ballooning"], start={name: p.value for name, p in found.items()}).parameters
+    assert all(again[name].value == pytest.approx(p.value, abs=0.01 * p.sd) for name, p in found.items())
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:

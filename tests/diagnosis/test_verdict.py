@@ -133,9 +133,9 @@ def test_what_calibration_changed_is_part_of_the_statement() -> None:
     assert "(1.00 as stated, with 1.06 times" in statement(replace(found, calibration=Calibration(0.998, 1.0, 1.06)))
     small = statement(replace(found, calibration=Calibration(2.34, 1.5), waterfall=replace(gap, given_mm=0.63)))
     assert small.startswith("No gap: ") and "a body 36 % softer" in small
-    found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("frame_turn", 0.009, 0.0035, "rad", 2),)))
-    assert "(frame_turn 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
-    assert changed_by(found) == "frame_turn 0.52 deg, a body 9 % stiffer"
+    found = replace(found, calibration=Calibration(1, 1, 1.09, body_mm=1, set_up=(SetUp("tilt.x", 0.009, 0.0035, "rad", 2),)))
+    assert "(tilt.x 0.52 deg, stated to 0.2 deg, moves the tip by 2.00 mm: measure again)" in statement(found)
+    assert changed_by(found) == "tilt.x 0.52 deg, a body 9 % stiffer"
     only = statement(replace(found, calibration=replace(found.calibration, modulus=1.0)))
     assert only.startswith("Calibration closes 100 %") and "may stand for" not in only
     far = statement(replace(found, calibration=Calibration(13.5, 1.5, 0.8, at_bound=True)))

@@ -17,7 +17,8 @@ from model.effects import CATALOGUE, EffectSpec, ForwardModel, design_from_colum
 from model.robot import load_robot
 from model.rotation import from_vector, multiply
 from recordings.table_file import write_csv
-from recordings.trials import Cell, Table, TrialRow
+from recordings.trials import Table, TrialRow
+from tests.model.effects import campaigns
 
 ROBOT = load_robot(paper_robot())
 LENGTHS = (0.0, 0.1, 0.2, 0.3)
@@ -76,16 +77,17 @@ def campaign(
     catalogue: Mapping[str, EffectSpec] = CATALOGUE,
 ) -> list[TrialRow]:
     """A bending campaign up and down; `effects` parameter name -> value."""
-    cells = list(_asked(repeats, lengths, pressures, chambers))
-    table = {name: np.array([c[name] for c in cells]) for name in cells[0]}
+    same = {"tip_mass": ROBOT.tip_mass, "roll_deg": 0.0}
+    table = campaigns.campaign(lengths, pressures, zero=False, repeats=repeats, hold=3.0, chambers=chambers, **same)
+    table |= {"step": table["step"] + 1, "rate": np.where(table["branch"] == "load", 25e3, -25e3)}
+    table |= {"t": 100.0 * table["trial"] + 8.0 * table["step"]}
+    cells = [dict(zip(table, row, strict=True)) for row in zip(*(own.tolist() for own in table.values()), strict=True)]
     forward = ForwardModel(ROBOT, design_from_columns(ROBOT, table), catalogue=catalogue, area_factor=AREA_FACTOR)
     rng = np.random.default_rng(seed)
-    theta = np.zeros(len(forward.parameters))
-    for k, p in enumerate(forward.parameters):
-        spread = {"spine_length": AGAIN, "spine_stiffness": JAM}.get(p.source, 0.0) if p.recurs else 0.0
-        theta[k] = effects.get(p.name, spread * rng.normal())
-    unused = set(effects) - {p.name for p in forward.parameters}
-    if unused:
+    spread = {"spine_length": AGAIN, "spine_stiffness": JAM}
+    drawn = ((p.name, spread.get(p.source, 0.0) * p.recurs * rng.normal()) for p in forward.parameters)
+    theta = np.array([effects.get(name, random) for name, random in drawn])
+    if unused := set(effects) - {p.name for p in forward.parameters}:
         raise KeyError(f"no such parameters: {sorted(unused)}")
     predicted = forward.predict(theta)
     n = len(cells)
@@ -97,26 +99,6 @@ def campaign(
         TrialRow.from_cells({**c, **dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), map(float, (*p, *o)), strict=True))})
         for c, p, o in zip(cells, tip, q, strict=True)
     ]
-
-
-def _asked(repeats: int, lengths: Sequence[float], pressures: Sequence[float], chambers: Sequence[int]) -> list[dict[str, Cell]]:
-    levels = [(p, "load") for p in pressures] + [(p, "unload") for p in pressures[-2::-1]]
-    out: list[dict[str, Cell]] = []
-    trial = 0
-    for repeat in range(1, repeats + 1):
-        for length in lengths:
-            trial += 1
-            for step, (p, branch) in enumerate(levels, 1):
-                out.append(
-                    {
-                        "trial": trial, "step": step, "protocol": "bending", "repeat": repeat, "branch": branch,
-                        "t": 100.0 * trial + 8.0 * step, "rate": 25e3 if branch == "load" else -25e3, "hold": 3.0,
-                        "spine_length": length, "vacuum": 80e3, "tip_mass": ROBOT.tip_mass, "roll_deg": 0.0,
-                        **{f"p{c}": p if c in chambers else 0.0 for c in range(1, 10)},
-                        "x": 0.0, "y": 0.0, "z": 0.0, "qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0,
-                    }
-                )  # fmt: skip
-    return out
 
 
 def folder(path: Path, rows: Sequence[TrialRow], robot: Path | None = None) -> Path:

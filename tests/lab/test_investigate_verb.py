@@ -14,7 +14,7 @@ from commands import SOUND, Cli
 from diagnosed_case import ROBOT, campaign, folder
 from virtual_lab import VirtualLab, settings
 
-from diagnosis.answer.experiments import candidate_experiments, columns
+from diagnosis.answer.experiments import candidate_experiments, columns, to_apply
 from diagnosis.answer.result import Diagnosis, Proposal, Ranked
 from diagnosis.data.case import states
 from diagnosis.investigate import Investigation, Round
@@ -131,9 +131,9 @@ MENU = {
 
 
 @functools.cache
-def offered() -> dict[str, Proposal]:
+def offered(max_pressure: float | None = ROBOT.max_pressure) -> dict[str, Proposal]:
     """The whole menu: what is offered after a campaign that read tips on the way up and nothing else."""
-    robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3)})
+    robot = ROBOT.model_copy(update={"markers": (0.1, 0.2, 0.3), "max_pressure": max_pressure})
     rows = [replace(r, orientation=None) for r in campaign({}) if r.branch == "load"]
     return {e.id: e for e in candidate_experiments(robot, states(Case(robot, Table.of(rows)))[0])}
 
@@ -154,6 +154,12 @@ def test_a_proposal_is_written_with_units_and_reads_as_it_was_meant(tmp_path: Pa
         values = {key: value for key, value in experiment.protocol.items() if key != "protocol"}
         meant = found_protocols().usable[name].parameters.model_validate(values)
         assert protocol_plan(source_of(str(path)), RobotFacts(9, (), meant.tip_mass, True))[1] == meant
+
+
+@pytest.mark.parametrize(("most", "limit"), [(150e3, 150e3), (239_970.0, 239_970.0), (None, 240e3)])
+def test_no_proposal_is_above_the_robots_limit_also_as_it_is_printed(most: float | None, limit: float) -> None:
+    asked = [to_apply(e.protocol, ROBOT.actuators.words).partition(": ")[2].partition(" kPa")[0] for e in offered(most).values()]
+    assert max(float(p) for levels in asked for p in levels.split(", ")) == limit / 1e3
 
 
 @pytest.mark.parametrize("id", sorted(MENU))

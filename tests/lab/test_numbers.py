@@ -11,10 +11,11 @@ import pytest
 from commands import Cli, refused
 from pydantic import Field
 
-from lab.files.config import ConfigError, FileTable, check, parse_yaml
+from lab.files.config import ConfigError, check, parse_yaml
 from lab.files.robot_file import paper_robot
 from lab.files.units import UnitError, to_si
 from lab.imports.columns import judge
+from model.plain_yaml import FileTable
 from model.robot import Robot
 from recordings.errors import BadTable
 from recordings.numbers import number, whole_number

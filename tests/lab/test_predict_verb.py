@@ -60,7 +60,9 @@ def test_a_robot_and_robots_drawn_from_its_posterior_are_written(robot: Path) ->
 def test_compare_and_fit_know_the_robots_effects(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     fitted = cli("fit", case, "--with", EFFECT, "--json").json
     assert fitted["in_sample"] and fitted["fitted_mm"] < fitted["calibrated_mm"]
-    assert 1e3 * cli("compare", case, "--robot", robot, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
+    known, given = (cli("compare", case, *of, "--json").json for of in (("--robot", robot), ()))
+    assert 1e3 * known["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3) and known["notes"] == []
+    assert "mm rms, after a rough calibration by 0." in given["notes"][-1] and "lab diagnose" in given["notes"][-1]
     done = cli("fit", case, "--robot", robot, "--json")
     assert "--with chamber_azimuth" in done.flat_err and "area_factor" in done.out
     plain = cli("fit", case, "--out", tmp_path / "exact").flat
@@ -112,21 +114,34 @@ def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli
     assert all(float(r["x_low"]) < float(r["x"]) < float(r["x_high"]) for r in rows)
 
 
-def test_a_table_is_predicted_as_from_python(robot: Path, tmp_path: Path, cli: Cli) -> None:
+def test_a_table_is_predicted_as_from_python(case: Path, robot: Path, tmp_path: Path, cli: Cli) -> None:
     states = tmp_path / "states.csv"
     states.write_text("p1 [bar],p2 (kPa),spine_length\n0.8,0,0.1\n0,60,0\n")
     found = cli("predict", "--robot", robot, "--table", states, "--json").json
     assert found["schema"] == "prediction/1" and found["effects"] == [EFFECT]
     tips = lab.predict(lab.load_robot(robot), [[80e3] + [0] * 8, [0, 60e3] + [0] * 7], [0.1, 0.0]).tip
     np.testing.assert_allclose([[s[k] for k in "xyz"] for s in found["states"]], tips, atol=1e-9)
+    assert len(found["notes"]) == 1
+    states.write_text("p1 [kPa],spine_length\n240.5,0.2\n248,0.2\n")
+    (beyond := tmp_path / "robot.yaml").write_text(robot.read_text().replace("tilt.x,", "gone.x,"))
+    said, found = (cli("predict", "--robot", beyond, "--table", states, *more) for more in ((), ("--json",)))
+    for note in (
+        "1 of 2 states have pressures outside 0 to 240 kPa, to which robot.yaml was fitted: 248 kPa of chamber 1 in row 2",
+        "robot.yaml: posterior: gone.x not stated in effects or tolerances, and ignored",
+    ):
+        assert f"note: {note}" in said.flat_err and sum(text.startswith(note) for text in found.json["notes"]) == 1
+    compared = cli("compare", case, "--robot", beyond, "--json").json["notes"]
+    fitted = cli("fit", case, "--robot", beyond, "--set-up", "--json").json["findings"]
+    assert any("gone.x" in text for text in compared) and any("gone.x" in f["text"] for f in fitted if f["code"] == "as_read")
 
 
 def test_pressures_for_wanted_tips(robot: Path, tmp_path: Path, cli: Cli) -> None:
     targets, table = tmp_path / "targets.csv", tmp_path / "p.csv"
     targets.write_text("x,y,z\n-0.05,0.01,\n1,0,0.2\n")
     words = ("predict", "--robot", robot, "--inverse", targets, "--groups", "9,1,2 3,4,5 6,7,8", "--spine-length", 0.1)
-    said = cli(*words, "--out", table, "--figure", tmp_path / "p.png").out
-    assert "1 of 2 targets are out of reach" in said and "2 (" in said
+    done = cli(*words, "--out", table, "--figure", tmp_path / "p.png")
+    assert "1 of 2 targets are out of reach" in done.out and "2 (" in done.out
+    assert "1 of 2 states have pressures outside 0 to 240 kPa" in done.flat_err and "Warning" not in done.err
     with table.open(newline="") as file:
         first, second = csv.DictReader(file)
     assert first["reached"] == "True" and second["reached"] == "False" and first["p9"] == first["p1"] == first["p2"]
@@ -198,7 +213,7 @@ def test_a_fit_states_what_each_actuator_does_and_which_parameter_is_at_its_boun
 ) -> None:
     four = {"path_radius": 0.0125, "azimuths_deg": [0, 90, 180, 270]} | ({"radius": 0.004} if kind == "chambers" else {})
     stated = {"thrust": "cap"} if kind == "chambers" else {}
-    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four, **stated}), np.random.default_rng(1)
+    robot, rng = lab.load_robot(THREE).replace(**{"chambers": None, kind: four, **stated}), np.random.default_rng(10)
     shares = [np.eye(4)[k % 4] + 0.25 * (k > 7) * np.eye(4)[(k + 1) % 4] for k in range(12)]
     pressures = np.concatenate([np.outer([0, 20e3, 40e3, 60e3, 80e3], share) for share in shares])
     tip = robot.predict(pressures * [1, 0.7, 1, 1]).tip + rng.normal(0, 1e-4, (60, 3))

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from commands import Cli, refused, run_there
 from diagnosed_case import campaign, folder
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from lab.files.checked import digest
 from lab.files.config import ConfigError, check, load, parse_yaml
@@ -21,7 +21,7 @@ from lab.files.units import KINDS, UnitError, to_si, written
 from lab.verbs.fakes import PATIENT, beyond, left_out, played, rig_yaml
 from lab.verbs.init import OF
 from lab.verbs.jog import known
-from model.plain_yaml import MOST_PROBLEMS
+from model.plain_yaml import MOST_PROBLEMS, FileTable
 from model.robot import Robot, robot_from_dict
 from sim_fakes.instrument import FakeRegulators
 from sim_fakes.rig import FakeRig
@@ -117,21 +117,17 @@ def test_fakes_of_a_robot_without_a_spine_have_no_arm_unless_it_is_asked_for(tmp
 
 
 # ------------------------------------------------------------------ settings
-class Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Alpha(Table):
+class Alpha(FileTable):
     driver: Literal["alpha"]
     max_pressure: float = Field(3e5, gt=0, le=1e6, json_schema_extra={"unit": "Pa"})
 
 
-class Beta(Table):
+class Beta(FileTable):
     driver: Literal["beta"]
     ports: list[str]
 
 
-class File(Table):
+class File(FileTable):
     name: str
     length: float = Field(gt=0, le=2, json_schema_extra={"unit": "m"})
     levels: list[Annotated[float, Field(ge=1e3, le=3e5)]] = Field([5e4], json_schema_extra={"unit": "Pa"})

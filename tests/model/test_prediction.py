@@ -183,6 +183,13 @@ def test_states_beyond_the_robot_s_limits_are_marked(paper_robot: Robot) -> None
     with pytest.warns(UserWarning, match="2 of 4 states have pressures outside 0 to"):
         found = at(rows)
     assert found.outside is not None and found.outside.tolist() == [False, True, True, False]
+    ends = {"fitted_pressure": [0.0, 60e3], "fitted_spine_length": [0.0, 0.1], "fitted_tip_mass": [0.02, 0.02]}
+    fitted = Predictor(robot_with(paper_robot, AZIMUTH, posterior=POSTERIOR | ends))
+    with pytest.warns(UserWarning, match="to which robot.yaml was fitted") as told:
+        found = fitted(np.diag([60.5e3, 65e3, 10e3, 10e3]) @ np.eye(4, 9), [0.0, 0.1, 0.2, 0.0], [0.02, 0.02, 0.02, 0.03])
+    assert found.outside is not None and found.outside.tolist() == [False, True, True, True]
+    outside = ("pressures outside 0 to 60 kPa", "spine lengths outside 0 to 10 cm", "tip masses outside 0.02 kg")
+    assert all(f"1 of 4 states have {of}, to which" in str(w.message) for of, w in zip(outside, told, strict=True))
 
 
 def minimum(curve: Array, score: Array, low: Array, high: Array) -> Array:

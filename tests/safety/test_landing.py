@@ -19,6 +19,7 @@ from lab.guard.landing import Landing, Owned, SafeReport
 from timing import RigClock
 
 LANDINGS: list[Landing] = []
+ORDER = ("valve", "spine", "pressure", "arm")
 
 
 @pytest.fixture(autouse=True)
@@ -133,16 +134,14 @@ def test_stops_are_sent_in_the_order_of_the_policy(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(landing, "HEAD_START", 60.0)  # a stop that is refused makes room for the next at once
     monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
-    names = ("valve", "spine", "pressure", "arm")
-    report = landing_of({n: Refusing(n, told) for n in names}, Safe(order=names, within=0.1), 200.0).make_safe(names, False)
-    assert tuple(dict.fromkeys(told)) == names
+    report = landing_of({n: Refusing(n, told) for n in ORDER}, Safe(order=ORDER, within=0.1), 200.0).make_safe(ORDER, False)
+    assert tuple(dict.fromkeys(told)) == ORDER
     assert not report.confirmed and all("did not accept the stop" in s.text for s in report.steps)
 
 
 def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(landing, "LEAST_TIME", 1.0)
     told: list[str] = []
-    names = ("valve", "spine", "pressure", "arm")
     others_told = timing.Event()
 
     class Hanging(Refusing):
@@ -157,9 +156,9 @@ def test_a_stop_that_does_not_come_back_holds_up_no_other(monkeypatch: pytest.Mo
 
         vent = stop
 
-    drivers = {n: {"valve": Hanging, "arm": Last}.get(n, Refusing)(n, told) for n in names}
-    landing_of(drivers, Safe(order=names), 20.0).make_safe(names, False)
-    assert set(told) == set(names), "the first comes back only after the last was told"
+    drivers = {n: {"valve": Hanging, "arm": Last}.get(n, Refusing)(n, told) for n in ORDER}
+    landing_of(drivers, Safe(order=ORDER), 20.0).make_safe(ORDER, False)
+    assert set(told) == set(ORDER), "the first comes back only after the last was told"
 
 
 def test_nobody_waits_for_an_instrument_that_does_not_let_itself_be_opened() -> None:

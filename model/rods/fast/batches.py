@@ -6,17 +6,16 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numpy.typing import NDArray
 
+from model.arrays import Ints
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast.lanes import LANES
 
-Steps = NDArray[np.int64]
 _NO_STEPS = np.zeros((0, 1), np.int64)
 
 
-def steps_of(rods: Rods, steps: Steps | None) -> Steps:
+def steps_of(rods: Rods, steps: Ints | None) -> Ints:
     """Fixed steps as the kernels take them, none as no rows; raises `BadCondition` when they do not fit the rods."""
     if steps is None:
         return _NO_STEPS

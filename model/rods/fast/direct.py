@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from model.arrays import Array
+from model.arrays import Array, Ints
 from model.rods.fast.algebra import Vector, add, dot, scaled, turned
 from model.rods.fast.compiler import inline, kernel, routine
-from model.rods.fast.group import ROD, Counts, Rod, RodGroup, Six, cut, each_rod, fixed_cut, gather, new_group
+from model.rods.fast.group import ROD, Rod, RodGroup, Six, cut, each_rod, fixed_cut, gather, new_group
 from model.rods.fast.lanes import LANES, LaneRecord
 from model.rods.fast.newton import (
     NEAR,
@@ -87,9 +87,7 @@ def write_result(rod: Rod, springs: int, out: Array, row: int) -> None:
 
 
 @kernel
-def solve_direct(
-    rods: Array, springs: int, settings: tuple[float, float, bool], steps: Counts, memory: Array, out: Array
-) -> None:
+def solve_direct(rods: Array, springs: int, settings: tuple[float, float, bool], steps: Ints, memory: Array, out: Array) -> None:
     """Solve every row of `rods` (see `columns`) and write a row of `out` (see `solution`).
 
     `settings` are divisions, close and whether to start from `memory` (n or 0 rows), which is always written. `steps` (n or 0

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import Annotated, Any, Concatenate, NamedTuple, ParamSpec, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from model.arrays import Array
+from model.arrays import Array, Ints
 from model.rods import columns
 from model.rods.description import MOST_SPRINGS
 from model.rods.fast.algebra import Quaternion, Vector, dot
@@ -17,7 +16,6 @@ from model.rods.fast.compiler import allocating, inline, routine
 from model.rods.fast.equations import RodSection, Terms
 from model.rods.fast.lanes import LANES, LaneRecord, new_numbers, record
 
-Counts = NDArray[np.int64]
 More = ParamSpec("More")
 
 
@@ -141,7 +139,7 @@ class RodGroup(NamedTuple):
     """Of `Rod`."""
     elements: Array
     """(count) of `RodSection`, tip first."""
-    parts: Counts
+    parts: Ints
     """(count,) steps of each element."""
     springs: int
     linear: bool
@@ -252,7 +250,7 @@ def gather(rods: Array, group: RodGroup, first: int) -> None:
 
 
 @routine
-def fixed_cut(group: RodGroup, steps: Counts, first: int) -> None:
+def fixed_cut(group: RodGroup, steps: Ints, first: int) -> None:
     """Cut as `steps` (n, elements base to tip) says, where it has rows: the most that any rod of the group is to have."""
     if steps.shape[0] == 0:
         return

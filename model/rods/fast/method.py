@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from model.arrays import Array, Mask
+from model.arrays import Array, Ints, Mask
 from model.errors import BadCondition
 from model.rods.description import Rods
 from model.rods.fast import direct
-from model.rods.fast.batches import Steps, share_out, steps_of
+from model.rods.fast.batches import share_out, steps_of
 from model.rods.fast.compiler import inline, kernel
 from model.rods.fast.direct import exchange, write_result
 from model.rods.fast.group import ROD, Rod, RodGroup, cut, gather, new_group
@@ -25,7 +25,6 @@ from model.rods.solution import AT_LARGEST, AT_MARGIN, AT_RESIDUAL, RESULT, Solu
 from model.rotation import from_vector, to_base
 
 Flags = NDArray[np.int8]
-Rows = NDArray[np.int64]
 
 FIRST_STEP, LEAST_STEP = 0.1, 1e-4
 """Share of the load."""
@@ -41,7 +40,7 @@ STRAIGHT = 1e-6
 
 @kernel
 def follow_load(
-    rods: Array, springs: int, settings: tuple[float, float, float], rows: Rows, memory: Array, out: Array, reached: Flags
+    rods: Array, springs: int, settings: tuple[float, float, float], rows: Ints, memory: Array, out: Array, reached: Flags
 ) -> None:
     """Load the rods listed in `rows` from zero and write their rows of `out` and of `memory` (n or 0 rows), from which a solve
     nearby then starts; `reached[i]` is FOLLOWED or LOST.
@@ -120,7 +119,7 @@ class Fast:
     least_margin: float = LEAST_MARGIN
     """Rods with less margin to buckling are loaded in steps from zero; one that starts near a trusted solution may have
     less."""
-    steps: Steps | None = None
+    steps: Ints | None = None
     """(n, elements) fixes the integration steps, so that solutions are smooth in all parameters."""
     remember: bool = False
     """Keep what a later solve of nearly the same rods can start from, which about halves its time."""
@@ -169,7 +168,7 @@ class Fast:
         place = states_at(rods, found, arcs, self.divisions, fixed)[..., AT_PLACE : AT_PLACE + 3]
         return Solution(values, status, place, memory)
 
-    def _direct(self, rods: Rods, fixed: Steps, memory: Array, warm: bool) -> Array:
+    def _direct(self, rods: Rods, fixed: Ints, memory: Array, warm: bool) -> Array:
         """Results (n, RESULT) of the direct solve, from `memory` (n or 0 rows) or from nothing; it writes the memory."""
         n, form = len(rods), rods.form
         values = np.empty((n, RESULT))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.arrays import Array
+from model.arrays import Array, Ints
 from model.rods.description import Rods
 from model.rods.fast.algebra import add, scaled, turned, turned_back
 from model.rods.fast.compiler import kernel, routine
 from model.rods.fast.direct import put_three
 from model.rods.fast.equations import RodSection, strains
-from model.rods.fast.group import ROD, Counts, Rod, RodGroup, cut, fixed_cut, gather, new_group, section_of
+from model.rods.fast.group import ROD, Rod, RodGroup, cut, fixed_cut, gather, new_group, section_of
 from model.rods.fast.lanes import LANES
 from model.rods.fast.passes import WHOLE, advance, advance_group, orientation, start_at_tip
 from model.rods.solution import AT_LARGEST, AT_ORIENTATION, AT_TIP, Solution
@@ -20,7 +20,7 @@ AT_PLACE, AT_TURN, AT_FORCE, AT_MOMENT, AT_STRAIN = 0, 3, 7, 10, 13
 WIDTH = 14
 
 
-def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Counts) -> Array:
+def states_at(rods: Rods, solution: Solution, arcs: Array, divisions: float, steps: Ints) -> Array:
     """(n, k, WIDTH) at arcs (n, k) m; NaN for rods that did not converge. `steps` as of `batches.steps_of`."""
     out = np.full((*arcs.shape, WIDTH), np.nan)
     walk(rods.values, rods.form.springs, (float(divisions), steps), solution.values, arcs, out)
@@ -44,7 +44,7 @@ def write_station(rod: Rod, section: RodSection, solved: Array, row: int, out: A
 
 
 @kernel
-def walk(rods: Array, springs: int, grid: tuple[float, Counts], solved: Array, arcs: Array, out: Array) -> None:
+def walk(rods: Array, springs: int, grid: tuple[float, Ints], solved: Array, arcs: Array, out: Array) -> None:
     """Fill `out` (n, k, WIDTH), columns `AT_*`, at k arcs (n, k) m from the base of each rod, under its whole dead load.
 
     From the tip to the base, element by element, z from 1 at the tip's end of each to 0. `grid` are divisions and fixed steps (n
@@ -63,7 +63,7 @@ def walk(rods: Array, springs: int, grid: tuple[float, Counts], solved: Array, a
 
 
 @routine
-def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float, Counts], first: int) -> None:
+def stand_at_tip(rods: Array, group: RodGroup, solved: Array, grid: tuple[float, Ints], first: int) -> None:
     """Gather the solved rods from row `first` on and cut them as their solve was cut."""
     gather(rods, group, first)
     for l in range(LANES):

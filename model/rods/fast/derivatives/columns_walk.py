@@ -8,10 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from model.arrays import Array
+from model.arrays import Array, Mask
 from model.rods.columns import LENGTH, LOAD
 from model.rods.fast.algebra import Vector, add, along, cross, minus, scaled, turned, turned_back, unit
 from model.rods.fast.compiler import inline, routine
@@ -98,7 +95,7 @@ class Direction(NamedTuple):
 
     d: Array
     """(width, LANES), in the order of `columns`."""
-    some: NDArray[np.bool_]
+    some: Mask
     """(width,): which of its numbers are not zero everywhere."""
     most: Array
     """(k, width): see `scan_directions`."""

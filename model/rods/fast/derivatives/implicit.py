@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from model.arrays import Array
+from model.arrays import Array, Ints
 from model.rods.columns import BASE_TURN, LENGTH
 from model.rods.fast.algebra import add, along, cross, minus, scaled, turned, unit
 from model.rods.fast.compiler import allocating, inline, kernel, routine
@@ -47,7 +47,7 @@ from model.rods.fast.derivatives.ends import (
 )  # fmt: skip
 from model.rods.fast.derivatives.tangent import COLUMN, NOTHING, TIP_COLUMNS, WALK, TangentColumn
 from model.rods.fast.direct import put_three
-from model.rods.fast.group import BLOCK, SIX, Counts, Rod, RodGroup, Six, elements_of, new_group, three
+from model.rods.fast.group import BLOCK, SIX, Rod, RodGroup, Six, elements_of, new_group, three
 from model.rods.fast.lanes import LANES, LaneRecord, copy_lanes, new_numbers, record
 from model.rods.fast.newton import newton_step, set_column
 from model.rods.fast.walk import stand_at_tip
@@ -104,7 +104,7 @@ class Room(NamedTuple):
 
 
 @kernel
-def differentiate(rods: Array, springs: int, grid: tuple[float, Counts], asked: Asked, solved: Array, out: Array) -> None:
+def differentiate(rods: Array, springs: int, grid: tuple[float, Ints], asked: Asked, solved: Array, out: Array) -> None:
     """Fill `out` (n, k, outputs), columns `BY_*`, with derivatives along the k directions of `asked` at the solutions `solved`.
 
     `grid`: divisions and fixed steps (n or 0 rows), with which the rods were solved.
