@@ -19,6 +19,13 @@ def rows_by(number: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
 
 
+def distinct(rows: Array) -> tuple[Ints, Ints]:
+    """The first (k,) of each of the distinct rows (n, columns), and which of these each row is (n,)."""
+    keys, first = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist(), dict[bytes, int]()
+    of_row = np.fromiter(map(first.setdefault, keys, range(len(keys))), np.int64)
+    return np.unique(of_row, return_inverse=True)
+
+
 def scattered(shape: tuple[int, ...], at: Any, values: Array) -> Array:
     """An array of this shape with `values` at the indices `at`, NaN elsewhere."""
     out = np.full(shape, np.nan)

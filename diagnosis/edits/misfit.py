@@ -30,7 +30,7 @@ from model.section import rods_of
 from recordings.trials import Table
 
 from .. import judgement
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, distinct
 from ..data.campaign import Campaign, settings, spread_over
 from ..data.case import finite
 from .edit import AREA, AZIMUTH, CALIBRATION, MODULUS, ROD, WIDEST, Edit, Variants
@@ -198,9 +198,7 @@ class Sample:
         are solved once."""
         made = self.edited(hypotheses)
         keys = np.concatenate([values.reshape(len(values), -1) for values in made.arrays(ROD).values()], axis=1)
-        first: dict[bytes, int] = {}
-        which = np.array([first.setdefault(row.tobytes(), len(first)) for row in keys])
-        once = np.unique(which, return_index=True)[1]
+        once, which = distinct(keys)
         each = max(1, BATCH // len(self.table))
         solved = [self.rods(made.take(once[k : k + each])) for k in range(0, len(once), each)]
         missed = self._between(Variants.stacked(solved).take(which), made)
@@ -299,8 +297,10 @@ def sample_of(robot: Robot, states: Campaign) -> Sample | None:
 
 
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
-    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
-    steps (n, elements) half as long."""
+    """Equilibria of n rods with positions at arcs (n, k) m, of equal ones once: found directly, else from each share of the loads
+    to the next, with steps (n, elements) half as long."""
+    once, which = distinct(np.concatenate([rods.values, steps, *([] if arcs is None else [arcs])], axis=1))
+    rods, steps, arcs = rods[once], steps[once], None if arcs is None else arcs[once]
     found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
     here: Solution | None = None
     left = np.flatnonzero(~found.converged)
@@ -312,7 +312,7 @@ def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
         left, here = left[here.converged], here.take(here.converged)
     if here is not None:
         found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
-    return found
+    return found.take(which)
 
 
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)
