@@ -19,11 +19,10 @@ def rows_by(number: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
 
 
-def distinct(rows: Array) -> tuple[Ints, Ints]:
-    """The first (k,) of each of the distinct rows (n, columns), and which of these each row is (n,)."""
+def equal_rows(rows: Array) -> tuple[Ints, Ints]:
+    """The first (k,) of each set of equal rows (n, columns), and the set (n,) of each row."""
     keys, first = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist(), dict[bytes, int]()
-    of_row = np.fromiter(map(first.setdefault, keys, range(len(keys))), np.int64)
-    return np.unique(of_row, return_inverse=True)
+    return np.unique(list(map(first.setdefault, keys, range(len(keys)))), return_inverse=True)
 
 
 def scattered(shape: tuple[int, ...], at: Any, values: Array) -> Array:
