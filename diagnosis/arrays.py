@@ -19,6 +19,12 @@ def rows_by(number: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(number[order])) + 1) if len(order) else []
 
 
+def equal_rows(rows: Array) -> tuple[Ints, Ints]:
+    """The first (k,) of each set of equal rows (n, columns), and the set (n,) of each row."""
+    keys, first = rows.view(f"V{rows.itemsize * rows.shape[1]}").ravel().tolist(), dict[bytes, int]()
+    return np.unique(list(map(first.setdefault, keys, range(len(keys)))), return_inverse=True)
+
+
 def scattered(shape: tuple[int, ...], at: Any, values: Array) -> Array:
     """An array of this shape with `values` at the indices `at`, NaN elsewhere."""
     out = np.full(shape, np.nan)

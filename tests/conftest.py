@@ -97,11 +97,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is real begins first, since it takes longest."""
+    """What is real begins first, since it takes longest. The collector of garbage passes over all that exists by now."""
     for item in items:
         if "real_rig" in getattr(item, "fixturenames", ()):
             item.add_marker("real")
     items.sort(key=lambda item: group(item.nodeid) != REAL)
+    gc.freeze()
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..arrays import Array, Ints, Mask, rms
+from ..arrays import Array, Ints, Mask, rms, rows_by
 from ..data.campaign import Campaign
 from ..data.levels import SPINE_GAP, levels
 from ..inference.candidate import Candidate
@@ -261,10 +261,8 @@ def closed_with_interval(
 def _drawn_anew(kind: Ints, draws: int = 500, seed: int = 31337) -> Ints:
     """(draws, trials) numbers of the trials drawn, each among those of its kind (trials,)."""
     _, kind, count = np.unique(kind, return_inverse=True, return_counts=True)
-    alone = count[kind] < 2
     rng = np.random.default_rng(seed)
     out = np.empty((draws, len(kind)), np.int64)
-    for group in (np.flatnonzero(np.where(alone, -1, kind) == k) for k in (-1, *range(len(count)))):
-        if group.size:
-            out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
+    for group in rows_by(np.where(count[kind] < 2, -1, kind)):
+        out[:, group] = group[rng.integers(0, group.size, (draws, group.size))]
     return out

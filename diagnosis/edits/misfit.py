@@ -30,7 +30,7 @@ from model.section import rods_of
 from recordings.trials import Table
 
 from .. import judgement
-from ..arrays import Array, Ints, Mask
+from ..arrays import Array, Ints, Mask, equal_rows, rows_by
 from ..data.campaign import Campaign, settings, spread_over
 from ..data.case import finite
 from .edit import AREA, AZIMUTH, CALIBRATION, MODULUS, ROD, WIDEST, Edit, Variants
@@ -197,10 +197,7 @@ class Sample:
         the turn between attitudes in units of s; a robot length where the rod has no equilibrium. Variants with the same rods
         are solved once."""
         made = self.edited(hypotheses)
-        keys = np.concatenate([values.reshape(len(values), -1) for values in made.arrays(ROD).values()], axis=1)
-        first: dict[bytes, int] = {}
-        which = np.array([first.setdefault(row.tobytes(), len(first)) for row in keys])
-        once = np.unique(which, return_index=True)[1]
+        once, which = equal_rows(np.concatenate([a.reshape(len(a), -1) for a in made.arrays(ROD).values()], axis=1))
         each = max(1, BATCH // len(self.table))
         solved = [self.rods(made.take(once[k : k + each])) for k in range(0, len(once), each)]
         missed = self._between(Variants.stacked(solved).take(which), made)
@@ -287,20 +284,20 @@ def sample_of(robot: Robot, states: Campaign) -> Sample | None:
     tips = states.take(~states.pushed & finite(states.trials))
     if len(tips) < judgement.EDIT_FEWEST:
         return None
-    condition = np.unique(tips.condition, return_inverse=True)[1]
-    used = spread_over(int(condition.max()) + 1, MOST // 3)
-    each = MOST // len(used)
-    rows = [own[spread_over(len(own), each)] for c in used for own in [np.flatnonzero(condition == c)]]
-    kept = np.sort(np.concatenate(rows))
-    sample = Sample(robot, tips.trials.take(kept), np.unique(condition[kept], return_inverse=True)[1])
+    rows = rows_by(tips.condition)
+    used = spread_over(len(rows), MOST // 3)
+    kept = np.sort(np.concatenate([rows[c][spread_over(len(rows[c]), MOST // len(used))] for c in used]))
+    sample = Sample(robot, tips.trials.take(kept), np.unique(tips.condition[kept], return_inverse=True)[1])
     if not isinstance(robot.area_factor, dict):
         return sample
     return _with_areas(sample, float(np.mean(robot.area_factor_at(tips.spine_length[kept]))))
 
 
 def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
-    """Equilibria of n rods with positions at arcs (n, k) m: found directly, else from each share of the loads to the next, with
-    steps (n, elements) half as long."""
+    """Equilibria of n rods with positions at arcs (n, k) m, of equal ones once: found directly, else from each share of the loads
+    to the next, with steps (n, elements) half as long."""
+    once, which = equal_rows(np.concatenate([rods.values, steps, *([] if arcs is None else [arcs])], axis=1))
+    rods, steps, arcs = rods[once], steps[once], None if arcs is None else arcs[once]
     found = solve(rods, replace(DIRECT, steps=steps), arc_lengths=arcs)
     here: Solution | None = None
     left = np.flatnonzero(~found.converged)
@@ -312,7 +309,7 @@ def standing(rods: Rods, steps: Ints, arcs: Array | None) -> Solution:
         left, here = left[here.converged], here.take(here.converged)
     if here is not None:
         found.values[left], found.status[left], found.shape[left] = here.values, here.status, here.shape
-    return found
+    return found.take(which)
 
 
 @lru_cache(maxsize=judgement.EDIT_SAMPLES)

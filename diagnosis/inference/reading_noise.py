@@ -301,8 +301,7 @@ def regulators(read: Array, pressure: Array) -> list[Ints]:
     `read` (n, chambers) Pa: chambers on one regulator have one sensor, so their readings are equal in all n states. `pressure`
     (n, chambers) Pa: the same, those of vented chambers set to zero.
     """
-    _, member = np.unique(read.T, axis=0, return_inverse=True)
-    groups = [np.flatnonzero(member.reshape(-1) == k) for k in range(member.max(initial=-1) + 1)]
+    groups = rows_by(np.unique(read.T, axis=0, return_inverse=True)[1].reshape(-1))
     inflating = [chambers for chambers in groups if (pressure[:, chambers] > 0).any()]
     return inflating or [np.arange(pressure.shape[1])]
 

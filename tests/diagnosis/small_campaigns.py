@@ -67,5 +67,4 @@ def examined_once(case: CaseLike, options: Options) -> Examined:
 
 @cache
 def _answer(every: bool) -> Diagnosis:
-    wanted = Options(catalogue=CATALOGUE if every else SOME)
-    return diagnose(campaign(), wanted)
+    return diagnose(campaign(), Options(catalogue=CATALOGUE if every else SOME))

@@ -29,7 +29,7 @@ def scaled(campaign: Measured, length: float, modulus: float) -> Measured:
 
 
 def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_same_probability() -> None:
-    campaign, some = measured(3, 1, FEW, viscoelastic__slow=0.2), {e: CATALOGUE[e] for e in ("viscoelastic", RIVALS[0])}
+    campaign, some = measured(2, 1, FEW, viscoelastic__slow=0.2), {e: CATALOGUE[e] for e in ("viscoelastic", RIVALS[0])}
 
     def cause(slower: float) -> Attribute:
         rows = [replace(r, t=slower * r.t, hold=slower * r.hold, rate=(r.rate or 0.0) / slower) for r in campaign.table]
@@ -41,7 +41,7 @@ def test_a_campaign_that_is_done_faster_or_slower_has_the_same_cause_with_the_sa
 
 
 def test_a_similar_robot_has_the_same_cause_with_the_same_probability() -> None:
-    campaign = measured(3, 1, FEW, chamber_ballooning__growth=0.12)
+    campaign = measured(2, 1, FEW, chamber_ballooning__growth=0.12)
     rivals = {effect: SOME[effect] for effect in ("chamber_ballooning", "pressure_offset", "base_tilt")}
     given, small = (diagnose(c, quick(rivals)) for c in (campaign, scaled(campaign, 0.3, 0.2)))
 

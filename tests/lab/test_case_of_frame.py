@@ -248,7 +248,7 @@ def test_a_load_that_is_left_out_is_named_with_its_mass(tmp_path: Path) -> None:
 def test_a_body_that_sags_half_as_stiff_as_stated_is_fitted_diagnosed_and_predicted_as_written(tmp_path: Path) -> None:
     tilt = {"base_tilt": {"x": {"value": 0.05, "unit": "rad"}}}
     found, pressure, tips = sagging(tmp_path, "50 %", 3e-3, youngs_modulus=440e3, effects=tilt)
-    answer = diagnose(found, Options(experiments=False))
+    answer = diagnose(found, Options(False, False, WEIGHED))
     assert answer.attribute.effects == ("base_tilt",) and answer.locate.gap_rmse_mm < 1, answer.headline
     assert answer.calibration is not None and answer.calibration.determined and not answer.calibration.origins
     fitted = lab.fit(found, effects=("base_tilt",))
