@@ -24,7 +24,8 @@ from ..inference.prepare import Prepared, parts
 from ..judgement import LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing
 from .distinguishability import Distinguishability, distinguishability
-from .size import sizes
+from .result import FittedRobot
+from .size import Size, as_fitted, sizes
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ class Attribution:
     def asking(self) -> tuple[StageError, ...]:
         """Stages that need an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
+
+    def sizes(self, fitted: FittedRobot | None) -> tuple[Size, ...]:
+        """Of what is named: as it was `fitted`, if alone."""
+        return as_fitted(sizes(self.prepared, self.best), fitted if self.best.named == self.decision.effects else None)
 
     def tense(self, fitted: Mapping[str, float] | None) -> Mapping[str, Mapping[int, float]]:
         """Numbers of robot.yaml that a fit of the answer moves far beyond their tolerance (`Parameters.tense`), by that fit: the

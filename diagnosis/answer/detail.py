@@ -20,7 +20,7 @@ from ..inference.reading_noise import StiffnessTrials
 from ..judgement import BENCHMARK, TIED
 from .attribute import Attribution
 from .result import FittedRobot
-from .size import as_fitted, by_actuator, sizes, values
+from .size import by_actuator, values
 from .unseen import Errors
 
 
@@ -29,7 +29,7 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
-    named_sizes = as_fitted(sizes(p, f.best), fitted if f.best.named == f.decision.effects else None)
+    named_sizes = f.sizes(fitted)
     section: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),

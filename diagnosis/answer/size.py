@@ -86,7 +86,9 @@ def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size,
 def _at(s: Size, v: Value) -> Size:
     low90, high90 = (cut_quantile(v.value, v.sd, s.low, s.high, q) for q in (0.05, 0.95))
     low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
-    return replace(s, median=v.value, mean=v.value, sd=v.sd, low90=low90, high90=high90, determined=s.determined and v.determined)
+    pushed = s.impossible and min(v.value - s.low, s.high - v.value) <= BOUND_SD * v.sd  # to its bound, by the data
+    mean, determined = s.mean if pushed else v.value, s.determined and v.determined
+    return replace(s, median=v.value, mean=mean, sd=v.sd, low90=low90, high90=high90, determined=determined)
 
 
 def values(found: tuple[Size, ...]) -> dict[str, Value]:

@@ -37,7 +37,7 @@ def projected(
     free = _downhill(x, gradient, low, high)
     for _ in range(STEPS):
         step, share = solved(free, np.where(free, -gradient, 0.0)), np.ones((len(x), 1))
-        whole = ((x + step >= low) & (x + step <= high)).all(axis=1)
+        whole = np.asarray(((x + step >= low) & (x + step <= high)).all(axis=1))
         bent = ~whole
         while bent.any():
             moved = np.clip(x + share * step, low, high) - x
