@@ -1,6 +1,7 @@
 """Causes outside the catalogue: what relatives explain, errors of a stage, misfits, and prediction of unseen values."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -75,6 +76,15 @@ def test_a_relative_of_size_zero_does_nothing_and_moves_some_reading(id: str) ->
     y, slope = with_it.linearise(theta, with_it.index(id))
     assert y == pytest.approx(plain.predict(np.zeros(len(plain.parameters))), abs=1e-9)
     assert np.abs(slope).max() > 0
+
+
+def test_air_passes_through_one_wall_alone() -> None:
+    robot = ROBOT.replace(chambers=ROBOT.actuators.model_copy(update={"azimuths_deg": [0.0, 240.0, 120.0]}))
+    beside = np.radians(180.0)  # the wall between the second and the third
+    one = {"share": 1, "x1": 2 * np.cos(beside), "y1": 2 * np.sin(beside), "x2": 0, "y2": 0}
+    q = SimpleNamespace(robot=robot, pressure=np.array([[[9e4, 6e4, 2e4]]]))
+    RELATIVES["shared_pressure"].law.before(q, {name: np.array([[0.36 / 3 * x]]) for name, x in one.items()})  # type: ignore
+    assert q.pressure[0, 0] == pytest.approx([9e4, 6e4 - 0.18 * 4e4, 2e4 + 0.18 * 4e4])
 
 
 def test_cameras_that_read_too_long_are_a_relative_of_the_nearest_effect() -> None:

@@ -297,8 +297,9 @@ def test_where_a_relative_does_the_same_no_cause_is_certain_and_the_answer_says_
     assert "cannot rule out a cause that this software does not know." in told
     assert "The scale of the cameras would look the same. To find out, let the cameras read a rod of known length." in told
     outside = replace(decide(OUTSIDE, True), relatives=("mount_creeps",))
-    told = statement(attributed(facts(OUTSIDE), relatives=outside.relatives))
-    assert "It may be a mount that turns during the campaign. To find out, repeat the first trial" in told
+    found = attributed(facts(OUTSIDE), relatives=outside.relatives)
+    assert "It may be a mount that turns during the campaign. To find out, repeat the first trial" in statement(found)
+    assert headline(found, CATALOGUE).endswith("; it may be a mount that turns during the campaign.")
 
 
 def test_a_cause_is_certain_only_if_its_size_is_determined_and_possible_and_its_robot_leaves_little() -> None:
@@ -351,6 +352,8 @@ def test_effects_that_close_most_of_the_gap_are_named_though_their_law_is_of_ano
     assert named.probability == pytest.approx(0.8 * 0.3 / 0.4) and conclude(named, True, ()) == "one of several"
     for left in (replace(most, share_closed=0.5), None):
         assert behaves_like(unknown, ("base_tilt",), OUTSIDE, left and left.share_closed) == unknown
+    explained = replace(unknown, relatives=("shared_pressure",))
+    assert behaves_like(explained, ("base_tilt",), OUTSIDE, most.share_closed) == explained
     assert behaves_like(unknown, (), OUTSIDE, most.share_closed) == unknown
     assert behaves_like(decide(SURE, True), (), SURE, most.share_closed).effects
 
