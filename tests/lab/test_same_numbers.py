@@ -95,7 +95,7 @@ def in_statement(text: str) -> Numbers:
     text = re.sub(r"Calibrated first: .*?\. (?=[A-Z])", "", text)  # which has probabilities of its own
     said = found(
         {
-            "p": r"\(p = ([\d.]+)",
+            "p": r"\(p (?:=|≤|is at most) ([\d.]+)",
             "uncalibrated": r"^.*[Uu]ncalibrated,? .*? misses the tip by ([\d.]+) mm rms",
             "calibrated": r" by ([\d.]+) mm on unseen states",
             "noise floor": r"the noise floor is ([\d.]+) mm",
@@ -116,7 +116,7 @@ def in_page(text: str) -> Numbers:
     top = dict(re.findall(r"<dt>(?:<[^>]+>)*([^<]+)(?:</[^>]+>)*</dt><dd>([\d.]+) mm</dd>", text))
     lead = re.search(r'<p class="lead">([^<]*)</p>', text)
     assert lead is not None
-    said = {**top, **found({"p": r"\(p = ([\d.]+)[,)]"}, lead[1])}
+    said = {**top, **found({"p": r"\(p [=≤] ([\d.]+)[,)]"}, lead[1])}
     said |= found({"closed": r"closed on unseen states with [^:]*: (\d+) %"}, text) if "with cause" in top else {}
     for heading, rows in tables(text):
         if heading[0] == "step":
@@ -127,7 +127,7 @@ def in_page(text: str) -> Numbers:
         if heading[0] == "hypothesis":
             for row in rows:
                 name = identifier(row[0])
-                said |= {f"p of {name}": row[1]} | ({f"log evidence of {name}": row[2]} if row[2] else {})
+                said |= {f"p of {name}": row[1].removeprefix("≤ ")} | ({f"log evidence of {name}": row[2]} if row[2] else {})
                 said |= {f"held out with {name}": row[3]} if row[3] else {}
         if heading[0] == "effect" and "moves" in heading[1]:
             said |= {f"{identifier(row[0])} moves": row[1] for row in rows if "invisible" not in row[3]}
@@ -154,8 +154,8 @@ def in_command(text: str) -> Numbers:
     said = in_statement(" ".join(text.split()))
     rows = [[c.strip() for c in line.split("│")[1:-1]] for line in text.splitlines() if line.startswith("│")]
     for row in rows:
-        if len(row) == 5 and re.fullmatch(r"[\d.]+", row[1]):
-            said |= {f"p of {row[0]}": row[1]} | ({f"log evidence of {row[0]}": row[2]} if row[2] else {})
+        if len(row) == 5 and re.fullmatch(r"(≤ )?[\d.]+", row[1]):
+            said |= {f"p of {row[0]}": row[1].removeprefix("≤ ")} | ({f"log evidence of {row[0]}": row[2]} if row[2] else {})
             said |= {f"held out with {row[0]}": row[3].removesuffix(" mm")} if row[3] else {}
     return said
 
@@ -174,7 +174,7 @@ def test_every_surface_says_the_same_number_for_the_same_word(
     monkeypatch.setattr("lab.console.out.width", 200)
     show(d)
     surfaces = {
-        "headline": found({"p": r"\(p = ([\d.]+)[,)]"}, d.headline),
+        "headline": found({"p": r"\(p [=≤] ([\d.]+)[,)]"}, d.headline),
         "statement": in_statement(d.statement),
         "page": in_page(write(d, case, [tmp_path], tmp_path / "page.html").read_text()),
         "command": in_command(capsys.readouterr().out),
