@@ -186,10 +186,9 @@ def compare(measured: Case) -> Comparison:
     (0, True)
     """
     from .comparison import comparison
-    from .files.own_effects import stated_by
 
     _demand_case("compare", measured)
-    return comparison(measured, stated_by(measured.robot))
+    return comparison(measured)
 
 
 def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ from model.actuators import Words
 from model.arrays import Array, Ints
 from model.compare import ErrorTable, error_table
 from model.condition import States
-from model.effects import CATALOGUE, EffectSpec
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
 from model.shown import Shown, by_axis
 from recordings.trials import Table
 
 from .files.inputs import Case
+from .files.own_effects import stated_by
 
 
 @dataclass(frozen=True)
@@ -73,20 +73,21 @@ class Expected:
     prediction: Prediction
 
 
-def expected(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, intervals: bool = False) -> Expected:
+def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> Expected:
     """Every measured state predicted with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
     trial.
 
-    `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
+    `effects`: Python file of effects of one's own that robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
-    return Expected(own.row, own.trials, predict_campaign(case.robot, table_columns(own), catalogue, intervals))
+    prediction = predict_campaign(case.robot, table_columns(own), stated_by(case.robot, effects), intervals)
+    return Expected(own.row, own.trials, prediction)
 
 
-def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
-    """Every measured tip beside the expected one, and the error table. Raises as `expected` does."""
-    found = expected(case, catalogue)
+def comparison(case: Case, effects: Path | None = None) -> Comparison:
+    """Every measured tip beside the expected one, and the error table. Arguments and errors as of `expected`."""
+    found = expected(case, effects)
     condition, measured, _ = Case(case.robot, found.table).tips
     tip = found.prediction.tip
     ok = np.asarray(np.isfinite(tip).all(axis=1))

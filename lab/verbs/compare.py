@@ -14,20 +14,19 @@ from ..comparison import comparison
 from ..console import note, out, titled
 from ..files.inputs import marked_notes, read_case
 from ..files.output_folder import demand_free, whole
-from ..files.own_effects import stated_by
-from ..options import JSON, OF_CASE, REPLACE, Result, Verb, path_option
+from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, path_option
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
 
 
-def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
-    """The error table; with a folder also draw the curves."""
+def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool, effects: Path | None) -> Result:
+    """The error table; with a folder also draw the curves. `effects`: file of effects of one's own."""
     demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     words = case.robot.actuators.words
     note(case.table.warnings)
-    c = comparison(case, stated_by(case.robot))
+    c = comparison(case, effects)
     figure = measured = None
     if folder is not None:
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
@@ -75,12 +74,13 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
 VERBS = (
     Verb(
         "compare",
-        lambda a: compare(a.inputs, a.robot, a.out, a.replace),
+        lambda a: compare(a.inputs, a.robot, a.out, a.replace, a.effects),
         options=(
             JSON,
             *OF_CASE,
             path_option("--out", "FOLDER", "folder for the figures"),
             REPLACE,
+            OWN_EFFECTS,
         ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
         page="docs/tutorials/first-day.md",

@@ -210,6 +210,10 @@ def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cli
     size = found["attribute"]["ranking"][0]["parameters"]["bowed_spine.bow"]
     assert size["value"] == pytest.approx(0.3, abs=4 * size["sd"]) and size["unit"] == "1/m"
     assert found["locate"]["stage"]["structure"] > 0.8
+    fitted = cli("fit", tmp_path / "case", "--with", "bowed_spine", "--effects", file, "--out", tmp_path / "fit", "--json").json
+    words = ("compare", tmp_path / "case", "--robot", tmp_path / "fit" / "robot.yaml")
+    assert "or give its file to a command that has --effects" in cli(*words, code=2).flat_err
+    assert 1e3 * cli(*words, "--effects", file, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
 
 
 def test_an_effect_of_one_s_own_that_is_wrong_is_refused_before_it_is_weighed(
