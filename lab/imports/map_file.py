@@ -313,7 +313,7 @@ class Map(FileTable):
         if self.forces == "tip" and not turned:
             wrong.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
-            wrong.append("sensor: a point that is not at the end of the body needs an orientation")
+            wrong.append("sensor: a point beyond the body needs an orientation; on its axis, a rigid last section (docs/howto/other-data.md)")
         return wrong
 
     def of_file(self, owns: Iterable[Own]) -> Map:
