@@ -313,7 +313,7 @@ class Map(FileTable):
         if self.forces == "tip" and not turned:
             wrong.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
-            wrong.append("sensor: a point beyond the body needs an orientation; on its axis, a rigid last section (docs/howto/other-data.md)")
+            wrong.append("sensor: a point beyond the body needs an orientation; on its axis give robot.yaml a rigid last section")
         return wrong
 
     def of_file(self, owns: Iterable[Own]) -> Map:

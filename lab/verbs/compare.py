@@ -60,7 +60,7 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     """The error table in mm, and in % of the robot's length."""
     spine = robot.spine is not None
     columns = (*(("spine",) if spine else ()), "states", "x", "y", "z", "rms", "worst")
-    t = titled("Measured against model: mean absolute error of the tip", (), (), columns)
+    t = titled(f"Measured against model: mean absolute error of the tip{thrust_taken(robot)}", (), (), columns)
     for r in table.rows:
         length = (f"{r.spine_length * 100:.1f} cm",) if spine else ()
         errors = (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z, r.rmse, r.worst)
@@ -69,6 +69,11 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     percentages = ", ".join(f"{100 * error / table.length:.2f} % in {axis}" for axis, error in worst.items())
     t.caption = f"largest mean error in % of the length: {percentages}; rms {table.rmse * 1e3:.2f} mm"
     return t
+
+
+def thrust_taken(robot: Robot) -> str:
+    """The law of thrust by which a chambers' robot was solved, for a title; "" of tendons."""
+    return f", thrust: {robot.thrust or 'cap (not stated)'}" if robot.chambers else ""
 
 
 VERBS = (
