@@ -26,7 +26,7 @@ from .files.own_effects import stated_by
 
 @dataclass(frozen=True)
 class Comparison(Shown):
-    """Tips measured and predicted (n, 3) m, the error table, and how many states the model could not solve."""
+    """Tips measured and predicted (n, 3) m, their errors and those of markers, and how many states the model could not solve."""
 
     condition: States
     measured: Array
@@ -34,6 +34,8 @@ class Comparison(Shown):
     branch: NDArray[np.str_]
     protocol: NDArray[np.str_]
     table: ErrorTable
+    markers: dict[str, float]
+    """rms of the distance between each marker's measured and predicted place, m."""
     unsolved: int
     words: Words
 
@@ -63,34 +65,28 @@ class Comparison(Shown):
         }
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What the model expects of the states of a case that have a tip."""
-
-    row: Ints
-    """(n,) index of each state among the rows of the case's table."""
-    table: Table
-    prediction: Prediction
-
-
-def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> Expected:
-    """Every measured state predicted with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
-    trial.
+def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> tuple[Ints, Table, Prediction]:
+    """Predict every state that has a tip with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
+    trial. Returns the (n,) rows of these states in the case's table, their table, and the prediction.
 
     `effects`: Python file of effects of one's own that robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
     prediction = predict_campaign(case.robot, table_columns(own), stated_by(case.robot, effects), intervals)
-    return Expected(own.row, own.trials, prediction)
+    return own.row, own.trials, prediction
 
 
 def comparison(case: Case, effects: Path | None = None) -> Comparison:
     """Every measured tip beside the expected one, and the error table. Arguments and errors as of `expected`."""
-    found = expected(case, effects)
-    condition, measured, _ = Case(case.robot, found.table).tips
-    tip = found.prediction.tip
-    ok = np.asarray(np.isfinite(tip).all(axis=1))
-    branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
+    _, states_table, prediction = expected(case, effects)
+    condition, measured, _ = Case(case.robot, states_table).tips
+    tip, ok = prediction.tip, prediction.converged
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), case.robot.actuators.words)
+    places = zip(states_table.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
+    off = ((k, np.linalg.norm(seen - modelled, axis=1)) for k, (seen, modelled) in enumerate(places, 1))
+    markers = {f"m{k}": float(np.sqrt(np.nanmean(away**2))) for k, away in off if np.isfinite(away).any()}
+    return Comparison(
+        condition[ok], measured[ok], tip[ok], states_table["branch"][ok], states_table["protocol"][ok], table,
+        markers, int((~ok).sum()), case.robot.actuators.words,
+    )  # fmt: skip

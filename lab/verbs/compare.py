@@ -27,17 +27,19 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
     words = case.robot.actuators.words
     note(case.table.warnings)
     c = comparison(case, effects)
-    figure = measured = None
+    pictures: dict[str, str | None] = {"figure": None, "sensors": None}
     if folder is not None:
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
         with whole(folder, OWN, replace, inputs) as (place, _):
-            figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
+            pictures["figure"] = str(folder / in_a_row(tip_curves(c, words), place / "compare.png").name)
             if quantities(case.table):
-                measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name
+                pictures["sensors"] = str(folder / in_a_row(sensors(case.table, words), place / "sensors.png").name)
 
     def show() -> None:
         out.print(sheet(c.table, case.robot))
+        if c.markers:
+            out.print(f"rms of markers: {', '.join(f'{name} {1e3 * off:.2f} mm' for name, off in c.markers.items())}")
         if c.elongation:
             lowest = f"Elongation from the lowest {words.pressure}"
             rows = (
@@ -48,12 +50,11 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
         note(marked_notes(case.table))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
-        for path in filter(None, (figure, measured)):
+        for path in filter(None, pictures.values()):
             out.print(f"figure: {path}")
 
-    pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
     counts = {"unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
-    return Result({**c.table.as_dict(), "elongation": c.elongation, **counts, **pictures}, show)
+    return Result({**c.table.as_dict(), "markers": c.markers, "elongation": c.elongation, **counts, **pictures}, show)
 
 
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:

@@ -32,9 +32,7 @@ OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
 """What an import writes, and replaces when it is repeated."""
 
 
-def import_files(
-    inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
-) -> Result:
+def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     given = read_yaml(map_path)
