@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -156,16 +155,12 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
     return Result({"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks, "states": states}, show)
 
 
-def _import_verb(a: argparse.Namespace) -> Result:
-    if a.guess:
-        return guess(a.inputs, a.robot, a.out, a.replace)
-    return import_files(a.inputs, a.map, a.robot, a.out, a.replace)
-
-
 VERBS = (
     Verb(
         "import",
-        _import_verb,
+        lambda a: (
+            guess(a.inputs, a.robot, a.out, a.replace) if a.guess else import_files(a.inputs, a.map, a.robot, a.out, a.replace)
+        ),
         options=(
             *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
