@@ -103,7 +103,7 @@ def test_words_for_a_missing_value_are_counted_and_named_by_column_with_the_firs
         told = lab.case(rows, ROBOT, columns=wanted).table.warnings
     assert [n for n in told if "are not numbers" in n] == [f"DataFrame: {said.format('index 4')}"]
     told = cli("import", tmp_path / "a.csv", "--guess", "--map", "my.yaml", "--robot", ROBOT, "--out", tmp_path, code=2).flat
-    assert "argument --guess: not allowed with argument --map" in told
+    assert "argument --map: not allowed with argument --guess" in told
 
 
 def test_one_camera_states_its_plane_and_the_size_of_its_pixels(tmp_path: Path, cli: Cli) -> None:
