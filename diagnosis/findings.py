@@ -58,7 +58,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
             "{pressures}{units}; until then no cause is reported as certain"
         ),
         "unconfirmed_guesses": (
-            "{are} unconfirmed ({guesses}): check and correct each in {path}, remove it from `{key}`, and import again"
+            "{are} unconfirmed ({guesses}): check and correct each in {path}, move it to `confirmed`, and import with that map"
         ),
     },
     "warning": {

@@ -107,7 +107,7 @@ def read(path: Place, truncated: bool = False) -> Recording:
 
 
 def predict(robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, **options: Any) -> Prediction:
-    """Tip, orientation and shape by the Cosserat rod model; NaN where there is no equilibrium.
+    """Tip, orientation and `shape`, the places of the markers, by the Cosserat rod model; NaN where there is no equilibrium.
 
     `pressures` (n, chambers) or (chambers,) Pa gauge; `spine_length` m, one or (n,). `options`: `tip_mass` kg, `roll` rad of the
     body in its mount; `intervals=True`: with 95 % intervals; `gradient=True`: with the slopes by pressure and spine length; and
@@ -115,8 +115,8 @@ def predict(robot: Robot, pressures: ArrayLike, spine_length: ArrayLike = 0.0, *
 
     >>> robot = load_robot("robot.yaml")
     >>> found = predict(robot, [[60e3] * 3 + [0] * 6, [80e3] * 3 + [0] * 6], spine_length=[0.0, 0.1], gradient=True)
-    >>> found.tip.shape, found.orientation.shape, found.tip_by_pressure.shape
-    ((2, 3), (2, 4), (2, 3, 9))
+    >>> found.tip.shape, found.orientation.shape, found.shape.shape, found.tip_by_pressure.shape
+    ((2, 3), (2, 4), (2, 0, 3), (2, 3, 9))
     >>> found.to_frame().round(0)["tip x [mm]"].tolist()
     [-23.0, -34.0]
     """
@@ -186,10 +186,9 @@ def compare(measured: Case) -> Comparison:
     (0, True)
     """
     from .comparison import comparison
-    from .files.own_effects import stated_by
 
     _demand_case("compare", measured)
-    return comparison(measured, stated_by(measured.robot))
+    return comparison(measured)
 
 
 def diagnose(measured: Case, options: Options | None = None) -> Diagnosis:

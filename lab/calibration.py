@@ -18,7 +18,8 @@ from .files.inputs import Case
 
 
 def calibrate(case: Case, progress: Progress = no_progress) -> Fitted:
-    """Calibrate moduli of spine and body from pushes, and area factors from tips. Raises DiagnosisError, ModelError."""
+    """Calibrate moduli of spine and body from pushes, and area factors from tips, with the thrust that these settle where the
+    robot states none. Raises DiagnosisError, ModelError."""
     robot = case.robot
     spine = _spine_modulus(case)
     if spine and robot.spine is not None:
@@ -31,9 +32,10 @@ def calibrate(case: Case, progress: Progress = no_progress) -> Fitted:
             findings=tuple(finding("as_read", text=text) for text in case.table.warnings), spine_modulus=spine, body_modulus=body,
         )  # fmt: skip
     condition, tip, trial = case.tips
+    fitted = fit_effects(case, (), progress=progress)
+    robot = robot.replace(thrust=fitted.robot.thrust)
     by_length = fit_area_factor_by_length(robot, condition, tip, trial)
     robot = robot.replace(area_factor={k: a.factor.value for k, a in by_length.items()})
-    fitted = fit_effects(case, (), progress=progress)
     return replace(fitted, robot=robot, spine_modulus=spine, body_modulus=body, area_factor_by_length=by_length)
 
 

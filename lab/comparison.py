@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,13 @@ from model.actuators import Words
 from model.arrays import Array, Ints
 from model.compare import ErrorTable, error_table
 from model.condition import States
-from model.effects import CATALOGUE, EffectSpec
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
 from model.shown import Shown, by_axis
 from recordings.trials import Table
 
 from .files.inputs import Case, marked_notes
+from .files.own_effects import stated_by
 
 MANY = 5.0
 """Times what a calibration leaves from which a model misses by far."""
@@ -30,7 +31,7 @@ MANY = 5.0
 
 @dataclass(frozen=True)
 class Comparison(Shown):
-    """Tips measured and predicted (n, 3) m, the error table, and how many states the model could not solve."""
+    """Tips measured and predicted (n, 3) m, their errors and those of markers, and how many states the model could not solve."""
 
     condition: States
     measured: Array
@@ -38,6 +39,8 @@ class Comparison(Shown):
     branch: NDArray[np.str_]
     protocol: NDArray[np.str_]
     table: ErrorTable
+    markers: dict[str, float]
+    """rms of the distance between each marker's measured and predicted place, m."""
     unsolved: int
     words: Words
     notes: tuple[str, ...] = ()
@@ -69,37 +72,32 @@ class Comparison(Shown):
         }
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What the model expects of the states of a case that have a tip."""
+def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> tuple[Ints, Table, Prediction]:
+    """Predict every state that has a tip with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
+    trial. Returns the (n,) rows of these states in the case's table, their table, and the prediction.
 
-    row: Ints
-    """(n,) index of each state among the rows of the case's table."""
-    table: Table
-    prediction: Prediction
-
-
-def expected(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE, intervals: bool = False) -> Expected:
-    """Every measured state predicted with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
-    trial.
-
-    `catalogue` knows the effects that its robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
+    `effects`: Python file of effects of one's own that robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
-    return Expected(own.row, own.trials, predict_campaign(case.robot, table_columns(own), catalogue, intervals))
+    prediction = predict_campaign(case.robot, table_columns(own), stated_by(case.robot, effects), intervals)
+    return own.row, own.trials, prediction
 
 
-def comparison(case: Case, catalogue: Mapping[str, EffectSpec] = CATALOGUE) -> Comparison:
-    """Every measured tip beside the expected one, and the error table. Raises as `expected` does."""
-    found = expected(case, catalogue)
-    condition, measured, _ = Case(case.robot, found.table).tips
-    tip = found.prediction.tip
-    ok = np.asarray(np.isfinite(tip).all(axis=1))
-    branch, protocol = found.table["branch"][ok], found.table["protocol"][ok]
+def comparison(case: Case, effects: Path | None = None) -> Comparison:
+    """Every measured tip beside the expected one, and the error table. Arguments and errors as of `expected`."""
+    _, states_table, prediction = expected(case, effects)
+    condition, measured, _ = Case(case.robot, states_table).tips
+    tip, ok = prediction.tip, prediction.converged
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    words, notes = case.robot.actuators.words, (*case.table.warnings, *marked_notes(case.table), *_far_off(case, table.rmse))
-    return Comparison(condition[ok], measured[ok], tip[ok], branch, protocol, table, int((~ok).sum()), words, notes)
+    places = zip(states_table.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
+    off = ((k, np.linalg.norm(seen - modelled, axis=1)) for k, (seen, modelled) in enumerate(places, 1))
+    markers = {f"m{k}": float(np.sqrt(np.nanmean(away**2))) for k, away in off if np.isfinite(away).any()}
+    notes = (*case.table.warnings, *marked_notes(case.table), *_far_off(case, table.rmse))
+    return Comparison(
+        condition[ok], measured[ok], tip[ok], states_table["branch"][ok], states_table["protocol"][ok], table,
+        markers, int((~ok).sum()), case.robot.actuators.words, notes,
+    )  # fmt: skip
 
 
 def _far_off(case: Case, missed: float) -> Iterator[str]:

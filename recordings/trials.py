@@ -84,7 +84,7 @@ COLUMNS = (
     (r"hold", "s", "time from the end of the ramp to the reading; 0: while ramping"),
     (r"spine_length", "m", "length of the spine"),
     (r"vacuum", "Pa", "of the spine, below ambient"),
-    (r"tip_mass", "kg", "mass hung at the tip"),
+    (r"tip_mass", "kg", "mass hung at the tip, in place of robot.yaml's"),
     (r"roll_deg", "deg", "turn of the body in its mount about the robot's axis"),
     (r"force_[xyz]", "N", "known force on the tip, base frame"),
     (r"tip_moment_[xyz]", "N m", "known moment on the tip, base frame"),

@@ -357,7 +357,7 @@ def _closing(d: Diagnosis) -> str:
         if share < 0:
             return f"This cause makes the prediction of unseen states worse: {before} mm without it, {after} mm with it."
         closed = f"{percent(share)} % of the reducible gap is closed{by_itself(alone)}"
-        return f"With the cause, {after} mm remain on unseen states: {closed}."
+        return f"With the cause, and other effects within their tolerances, {after} mm remain on unseen states: {closed}."
     nearest = _named(d.detail["best_hypothesis"], d)
     if not nearest or share is None:
         return ""
@@ -392,8 +392,9 @@ def _robot(d: Diagnosis) -> str:
     if d.fitted is None:
         return ""
     return (
-        f"With this cause, one {d.words.area_factor}{_factor(d)} and the tolerances fitted, as `lab fit --with` does, the robot "
-        f"misses the tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the cause)."
+        f"With this cause and no other effect, one {d.words.area_factor}{_factor(d)} and the set-up fitted, as `lab fit --with` "
+        f"does, the robot misses the tip by {d.fitted.left_mm:.2f} mm (in-sample; {d.fitted.calibrated_mm:.2f} mm without the "
+        "cause)."
     )
 
 

@@ -70,8 +70,6 @@ class MisfitDiagnostics:
     """Factor by which repeats scatter more than the default, see `NoiseComponents`."""
     outlier_trial: int | None
     """The trial that the others predict worst, where its p-value times the number of trials is below 0.001."""
-    outlier_surprise: float
-    """Chi-square per value of that trial, predicted from the others."""
     law_error_gain: float
     """Log evidence that the largest share of model-form error adds to the least, under the answer's hypothesis; 0 without any."""
 
@@ -99,6 +97,5 @@ def misfit_diagnostics(
         lack_of_fit=lack_of_fit,
         excess_scatter=excess_scatter,
         outlier_trial=int(trials[worst]) if probability[worst] * len(trials) < 1e-3 else None,
-        outlier_surprise=float(surprise[worst] / value_count[worst]),
         law_error_gain=law_error_gain,
     )

@@ -181,7 +181,7 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
     for place in inputs:
         path = place / "map.yaml"
         try:
-            listed = read_yaml(path).table.get(UNCONFIRMED)
+            listed = read_yaml(path).table.get("unconfirmed")
         except ConfigError:  # a recording, or a case that was not imported
             continue
         if isinstance(listed, list) and listed:
@@ -190,11 +190,9 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
             texts = (t if len(t) <= MOST_OF_GUESS else f"{t[:half]} .. {t[-half:]}" for t in map(str, listed[:MOST_GUESSES]))
             are = "1 guess of the map is" if len(listed) == 1 else f"{len(listed)} guesses of the map are"
             guesses = "; ".join(texts) + more
-            yield finding("unconfirmed_guesses", count=len(listed), are=are, guesses=guesses, path=str(path), key=UNCONFIRMED)
+            yield finding("unconfirmed_guesses", count=len(listed), are=are, guesses=guesses, path=str(path))
 
 
-UNCONFIRMED = "unconfirmed"
-"""The key of map.yaml that lists guesses which the data do not force."""
 MOST_GUESSES, MOST_OF_GUESS = 6, 160
 """Named one by one; characters of each."""
 DOUBTS = {

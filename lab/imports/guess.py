@@ -274,6 +274,11 @@ def _others(g: Guess, series: Series, headings: Sequence[Heading], robot: Robot)
             highest = f"values up to {float(np.nanmax(series.numbers[h.name])):g}"
             why = f"{why}, and {highest}"
             g.doubt(f"columns.{column}", f"the file states no unit; {highest} are taken as {entry['unit']}")
+        if column == "tip_mass":
+            unit, least = entry.get("unit", "kg"), float(np.nanmin(series.numbers[h.name]))
+            if least < (own := robot.tip_mass / KINDS["kg"][unit]):
+                replaces = f"its {least:g} {unit} and more replace robot.yaml's tip_mass of {own:g} {unit}"
+                g.doubt("columns.tip_mass", f"{replaces}: if they count only what was added, write `zero: {-own:g}`")
         if column == "branch":
             values = _branches(series, h.name)
             if values is None:

@@ -255,7 +255,9 @@ class Map(FileTable):
     robot: str = "robot.yaml"
     """Its robot.yaml, next to this file."""
     unconfirmed: tuple[str, ...] = ()
-    """Guesses of `lab import --guess` that nobody has checked: delete each once it is settled."""
+    """Guesses and questions of `lab import` that nobody has checked: move each to `confirmed` once it is settled."""
+    confirmed: tuple[str, ...] = ()
+    """Questions of `lab import` that are settled; it does not ask them again."""
     source: Source = Source()
     """How a file is read."""
     columns: dict[str, Column] = {}
@@ -312,7 +314,7 @@ class Map(FileTable):
         if self.forces == "tip" and not turned:
             wrong.append("forces: a sensor that turns with the tip needs an orientation")
         if any(self.sensor) and not turned:
-            wrong.append("sensor: a point that is not at the end of the body needs an orientation")
+            wrong.append("sensor: a point beyond the body needs an orientation; on its axis give robot.yaml a rigid last section")
         return wrong
 
     def of_file(self, owns: Iterable[Own]) -> Map:

@@ -265,7 +265,8 @@ def conclude(
                 "the frame's turn about this line; add some in which one {actuator} is {inflated}"
             )
         )
-    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), tuple(questions))
+    asked = tuple(q for q in questions if q not in wanted.confirmed)
+    return Imported(table, tuple(read_files), tuple(notes), tuple(unread), asked)
 
 
 def _ambient(states: Table, wanted: Map, words: Words) -> Iterator[str]:

@@ -85,7 +85,7 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
 
     stated = re.fullmatch(r"sep=(.)", records[0].text.strip())
     separator, width = _form(path, records, source.separator or (stated[1] if stated else None), source.missing)
-    frame, records, too_long = _split(records, separator, width)
+    frame, records, wide = _split(records, separator, width)
     parsed = frame.apply(pd.to_numeric, errors="coerce")
     data, first = _data_rows(path, frame, parsed.notna().to_numpy(), records, source, separator)
     if data[-1] and not whole and _is_cut_off(_cells(records[-1].text, separator), frame[data][:-1]):
@@ -99,7 +99,7 @@ def _read_table(path: Path, records: list[Record], source: Source, whole: bool) 
     mark = {"\t": "tabs", " ": "spaces"}.get(separator, repr(separator))
     of_motive = MOTIVE.match(records[0].text)
     form = "Motive's export" if of_motive else f"columns separated by {mark}"
-    series = of_judged(path, columns, form, tuple(_left_out(path, records, frame.shape[1], data, first, too_long)))
+    series = of_judged(path, columns, form, tuple(_left_out(path, records, frame.shape[1], data, first, wide)))
     if of_motive and (stated := START.search(records[0].text)):
         times = judge(pd.Series([f"{stated['date']} {stated['clock'].replace('.', ':', 2)}"])).values
         series = replace(series, start=(stated["start"], float(times[0])) if times.dtype.kind == "f" else None)
@@ -253,18 +253,18 @@ def _split(records: list[Record], separator: str, width: int) -> tuple[pd.DataFr
     """Cells as text (lines, columns), their lines, and lines of data left out, as they have more cells than columns (`width`)."""
     import pandas as pd
 
-    lines, rows, too_long = [], [], []
+    lines, rows, wide = [], [], []
     for record in records:
         cells = [cell.strip() for cell in _cells(record.text, separator)]
         if any(cells[width:]):
             values = sum(map(looks_like_value, cells))
             if values > DATA_SHARE * width and values > DATA_SHARE * sum(map(bool, cells)):
-                too_long.append(record)
+                wide.append(record)
                 continue
             cells = _heading_cells(record.text, width) if separator == " " else cells
         lines.append(record)
         rows.append((cells + [""] * width)[:width])
-    return pd.DataFrame(rows, columns=range(width), dtype=str), lines, too_long
+    return pd.DataFrame(rows, columns=range(width), dtype=str), lines, wide
 
 
 def _heading_cells(text: str, width: int) -> list[str]:
@@ -354,14 +354,12 @@ def _counted_headings(frame: pd.DataFrame, number: Mask, source: Source) -> bool
     return first in counts and second not in counts
 
 
-def _left_out(
-    path: Path, records: Sequence[Record], width: int, data: Mask, first: int, too_long: Sequence[Record]
-) -> Iterator[str]:
+def _left_out(path: Path, records: Sequence[Record], width: int, data: Mask, first: int, wide: Sequence[Record]) -> Iterator[str]:
     """Notes on lines that look like part of the table and are not read; raises ConfigError where they are many."""
-    if len(too_long) > 0.1 * int(data.sum()):
+    if len(wide) > 0.1 * int(data.sum()):
         raise ConfigError(
-            f"{path}, line {too_long[0].line}: has more than the {width} cells of other lines: "
-            f"{too_long[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
+            f"{path}, line {wide[0].line}: has more than the {width} cells of other lines: "
+            f"{wide[0].text.strip()[:40]!r}; correct the line, or name separator and decimal mark "
             "(source.separator, source.decimal)"
         )
     skipped = [r for r, ok in zip(records[first:], data[first:], strict=True) if not ok and not r.comment]
@@ -370,7 +368,7 @@ def _left_out(
         words = f"{len(empty)} lines" if len(empty) > 1 else "a line"
         yield f"{words} with values in few of the {width} columns, the first line {empty[0].line}, taken as missing"
     odd = [(r, "is not a row of numbers") for r in skipped if r not in empty]
-    odd += [(r, f"has more than {width} cells") for r in too_long]
+    odd += [(r, f"has more than {width} cells") for r in wide]
     for record, why in odd[:MOST_NOTED]:
         yield f"line {record.line} {why} and is skipped: {record.text.strip()[:40]!r}"
     if len(odd) > MOST_NOTED:

@@ -64,11 +64,10 @@ def gaps(case: Case, with_intervals: bool) -> list[dict[str, Any] | None]:
     """By row of a case: expected tip, its interval (`with_intervals`), measured minus expected (m); None without a tip."""
     if not case.table.with_tip.any():
         return [None] * len(case.table)
-    comparison = expected(case, stated_by(case.robot), intervals=True)
+    rows, table, prediction = expected(case, intervals=True)
     out: list[dict[str, Any] | None] = [None] * len(case.table)
-    for k, row in enumerate(comparison.row.tolist()):
-        gap = (comparison.table.tip[k] - comparison.prediction.tip[k]).tolist()
-        out[row] = {**_place(comparison.prediction, k, with_intervals), "gap": gap}
+    for k, row in enumerate(rows.tolist()):
+        out[row] = {**_place(prediction, k, with_intervals), "gap": (table.tip[k] - prediction.tip[k]).tolist()}
     return out
 
 

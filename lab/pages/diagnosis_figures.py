@@ -128,7 +128,7 @@ def gap_map(d: Diagnosis, name: str, folder: Path) -> list[Path]:
             of_branch = s["branch"] == branch
             if of_branch.any():
                 pressures = _levels(s["pressure"][of_branch], grain)
-                maps.append((f"{model}, {direction}", pressures, _mapped(s, gap, of_branch, rows, pressures)))
+                maps.append((f"{model}, {direction}", pressures, _drawn(s, gap, of_branch, rows, pressures)))
     top = max(float(np.nanmax(m)) for _, _, m in maps)
     pictures = [folder / f"map-{k}.svg" for k in range(len(maps))]
     for path, (title, pressures, values) in zip(pictures, maps, strict=True):
@@ -265,9 +265,7 @@ def _grain(pressure: Array) -> float:
     return min(10e3, max(0.04 * float(np.nanmax(pressure)), 1.0))
 
 
-def _mapped(
-    s: dict[str, Array], gap: Array, of_branch: Mask, rows: Sequence[tuple[StateGroup, float]], pressures: Array
-) -> Array:
+def _drawn(s: dict[str, Array], gap: Array, of_branch: Mask, rows: Sequence[tuple[StateGroup, float]], pressures: Array) -> Array:
     """(rows, pressures) mm, rms of `gap` (n, 3) m of a branch by group and spine length and nearest pressure (Pa); NaN: none."""
     mapped = np.full((len(rows), len(pressures)), np.nan)
     column = np.abs(s["pressure"][:, None] - pressures).argmin(axis=1)

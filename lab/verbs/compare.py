@@ -14,31 +14,32 @@ from ..comparison import comparison
 from ..console import note, out, titled
 from ..files.inputs import read_case
 from ..files.output_folder import demand_free, whole
-from ..files.own_effects import stated_by
-from ..options import JSON, OF_CASE, REPLACE, Result, Verb, path_option
+from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, path_option
 
 OWN = ("compare.png", "sensors.png")
 """Files that the command writes, and replaces when it is repeated."""
 
 
-def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool = False) -> Result:
-    """The error table; with a folder also draw the curves."""
+def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, replace: bool, effects: Path | None) -> Result:
+    """The error table; with a folder also draw the curves. `effects`: file of effects of one's own."""
     demand_free(folder, OWN, replace, inputs)
     case = read_case(inputs, robot)
     words = case.robot.actuators.words
-    c = comparison(case, stated_by(case.robot))
+    c = comparison(case, effects)
     note(c.notes)
-    figure = measured = None
+    pictures: dict[str, str | None] = {"figure": None, "sensors": None}
     if folder is not None:
         from ..pages.figures import in_a_row, quantities, sensors, tip_curves
 
         with whole(folder, OWN, replace, inputs) as (place, _):
-            figure = folder / in_a_row(tip_curves(c, words), place / "compare.png").name
+            pictures["figure"] = str(folder / in_a_row(tip_curves(c, words), place / "compare.png").name)
             if quantities(case.table):
-                measured = folder / in_a_row(sensors(case.table, words), place / "sensors.png").name
+                pictures["sensors"] = str(folder / in_a_row(sensors(case.table, words), place / "sensors.png").name)
 
     def show() -> None:
         out.print(sheet(c.table, case.robot))
+        if c.markers:
+            out.print(f"rms of markers: {', '.join(f'{name} {1e3 * off:.2f} mm' for name, off in c.markers.items())}")
         if c.elongation:
             lowest = f"Elongation from the lowest {words.pressure}"
             rows = (
@@ -48,19 +49,18 @@ def compare(inputs: Sequence[Path], robot: Path | None, folder: Path | None, rep
             out.print(titled(lowest, ("spine", words.pressure, "measured", "model"), rows))
         if c.unsolved:
             out.print(f"{c.unsolved} states have no trusted equilibrium in the model and are left out")
-        for path in filter(None, (figure, measured)):
+        for path in filter(None, pictures.values()):
             out.print(f"figure: {path}")
 
-    pictures = {"figure": str(figure) if figure else None, "sensors": str(measured) if measured else None}
-    counts = {"unsolved": c.unsolved, "clipped": int(case.table.clipped.sum())}
-    return Result({**c.table.as_dict(), "elongation": c.elongation, "notes": c.notes, **counts, **pictures}, show)
+    more = {"notes": c.notes, "unsolved": c.unsolved, "clipped": int(case.table.clipped.sum()), **pictures}
+    return Result({**c.table.as_dict(), "markers": c.markers, "elongation": c.elongation, **more}, show)
 
 
 def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     """The error table in mm, and in % of the robot's length."""
     spine = robot.spine is not None
     columns = (*(("spine",) if spine else ()), "states", "x", "y", "z", "rms", "worst")
-    t = titled("Measured against model: mean absolute error of the tip", (), (), columns)
+    t = titled(f"Measured against model: mean absolute error of the tip{thrust_taken(robot)}", (), (), columns)
     for r in table.rows:
         length = (f"{r.spine_length * 100:.1f} cm",) if spine else ()
         errors = (r.mean_abs_x, r.mean_abs_y, r.mean_abs_z, r.rmse, r.worst)
@@ -71,15 +71,21 @@ def sheet(table: ErrorTable, robot: Robot) -> Sheet:
     return t
 
 
+def thrust_taken(robot: Robot) -> str:
+    """The law of thrust by which a chambers' robot was solved, for a title; "" of tendons."""
+    return f", thrust: {robot.thrust or 'cap (not stated)'}" if robot.chambers else ""
+
+
 VERBS = (
     Verb(
         "compare",
-        lambda a: compare(a.inputs, a.robot, a.out, a.replace),
+        lambda a: compare(a.inputs, a.robot, a.out, a.replace, a.effects),
         options=(
             JSON,
             *OF_CASE,
             path_option("--out", "FOLDER", "folder for the figures"),
             REPLACE,
+            OWN_EFFECTS,
         ),
         examples=("lab compare runs/*.mcap", "lab compare case --robot robot.yaml --out figures"),
         page="docs/tutorials/first-day.md",

@@ -90,7 +90,7 @@ def demo(folder: Path, seed: int | None, speed: float, effect: str | None = None
         compiling.begun()
     step("lab replay: the same numbers from the files alone", lambda: replay(files))
     step("lab fit", lambda: fit(files))
-    step("lab compare: the paper's parameters", lambda: compare(files, None, None))
+    step("lab compare: the paper's parameters", lambda: compare(files, None, None, False, None))
     answers = Wanted(folder / "diagnosis.json", folder / "report.html", folder / "next")
     step("lab diagnose: which effect was withheld?", lambda: diagnose(files, None, answers))
     answer = Diagnosis.from_json((folder / "diagnosis.json").read_text(encoding="utf-8"))

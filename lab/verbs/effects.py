@@ -90,11 +90,12 @@ def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> l
 
 def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]) -> Signature:
     """The change by an effect of plausible size in the first of `models` (kind, columns of states, model) that shows it."""
-    sizes = [min(p.scale, p.high) if p.role == "size" else p.starts[0] for p in spec.parameters]
     for how, columns, forward in models:  # noqa: B007 (used after the loop)
         theta = np.zeros(len(forward.parameters))
         without = forward.predict(theta)
-        theta[forward.index(spec.id)] = sizes
+        for k in forward.index(spec.id):
+            p = forward.parameters[k]  # counted from what robot.yaml states: of what is whole there, less remains
+            theta[k] = (min(p.sd, p.high) or max(-p.sd, p.low)) if p.role == "size" else p.starts[0]
         change = forward.predict(theta) - without
         if np.nanmax(np.abs(change)) > LEAST_CHANGE:
             break

@@ -31,6 +31,7 @@ from ..files.output_folder import demand_free, whole
 from ..files.own_effects import catalogue
 from ..files.robot_file import write_robot
 from ..options import JSON, OF_CASE, OWN_EFFECTS, REPLACE, Result, Verb, option, path_option
+from .compare import thrust_taken
 
 SAME_FIT = 0.05
 """Relative difference of two residuals of one robot."""
@@ -84,8 +85,9 @@ def fit(
         start = {} if diagnosed is None else {name: v.value for name, v in diagnosed.parameters.items()}
         with Screen("fitting") as screen:
             fitted = fit_effects(case, named or (), effects, screen.step, residual, start)
-        own = (str(f) for f in fitted.findings if f.code != "as_read")  # those were said before the fit
-        note((*own, *([] if diagnosed is None else disagreement(fitted, diagnosed))))
+        note([] if diagnosed is None else disagreement(fitted, diagnosed))
+    # the others were said before the fit, or are of a fit with effects
+    note(str(f) for f in fitted.findings if f.code == "thrust_settled" or not (calibrating or f.code == "as_read"))
     written: list[Path] = []
     if folder is not None:
         with whole(folder, OWN, replace, inputs) as (place, word):
@@ -185,7 +187,7 @@ def sheet(c: Fitted) -> Sheet:
     spine = c.robot.spine is not None
     columns = ("parameter", *(("spine",) if spine else ()), "value", "states", "residual")
     shown = ((name, *((where,) if spine else ()), *rest) for name, where, *rest in rows)
-    return titled("Calibration (± standard error)", columns, shown)
+    return titled(f"Calibration (± standard error){thrust_taken(c.robot)}", columns, shown)
 
 
 def baseline_line(c: Fitted) -> str:

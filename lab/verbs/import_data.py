@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from ..imports.map_file import Source, map_of
 from ..imports.proposal import Guess, asking, guess_text
 from ..imports.series import Series, listed
 from ..imports.table import imported
-from ..options import READS, REPLACE, Result, Verb, inputs, option, path_option
+from ..options import READS, REPLACE, OneOf, Result, Verb, inputs, option, path_option
 from ..plain import typed
 
 MAP, PICTURE = "map.yaml", "states.png"
@@ -32,9 +31,7 @@ OWN = ("robot.yaml", "trials.csv", MAP, PICTURE)
 """What an import writes, and replaces when it is repeated."""
 
 
-def import_files(
-    inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool = False
-) -> Result:
+def import_files(inputs: Sequence[Path], map_path: Path, robot_path: Path | None, folder: Path, replace_all: bool) -> Result:
     """Write CASE/robot.yaml, trials.csv, map.yaml and a picture of which rows became states. Raises ConfigError."""
     demand_free(folder, OWN, replace_all, inputs)
     given = read_yaml(map_path)
@@ -158,25 +155,20 @@ def guess(inputs: Sequence[Path], robot_path: Path | None, folder: Path, replace
     return Result({"map": str(folder / MAP), "reasons": proposed.reasons, "check": checks, "states": states}, show)
 
 
-def _import_verb(a: argparse.Namespace) -> Result:
-    if a.guess and a.map is not None:
-        raise ConfigError(f"--map {a.map}: --guess proposes a map of its own and does not read this one; leave out one")
-    if a.guess:
-        return guess(a.inputs, a.robot, a.out, a.replace)
-    if a.map is None:
-        raise ConfigError("--map: give the map.yaml that says what the columns are, or --guess to have one proposed")
-    return import_files(a.inputs, a.map, a.robot, a.out, a.replace)
-
-
 VERBS = (
     Verb(
         "import",
-        _import_verb,
+        lambda a: (
+            guess(a.inputs, a.robot, a.out, a.replace) if a.guess else import_files(a.inputs, a.map, a.robot, a.out, a.replace)
+        ),
         options=(
             *READS,
             inputs("files (CSV, MATLAB, NumPy, C3D, Parquet, MCAP) or a folder of them"),
-            path_option("--map", "MAP.yaml", "map.yaml: columns, units, frame (axes or directions), states"),
-            option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
+            OneOf(
+                path_option("--map", "MAP.yaml", "map.yaml: columns, units, frame (axes or directions), states"),
+                option("--guess", action="store_true", help="propose a map with its reasons and a picture, for you to check"),
+                required=True,
+            ),
             path_option("--robot", "ROBOT.yaml", "robot.yaml (default: the one that the map names)"),
             path_option("--out", "FOLDER", "case folder to write; with --guess: where the map goes", required=True),
             REPLACE,

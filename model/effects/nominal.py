@@ -48,7 +48,7 @@ def _problems(key: str, table: Table, specs: Mapping[str, EffectSpec]) -> Iterab
     """What is wrong with the values of `table`, the part `key` of robot.yaml: ids and names not in `specs`, units, bounds."""
     for id, stated_values in table.items():
         if id not in specs:
-            own_effect = "; if it is an effect of your own, install its package or give its file with --effects"
+            own_effect = "; if it is an effect of your own, install its package, or give its file to a command that has --effects"
             yield f"{key}.{id}: is not known, {nearest(id, specs)}{own_effect if key == 'effects' else ''}"
             continue
         parameters = {p.name: p for p in specs[id].parameters}

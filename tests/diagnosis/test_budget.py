@@ -104,9 +104,7 @@ def test_an_exact_law_is_as_wrong_as_any_where_tolerances_may_hide_the_error_of_
         (("", "ab", "b"), (0.4, 0.35, 0.25), ("b",)),
     ],
 )
-def test_the_answer_is_what_is_named_in_most_draws(
-    named: tuple[str, ...], weight: tuple[float, ...], expected: tuple[str, ...]
-) -> None:
+def test_the_answer_is_named_in_most_draws(named: tuple[str, ...], weight: tuple[float, ...], expected: tuple[str, ...]) -> None:
     draws, n = np.zeros((len(named), 3)), len(named)
     sizes = dict.fromkeys(EFFECTS, 1.0)
     b = Budget(EFFECTS, draws, draws, np.array(weight), np.zeros(n), np.zeros(n, bool), sizes, names(named))

@@ -104,9 +104,7 @@ def test_another_unit_or_frame_is_refused_with_what_to_write(states: int, change
 
 
 @pytest.mark.parametrize(("unit", "wrong", "factor"), [("psi", "kPa", 6.895), ("kPa", "mbar", 10.0), ("psi", "bar", 0.06895)])
-def test_a_unit_of_all_pressures_is_named_next_to_an_area_factor_that_would_do_the_same(
-    unit: str, wrong: str, factor: float
-) -> None:
+def test_a_unit_of_all_pressures_is_named_next_to_an_area_factor_that_does_the_same(unit: str, wrong: str, factor: float) -> None:
     robot = lab.load_robot(Path(__file__).parents[2] / "examples/three_chambers/robot.yaml")
     rows = [replace(r, pressures=tuple(p / factor for p in r.pressures)) for k in (1, 2, 3) for r in three(robot, k, 1.0)]
     for mapped in (None, Mapped(unit=wrong)):
@@ -126,9 +124,7 @@ def test_a_unit_is_read_off_relative_to_that_of_the_map() -> None:
     [("at rest", (1, 1, 4), "along z the tip moves"), ("as recorded", (1, 1, 4), "correct unit or scale of z in map.yaml"),
      ("as recorded", (6, 6, 6), "m apart")],
 )  # fmt: skip
-def test_a_scale_that_was_forgotten_comes_before_the_place_of_the_base(
-    straight: str, scale: tuple[int, int, int], said: str
-) -> None:
+def test_a_forgotten_scale_comes_before_the_place_of_the_base(straight: str, scale: tuple[int, int, int], said: str) -> None:
     rows = [row for chambers in (BENDING, (5, 6)) for row in sweep(chambers=chambers, spines=(0.0,))]
     base = np.array([0.0, 0.0, (1 - scale[2]) * rows[0].tip[2] if straight == "at rest" else 0.2])  # type: ignore[index]
     table = Table.of(replace(r, tip=tuple((np.array(r.tip) * scale + base).tolist())) for r in rows)

@@ -65,7 +65,8 @@ def test_a_diagnosis_quotes_the_robot_that_the_fit_writes(fitted: Fitted, campai
     found = answer(SOME)
     robot = found.fitted
     assert robot is not None and robot.left_mm == pytest.approx(fitted.left_mm, rel=0.05)
-    assert " and the tolerances fitted, as `lab fit --with` does, the robot misses the " in found.statement
+    for said in ("cause, and other effects within their tolerances, ", "no other effect, one area", "as `lab fit --with` does"):
+        assert said in found.statement
     assert f"misses the tip by {robot.left_mm:.2f} mm (in-sample" in found.statement
     (angle,) = [r.parameters["chamber_azimuth.angle"] for r in found.attribute.ranking if r.effects == ("chamber_azimuth",)]
     assert angle.value == robot.parameters["chamber_azimuth.angle"].value

@@ -9,6 +9,9 @@ from diagnosis.diagnose import diagnose
 from diagnosis.fit_effects import fit_effects
 from diagnosis.inference.prepare import prepare
 from diagnosis.inference.thrust import settle_thrust, settled_and_edited
+from lab.calibration import calibrate
+from lab.files.inputs import Case
+from lab.verbs.fit import sheet
 from model.effects import CATALOGUE
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import FEW, measured, quick
@@ -52,6 +55,8 @@ def test_a_fit_settles_it_too_and_writes_it_down(turned: Measured) -> None:
     assert fitted.left_mm < 0.2 * fitted.calibrated_mm
     again = fit_effects(replace(turned, robot=fitted.robot), ["chamber_azimuth"])
     assert again.left_mm == pytest.approx(fitted.left_mm, rel=0.05)
+    calibrated, stated = (calibrate(Case(ROBOT.replace(thrust=thrust), turned.table)) for thrust in (None, "walls"))
+    assert calibrated.robot == stated.robot and str(sheet(calibrated).title).endswith(", thrust: walls")
 
 
 def test_what_robot_yaml_states_or_the_data_do_not_ask_for_is_left(turned: Measured) -> None:

@@ -130,9 +130,7 @@ def ended(rig: dict[str, Any]) -> None:
     rig["operator"] = "unix:/tmp/softlab-gone/operator.sock"
 
 
-def test_fakes_that_have_ended_are_one_line_and_no_line_for_each_instrument(
-    virtual_lab: VirtualLab, tmp_path: Path, cli: Cli
-) -> None:
+def test_ended_fakes_are_one_line_and_no_line_for_each_instrument(virtual_lab: VirtualLab, tmp_path: Path, cli: Cli) -> None:
     rig = changed(virtual_lab, tmp_path, ended)
     for verb in (["check"], ["run", "bending", "--out", tmp_path], ["safe"], ["safe", "--clear"]):
         text = cli(*verb, "--rig", rig, code=2).err

@@ -145,7 +145,7 @@ def test_guesses_that_nobody_has_confirmed_stand_first_and_a_page_of_a_small_tab
     printed = cli("diagnose", case, "--json", answer, "--report", page).out
     said = (
         "2 guesses of the map are unconfirmed (which chamber does 'Valve B' feed?; frame: taken as z, or -z): check and correct "
-        f"each in {case / 'map.yaml'}, remove it from `unconfirmed`, and import again"
+        f"each in {case / 'map.yaml'}, move it to `confirmed`, and import with that map"
     )
     assert "".join(printed.split()).startswith("".join(f"settle first: {said}".split()))
     first = json.loads(answer.read_text())["findings"][0]
@@ -210,11 +210,13 @@ def test_an_effect_of_one_s_own_is_found_where_it_is_at_work(tmp_path: Path, cli
     size = found["attribute"]["ranking"][0]["parameters"]["bowed_spine.bow"]
     assert size["value"] == pytest.approx(0.3, abs=4 * size["sd"]) and size["unit"] == "1/m"
     assert found["locate"]["stage"]["structure"] > 0.8
+    fitted = cli("fit", tmp_path / "case", "--with", "bowed_spine", "--effects", file, "--out", tmp_path / "fit", "--json").json
+    words = ("compare", tmp_path / "case", "--robot", tmp_path / "fit" / "robot.yaml")
+    assert "or give its file to a command that has --effects" in cli(*words, code=2).flat_err
+    assert 1e3 * cli(*words, "--effects", file, "--json").json["rmse"] == pytest.approx(fitted["fitted_mm"], rel=1e-3)
 
 
-def test_an_effect_of_one_s_own_that_is_wrong_is_refused_before_it_is_weighed(
-    answered: Answered, tmp_path: Path, cli: Cli
-) -> None:
+def test_a_wrong_effect_of_one_s_own_is_refused_before_it_is_weighed(answered: Answered, tmp_path: Path, cli: Cli) -> None:
     file = tmp_path / "own.py"
     file.write_text(BOWED.replace('v["bow"]', 'v["bough"]'))
     said = cli("diagnose", answered.case, "--effects", file, code=2).err

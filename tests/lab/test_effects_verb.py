@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 from commands import Cli
 
+from lab.files.robot_file import paper_robot
+from lab.verbs.effects import signatures
 from model.effects import CATALOGUE
+from model.robot import THRUST, load_robot
 
 OWN = """
 from model.effects import EffectSpec, Law, Parameter
@@ -34,3 +37,8 @@ def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(
     assert {e["id"] for e in told["effects"] if e["read"] == "none"} == {"tendon_slack", "tendon_friction"}
     assert {e["id"] for e in told["effects"] if e["read"] == "while ramping"} == {"time_offset"}
     assert Path(told["figure"]).stat().st_size > 50_000
+
+
+def test_an_effect_that_robot_yaml_states_in_full_is_shown_by_what_less_of_it_does() -> None:
+    (shown,) = signatures(load_robot(paper_robot()).replace(thrust="walls"), {THRUST: CATALOGUE[THRUST]})
+    assert shown.rms > 1e-3

@@ -103,7 +103,7 @@ def test_words_for_a_missing_value_are_counted_and_named_by_column_with_the_firs
         told = lab.case(rows, ROBOT, columns=wanted).table.warnings
     assert [n for n in told if "are not numbers" in n] == [f"DataFrame: {said.format('index 4')}"]
     told = cli("import", tmp_path / "a.csv", "--guess", "--map", "my.yaml", "--robot", ROBOT, "--out", tmp_path, code=2).flat
-    assert "--map my.yaml: --guess proposes a map of its own and does not read this one; leave out one" in told
+    assert "argument --map: not allowed with argument --guess" in told
 
 
 def test_one_camera_states_its_plane_and_the_size_of_its_pixels(tmp_path: Path, cli: Cli) -> None:
@@ -511,12 +511,15 @@ def test_exchanged_columns_of_the_tip_are_asked_about_before_the_order_of_its_an
     assert "No order fits: two columns of the tip" in said and "Check the order" not in said
 
 
-def test_standard_deviations_are_no_marker_at_the_base(tmp_path: Path, cli: Cli) -> None:
-    lines = ["P1 [kPa],x1 [mm],y1 [mm],z1 [mm],sx [mm],sy [mm],sz [mm]"]
-    lines += [f"{p},{-p},0,{150 - p**2 / 300:.2f},0.01,0.0{p % 3},0.01" for p in (0, 10, 20, 30, 20, 10, 0)]
+@pytest.mark.parametrize("least", [0, 14])
+def test_deviations_are_no_marker_at_the_base_and_a_mass_may_lack_the_stated_one(least: int, tmp_path: Path, cli: Cli) -> None:
+    lines = ["P1 [kPa],x1 [mm],y1 [mm],z1 [mm],sx [mm],sy [mm],sz [mm],payload [g]"]
+    lines += [f"{p},{-p},0,{150 - p**2 / 300:.2f},0.01,0.0{p % 3},0.01,{least + p}" for p in (0, 10, 20, 30, 20, 10, 0)]
     (tmp_path / "means.csv").write_text("\n".join(lines))
-    said = guessed(cli, tmp_path / "means.csv", OWN_TABLE / "robot.yaml").read_text()
+    (robot := tmp_path / "robot.yaml").write_text(ROBOT.read_text().replace("tip_mass: 0.0", "tip_mass: 14 g"))
+    said = guessed(cli, tmp_path / "means.csv", robot).read_text()
     assert "not used: sx [mm]/sy" in said and "marker at the base" not in said
+    assert ("tip_mass of 14 g: if they count only what was added, write `zero: -14`" in said) == (least < 14)
 
 
 def test_the_line_that_comes_next_can_be_typed_whatever_the_file_is_called(tmp_path: Path, cli: Cli) -> None:

@@ -299,8 +299,6 @@ def test_a_damaged_bag_names_recover(place: Path, importer: Importer) -> None:
     ],
     ids=["a place", "an angle past 180 deg", "a count of trials"],
 )
-def test_between_two_readings_a_place_moves_and_a_count_or_a_turned_angle_does_not(
-    values: list[float], between: list[float]
-) -> None:
+def test_between_readings_a_place_moves_and_a_count_or_a_turned_angle_does_not(values: list[float], between: list[float]) -> None:
     times = np.arange(4.0) / 10
     assert at_times(times[:3] + 0.025, times, np.array(values, float), OLDEST) == pytest.approx(between)

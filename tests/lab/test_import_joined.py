@@ -81,15 +81,17 @@ def test_a_map_is_proposed_for_two_files_and_reads_them(tmp_path: Path, cli: Cli
     assert "check: mocap.csv, joined by" in said.flat_err and len(read_csv(tmp_path / "case" / "trials.csv")) == PLATEAUS
     (carried,) = unconfirmed_guesses([tmp_path / "case"])
     assert "joined by their clocks: do these agree?" in carried.text
+    own_map = tmp_path / "case" / "map.yaml"
+    own_map.write_text(own_map.read_text().replace("unconfirmed:", "confirmed:"))
+    assert "check:" not in cli("import", *files, "--map", own_map, "--out", tmp_path / "case").err
+    assert "confirmed:" in own_map.read_text() and not [*unconfirmed_guesses([tmp_path / "case"])]
     stated = (tmp_path / "map" / "map.yaml").read_text() + "files: {logger.csv: {source: {offset: 0}}, '*': {}}\n"
     (tmp_path / "map" / "map.yaml").write_text(stated)
     said = cli("import", *files, "--map", tmp_path / "map" / "map.yaml", "--out", tmp_path / "case", "--replace")
     assert "clocks" not in said.flat_err
 
 
-def test_a_tracked_object_and_a_log_of_what_was_set_and_read_are_proposed_and_an_answered_clock_is_not_asked_again(
-    tmp_path: Path, cli: Cli
-) -> None:
+def test_a_tracked_object_and_a_log_are_proposed_and_an_answered_clock_is_not_asked_again(tmp_path: Path, cli: Cli) -> None:
     head = "Objects\n20\n,,Global Angle Tip:Tip,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
     seen = [f"0,0,0,1,{r[4]:.3f},{r[5]:.3f},{r[6]:.3f}" if k % 50 else ",,,,,," for k, r in enumerate(ROWS)]
     object_file, log = tmp_path / "object.csv", tmp_path / "log.csv"
@@ -169,13 +171,16 @@ def test_dates_and_a_clock_from_zero_need_a_stated_offset_and_runs_that_nothing_
     refused("no dates that show which belong together.* or join them in time first", by_map, files, **MAP)
 
 
-def test_a_table_without_times_or_alone_is_told_to_be_joined_first(tmp_path: Path, cli: Cli) -> None:
+def test_a_table_without_times_or_alone_or_below_another_is_told_to_be_joined_first(tmp_path: Path, cli: Cli) -> None:
     mocap, logger = two(tmp_path)
     logger.write_text("\n".join(line.partition(",")[2] for line in logger.read_text().splitlines()) + "\n")
     refused(r"logger.csv: no time column .* or join them in time first", by_map, [mocap, logger], **MAP)
     for file in (mocap, logger):
         said = cli("import", file, "--guess", "--robot", ROBOT, "--out", tmp_path / "map", code=2).flat_err
         assert "If they are in another file, give both, or join them in time first" in said
+    lines = ["P1 [kPa],P2 [kPa]", "1,2", "2,3", "", "X [mm],Y [mm]", "3,4", "4,5"]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    refused("join them in time first", read, tmp_path / "a.csv", Source())
 
 
 def test_a_gap_in_one_stream_is_not_filled_from_the_other(tmp_path: Path) -> None:
@@ -210,12 +215,6 @@ def test_tables_of_nexus_below_each_other_or_apart_are_joined(apart: bool, tmp_p
     made = read_csv(tmp_path / "case" / "trials.csv")
     assert len(made) == PLATEAUS and np.diff(made["t"]).max() == pytest.approx(4.5, abs=0.6)
     assert made["p1"].max() == pytest.approx(HELD[:, 1].max() * 1e3, abs=300)
-
-
-def test_a_second_table_without_times_is_told_to_be_joined_first(tmp_path: Path) -> None:
-    lines = ["P1 [kPa],P2 [kPa]", "1,2", "2,3", "", "X [mm],Y [mm]", "3,4", "4,5"]
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    refused("join them in time first", read, tmp_path / "a.csv", Source())
 
 
 def test_streams_in_rows_of_their_own_are_joined_within_their_own_period(tmp_path: Path) -> None:

@@ -65,9 +65,7 @@ def test_markers_exchanged_from_file_to_file_are_asked_about(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("straight", ["as recorded", "at rest", "first row"])
 @pytest.mark.parametrize("loaded", [False, True])
-def test_markers_in_another_order_in_one_file_are_asked_about_whatever_is_mounted(
-    straight: str, loaded: bool, tmp_path: Path
-) -> None:
+def test_markers_in_another_order_in_one_file_are_always_asked_about(straight: str, loaded: bool, tmp_path: Path) -> None:
     contents = {"a.csv": WHOLE, "b.csv": text(FEW, headings=NAMES, change=exchanged), "c.csv": WHOLE}
     files: dict[str, Any] = {"b.csv": {"tip_mass": "20 g"}, "*": {}} if loaded else {}
     made = read_all(tmp_path, contents, straight=straight, files=files)

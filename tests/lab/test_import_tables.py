@@ -246,9 +246,7 @@ def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: P
         (["1,234", "2,345"], [1.234, 2.345]), (["0020-02-15", "0020-02-16"], ["0020-02-15", "0020-02-16"]),
     ],
 )  # fmt: skip
-def test_each_column_has_its_own_decimal_mark_and_dates_of_other_centuries_are_words(
-    cells: list[str], found: list[object]
-) -> None:
+def test_each_column_has_its_own_decimal_mark_and_dates_of_old_are_words(cells: list[str], found: list[object]) -> None:
     import pandas as pd  # slow to import
 
     assert [None if v != v else v for v in judge(pd.Series(cells, dtype=str)).values.tolist()] == found

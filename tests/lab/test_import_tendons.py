@@ -341,9 +341,7 @@ def test_predict_takes_tensions_in_newtons_and_asks_about_small_pressures(tmp_pa
 
 
 @pytest.mark.parametrize(("straight", "aside", "asked"), [("", 30, True), ("first state", 30, False), ("", 2, False)])
-def test_a_resting_tip_that_no_body_reaches_asks_for_the_straight_state(
-    straight: str, aside: float, asked: bool, known: Trunk
-) -> None:
+def test_a_resting_tip_out_of_reach_asks_for_the_straight_state(straight: str, aside: float, asked: bool, known: Trunk) -> None:
     with known.changed() as values:
         values.pop("straight")
         values |= {"straight": straight} if straight else {}
@@ -511,9 +509,7 @@ def test_a_map_takes_newtons_of_tendons(known: Trunk, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("reading", "noise", "named"), [("0,153", 0.01, True), ("0,000", 0.01, False), ("0,153", 0.0, False)])
-def test_a_reading_that_never_changes_is_named_where_all_others_have_noise(
-    reading: str, noise: float, named: bool, known: Trunk
-) -> None:
+def test_a_constant_reading_is_named_where_all_others_have_noise(reading: str, noise: float, named: bool, known: Trunk) -> None:
     head, rows = known.read()
     times = [(3 * n + k / 10, noise * (k % 3), row) for n, row in enumerate(rows) for k in range(20)]
     lines = [[cell(t), *(cell(number(c) + more) for c in row[1:4]), *row[4:]] for t, more, row in times]

@@ -180,9 +180,7 @@ def test_trials_are_found_by_what_columns_count_and_name(
         (("direction",), lambda s, r, g, i, k: ("1" if i < 3 else "-1",), "'direction' changes while chambers are inflated"),
     ],
 )  # fmt: skip
-def test_columns_that_the_rests_contradict_are_asked_about(
-    headings: Sequence[str], label: Label, said: str, tmp_path: Path
-) -> None:
+def test_columns_that_rests_contradict_are_asked_about(headings: Sequence[str], label: Label, said: str, tmp_path: Path) -> None:
     _, doubts, made = through(tmp_path, table(TWO_RESTS, label, headings))
     assert any(said in d for d in doubts), doubts
     assert lengths(made) == [5] * 8 and repeats(made) == [1] * 4 + [2] * 4

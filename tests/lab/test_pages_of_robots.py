@@ -169,9 +169,7 @@ def pushed() -> list[TrialRow]:
     ]  # fmt: skip
 
 
-def test_stiffness_trials_alone_make_a_page_of_what_they_can_show(
-    tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stiffness_trials_alone_make_a_page_of_what_they_show(tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lab.files.own_effects.CATALOGUE", RIVALS)
     case, page, answer = folder(tmp_path / "case", pushed()), tmp_path / "page.html", tmp_path / "answer.json"
     cli("diagnose", case, "--report", page, "--json", answer)

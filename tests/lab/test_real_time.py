@@ -93,9 +93,7 @@ def test_a_name_that_leads_elsewhere_is_refused_though_it_sounds_local(write: Wr
     ],
 )
 @pytest.mark.parametrize("speed", [0.5, 20.0])
-def test_what_is_real_is_named_by_instrument_and_address(
-    write: Write, instruments: dict[str, Any], key: str, speed: float
-) -> None:
+def test_what_is_real_is_named_by_instrument_and_place(write: Write, instruments: dict[str, Any], key: str, speed: float) -> None:
     refused(f"clock.speed = {speed:g}: {key} ", clock_of, load_rig(write(speed, **instruments)))
     clock_of(load_rig(write(1.0, **instruments)))
 

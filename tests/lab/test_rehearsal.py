@@ -175,9 +175,7 @@ def test_what_is_wrong_in_run_is_told_with_its_line(old: str, new: str, line: st
         (", (Reading(b, 4.0, 15e3),)", "", ["the plan's steps do not state what they read"]),
     ],
 )  # fmt: skip
-def test_a_run_that_reads_other_states_than_planned_is_told(
-    old: str, new: str, differs: list[str], tmp_path: Path, cli: Cli
-) -> None:
+def test_a_run_that_reads_unplanned_states_is_told(old: str, new: str, differs: list[str], tmp_path: Path, cli: Cli) -> None:
     file = puff(tmp_path, old, new)
     found = rehearsed(cli, file)["differs"]
     assert len(found) == len(differs)

@@ -104,7 +104,8 @@ def test_rows_have_three_pressures_and_replay_is_equal(files: list[Path], cli: C
 
 
 def test_it_is_compared_and_fitted(files: list[Path], cli: Cli) -> None:
-    cli("compare", *files, "--json")
+    assert {*cli("compare", *files, "--json").json["markers"]} == {"m1", "m2"}
+    assert "rms of markers: m1 " in cli("compare", *files).out
     factor = cli("fit", *files, "--json").json["area_factor"]
     (found,) = factor.values() if "value" not in factor else (factor,)
     assert found["value"] == pytest.approx(1.5, rel=0.05)

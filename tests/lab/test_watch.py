@@ -25,7 +25,6 @@ from benchmarks.faults.night import write_campaign
 from lab.comparison import expected
 from lab.files.checked import announce
 from lab.files.inputs import read_case
-from lab.files.own_effects import stated_by
 from lab.verbs.fakes import PATIENT_SETTLE
 from recordings.file.reader import Recording
 from recordings.file.writer import Recorder
@@ -150,10 +149,9 @@ def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_l
         assert program.returncode == 0, out
     demand_equal(known, file)
     case = read_case([file])
-    found = expected(case, stated_by(case.robot), intervals=True)
-    measured = found.table.tip
-    assert [g["tip"] for g in known["gaps"]] == found.prediction.tip.tolist()
-    assert [g["gap"] for g in known["gaps"]] == (measured - found.prediction.tip).tolist()
+    _, table, prediction = expected(case, intervals=True)
+    assert [g["tip"] for g in known["gaps"]] == prediction.tip.tolist()
+    assert [g["gap"] for g in known["gaps"]] == (table.tip - prediction.tip).tolist()
 
 
 def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(

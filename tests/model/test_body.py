@@ -12,6 +12,7 @@ from model.errors import BadRobot
 from model.prediction.campaign import predict_campaign
 from model.robot import Robot, robot_from_dict
 from model.rods import FINE, Rods, solve
+from model.rotation import to_base
 from model.section import rods_of
 from tests.model.effects.campaigns import Moved
 from tests.model.rods.reference import REFERENCE
@@ -46,6 +47,14 @@ def test_sections_that_are_all_alike_are_the_uniform_body(reference_robot: Robot
     assert len(body_of(cut)) == 3
     np.testing.assert_allclose(tips(cut), tips(reference_robot), atol=2e-8)
     np.testing.assert_allclose(predicted(cut), predicted(reference_robot), atol=2e-6)
+
+
+def test_a_rigid_last_section_carries_a_point_beyond_the_body(reference_robot: Robot) -> None:
+    bare, rigid = changed(reference_robot, tip_mass=0.0, spine=None), {"bending_stiffness": 200.0, "mass_per_length": 0.0}
+    longer = changed(bare, length=0.41, sections=[{"length": 0.4}, {"length": 0.01, "axial_stiffness": 1e6, **rigid}])
+    found = solve(rods_of(bare, conditions(bare, 0.0, PRESSURES)), FINE)
+    ahead = found.tip + to_base(found.orientation, np.array([0.0, 0.0, 0.01]))
+    np.testing.assert_allclose(solve(rods_of(longer, conditions(longer, 0.0, PRESSURES)), FINE).tip, ahead, atol=2e-4)
 
 
 def test_stiffness_and_mass_that_are_given_stand_for_radii_and_material(reference_robot: Robot) -> None:
