@@ -60,7 +60,8 @@ def in_json(text: str) -> Numbers:
     said["set-up"] = "within"
     if (c := d["calibration"]) is not None:
         said["set-up"] = "beyond" if any(s["value"] > 4 * s["sd"] for s in c["set_up"]) else "within"
-    if c is not None and max(abs(c["given"] / c["area_factor"] - 1), abs(c["modulus"] - 1)) >= 0.01:
+    stiffness = c["modulus"] * (1.0 if c["determined"] else c["given"] / c["area_factor"]) if c is not None else 1.0
+    if c is not None and max(abs(stiffness - 1), abs(c["modulus"] - 1)) >= 0.01:
         said |= {"area factor": f"{c['area_factor']:.2f}", "area factor given": f"{c['given']:.2f}"}
     if (robot := d["fitted"]) is not None:
         said["the robot of lab fit --with"] = f"{robot['left_mm']:.2f}"
