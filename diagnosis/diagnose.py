@@ -120,7 +120,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
     # what speaks against the cause: numbers of robot.yaml that are far off, and doubts of what is named
     calibrated, tense = calibration(causes, values), causes.tense(values)
     far = tuple(sentences.far_off(calibrated.stiffness, words)) if calibrated is not None and options.baseline is None else ()
-    alone, named_sizes = alone_as_good(calibrated, causes), causes.sizes(fitted)
+    alone, named_sizes = alone_as_good(calibrated, causes), causes.sizes(causes.best, fitted)
     carries = verdict.budget_section(causes)
     named = {e: sentences.with_id(e, names) for e in causes.decision.effects}
     reasons: tuple[Finding, ...] = ()

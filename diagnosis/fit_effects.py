@@ -34,7 +34,7 @@ from .answer.headline import sized
 from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance, tracked_turn
 from .answer.size import ByActuator, by_actuator
-from .arrays import DIGITS, Array, rms, rounded
+from .arrays import DIGITS, rms, rounded
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
@@ -203,7 +203,9 @@ def fit_described(
     progress("step 2 of 4: calibration", 0.0)
     baseline = calibrated(p)
     progress("step 3 of 4: effects", 0.0)
-    fitted = search.fitted(named, [_point(p, start)] if start else [])
+    known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
+    begin = [np.array([known.get(name, 0.0) for name in p.problem.parameters.names])] if start else []
+    fitted = search.fitted(named, begin)
     progress("step 4 of 4: tolerances", 0.0)
     main = campaign.main
     written, lasting = list(_lasting(p, p.problem.parameters.ids).values()), np.zeros_like(p.problem.parameters.sd)
@@ -229,12 +231,6 @@ def fit_described(
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,
         by_actuator=tuple(filter(None, each)), left_out_mm=None if left_out is None else 1e3 * left_out,
     )  # fmt: skip
-
-
-def _point(p: Prepared, start: Mapping[str, float]) -> Array:
-    """(k,) parameters at what is written of a robot; all others at 0."""
-    known = {**start, AREA: p.area_parameter(start.get(AREA_FACTOR, p.forward.area_factor[0]))}
-    return np.array([known.get(name, 0.0) for name in p.problem.parameters.names])
 
 
 def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, Value], dict[str, Any]]:

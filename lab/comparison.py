@@ -65,11 +65,8 @@ class Comparison(Shown):
 
     def _columns(self) -> dict[str, Array]:
         tips = by_axis("measured {} [mm]", self.measured) | by_axis("predicted {} [mm]", self.predicted)
-        return {
-            **self.words.columns(self.condition.pressure),
-            **tips,
-            "error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1),
-        }
+        error = {"error [mm]": 1e3 * np.linalg.norm(self.predicted - self.measured, axis=1)}
+        return self.words.columns(self.condition.pressure) | tips | error
 
 
 def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> tuple[Ints, Table, Prediction]:

@@ -53,9 +53,10 @@ class Attribution:
         """Stages that need an error of their own."""
         return tuple(dict.fromkeys(e for e in self.stage_errors if e.gain > STAGE_GAIN))
 
-    def sizes(self, fitted: FittedRobot | None) -> tuple[Size, ...]:
-        """Of what is named: as it was `fitted`, if alone."""
-        return as_fitted(sizes(self.prepared, self.best), fitted if self.best.named == self.decision.effects else None)
+    def sizes(self, c: Candidate, fitted: FittedRobot | None) -> tuple[Size, ...]:
+        """Of what a hypothesis names: as it was `fitted`, if that is the decision."""
+        robot, found = fitted if c.named == self.decision.effects else None, sizes(self.prepared, c)
+        return found if robot is None else tuple(as_fitted(s, robot.parameters[s.name]) for s in found)
 
     def tense(self, fitted: Mapping[str, float] | None) -> Mapping[str, Mapping[int, float]]:
         """Numbers of robot.yaml that a fit of the answer moves far beyond their tolerance (`Parameters.tense`), by that fit: the

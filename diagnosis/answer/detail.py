@@ -29,7 +29,7 @@ def detail(f: Attribution, fitted: FittedRobot | None, unseen: Errors, names: Ma
     fit saw, `names`: effect -> plain name."""
     p = f.prepared
     calibrated, explained = (p.problem.forward.predict(p.common(t)) for t in (f.calibrated.theta, f.best.fit.theta))
-    named_sizes = f.sizes(fitted)
+    named_sizes = f.sizes(f.best, fitted)
     section: dict[str, Any] = {
         "misfit": asdict(f.misfit),
         "best_hypothesis": list(f.best.named),

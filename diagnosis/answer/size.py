@@ -21,7 +21,7 @@ from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.prepare import Prepared
 from ..judgement import ALIKE_SHARE, BOUND_SD, SIZE_CERTAIN_SD, SIZE_SD_FACTOR, UNDETERMINED_SHARE
-from .result import FittedRobot, Value
+from .result import Value
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,8 @@ def sizes(p: Prepared, c: Candidate) -> tuple[Size, ...]:
     return tuple(out)
 
 
-def as_fitted(found: tuple[Size, ...], robot: FittedRobot | None) -> tuple[Size, ...]:
-    """The same sizes with the values and standard deviations of the robot that was fitted with the effects."""
-    return found if robot is None else tuple(_at(s, robot.parameters[s.name]) for s in found)
-
-
-def _at(s: Size, v: Value) -> Size:
+def as_fitted(s: Size, v: Value) -> Size:
+    """A size with the value and standard deviation of the robot that was fitted with the effects."""
     low90, high90 = (cut_quantile(v.value, v.sd, s.low, s.high, q) for q in (0.05, 0.95))
     low90, high90 = min(low90, v.value), max(high90, v.value)  # a value at its bound is no quantile
     pushed = s.impossible and min(v.value - s.low, s.high - v.value) <= BOUND_SD * v.sd  # to its bound, by the data

@@ -33,7 +33,7 @@ from .attribute import Attribution
 from .decision import Decision
 from .distinguishability import visible
 from .result import Attribute, Carries, Conclusion, Data, FittedRobot, Ranked, Role, Shrink, Value
-from .size import Size, as_fitted, sizes, values
+from .size import Size, values
 from .unseen import share_closed
 
 
@@ -67,7 +67,7 @@ def attribute_section(
     for named, probability in (*leading, *(x for x in others if x[0] in (NONE, UNKNOWN))):
         candidate = f.posterior.candidates[named]
         own = candidate if named == d.effects else f.alone.get(named)
-        size = () if own is None else as_fitted(sizes(f.prepared, own), fitted if named == d.effects else None)
+        size = () if own is None else f.sizes(own, fitted)
         if d.verdict == "effect":  # doubts take from all answers of the catalogue alike
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability

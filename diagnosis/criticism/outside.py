@@ -157,13 +157,9 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
 
 def _measured(p: Prepared, forward: ForwardModel) -> Mask:
     """Which of a forward model's observations are among the measured values (n,)."""
-    observed = forward.observations
-    names = np.unique(observed.channel)
-    every, own = (
-        row * len(names) + np.searchsorted(names, channel.astype(names.dtype))
-        for row, channel in ((observed.row, observed.channel), (p.labels.state, p.labels.channel))
-    )
-    return np.isin(every, own)
+    observed, own = forward.observations, set(zip(p.labels.state.tolist(), p.labels.channel.tolist(), strict=True))
+    every = zip(observed.row.tolist(), observed.channel.tolist(), strict=True)
+    return np.array([value in own for value in every], bool)
 
 
 def odds_outside(
