@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from model.arrays import Array
 from model.plain_yaml import FileTable
@@ -80,7 +80,6 @@ class Words:
 class Actuators(FileTable):
     """What chambers and tendons have in common."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     path_radius: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m", "uncertainty": "path_radius"})
     azimuths_deg: tuple[Annotated[FiniteFloat, Field(ge=-360, le=360)], ...] = Field(
         min_length=1, max_length=64, json_schema_extra={"unit": "deg"}

@@ -124,8 +124,7 @@ def fit_area_factor_by_length(
     robot: Robot, condition: States, tip: ArrayLike, trial: ArrayLike | None = None
 ) -> dict[float, AreaFit]:
     """The paper's calibration: a factor of its own for each spine length (m). Raises as `fit_area_factor`."""
-    n = len(condition)
-    measured = readings(n, tip=tip)["tip"]
+    measured = readings(len(condition), tip=tip)["tip"]
     trials = None if trial is None else np.asarray(trial)
     return {
         length: fit_area_factor(robot, condition[rows], measured[rows], None if trials is None else trials[rows])

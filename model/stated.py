@@ -121,9 +121,8 @@ class Posterior(FileTable):
     @property
     def matrix(self) -> Array:
         """(k, k) correlations."""
-        k = len(self.parameters)
-        out = np.eye(k)
-        for i, row in enumerate(self.correlation[:k]):
+        out = np.eye(len(self.parameters))
+        for i, row in enumerate(self.correlation):
             out[i, : len(row)] = out[: len(row), i] = row
         return out
 

@@ -145,8 +145,7 @@ class _InverseSearch:
 
     def __init__(self, at: Predictor, limits: ReachLimits, wanted: Array, weight: Array) -> None:
         self._at, self._limits, self._wanted, self._weight = at, limits, wanted, weight
-        count = len(at.robot.actuators.azimuths_deg)
-        self._member = np.zeros((len(limits.groups), count))
+        self._member = np.zeros((len(limits.groups), len(at.robot.actuators.azimuths_deg)))
         for g, chambers in enumerate(limits.groups):
             self._member[g, [c - 1 for c in chambers]] = 1.0
         low, high = limits.spine

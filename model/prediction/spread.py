@@ -38,7 +38,6 @@ def standard_deviations(
     posterior = robot.posterior
     share, discrepancy = (posterior.law_error, posterior.discrepancy) if posterior else (0.0, 0.0)
     noise = posterior.noise if posterior else Noise()
-    turn, shift = noise.turn, noise.shift
     spread = (np.einsum("ij,jnc->inc", covariance, slopes) * slopes).sum(axis=0)
     # variances: of the tip, of its turn and of the markers
     tips, turns, shapes = spread[:, :3], spread[:, 3:6], spread[:, 7:].reshape(here.markers.shape[1:])
@@ -48,17 +47,16 @@ def standard_deviations(
         turn_by_effect = rotation_vector(multiply(here.orientation[0], other.orientation[0] * CONJUGATE))
         turns = turns + (share * turn_by_effect) ** 2
     tips, shapes = (
-        variance + rest + shift**2 + turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
+        variance + rest + noise.shift**2 + noise.turn**2 * ((place**2).sum(axis=-1, keepdims=True) - place**2)
         for variance, rest, place in (
             (tips, discrepancy**2 if unexplained is None else unexplained, here.tip[0]),
             (shapes, discrepancy**2, here.markers[0]),
         )
     )
-    turns = turns + turn**2
     return {
         "model_sd": np.sqrt(tips),
         "sd": np.sqrt(tips + noise.reading**2),
-        "orientation_sd": np.sqrt(turns),
+        "orientation_sd": np.sqrt(turns + noise.turn**2),
         "shape_sd": np.sqrt(shapes + noise.reading**2),
     }
 

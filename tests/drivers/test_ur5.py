@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from ur5_rig import Rig, a_rig, discard, raised
+from ur5_rig import Rig, a_rig, an_arm, discard, raised
 
 import timing
 from drivers.errors import DeviceFault, LimitExceeded, NotReady
@@ -30,10 +30,8 @@ def rig() -> Iterator[Rig]:
 
 @pytest.fixture(scope="module")
 def arm(rig: Rig) -> Iterator[UR5]:
-    arm = UR5("arm", Config(host=rig.host, watchdog_frequency=2.0), rig.clock)  # a busy computer may be late
-    arm.open()
-    yield arm
-    arm.close()
+    with an_arm(rig, watchdog_frequency=2.0) as arm:  # a busy computer may be late
+        yield arm
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import socket
 import stat
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -57,16 +57,23 @@ def own_prefix(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) 
 
 
 # ------------------------------------------------------------------ the door
-def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
+@contextlib.contextmanager
+def open_door(names: Sequence[str], *about: str) -> Iterator[tuple[Door, Lander]]:
+    """A door and the guard behind it."""
     lander = Lander()
-    opened = Door(["a", "b"], lander, "/lab/rig.yaml", "lab run bending")
+    opened = Door(names, lander, *about)
     opened.open()
-    (owner,) = owners(["b", "c"])
-    assert (owner.rig, owner.about, owner.pid) == ("/lab/rig.yaml", "lab run bending", os.getpid())
-    assert owner.names == {"a", "b"} and owners() == [owner]
-    assert land(["a"]).answers == {owner: LandingAnswer(REPORT, "the arm moves")}
-    assert len(lander.asked) == 1 and f"process {os.getpid()}" in lander.asked[0]
+    yield opened, lander
     opened.close()
+
+
+def test_an_owner_says_who_it_is_and_lands_when_asked() -> None:
+    with open_door(["a", "b"], "/lab/rig.yaml", "lab run bending") as (_, lander):
+        (owner,) = owners(["b", "c"])
+        assert (owner.rig, owner.about, owner.pid) == ("/lab/rig.yaml", "lab run bending", os.getpid())
+        assert owner.names == {"a", "b"} and owners() == [owner]
+        assert land(["a"]).answers == {owner: LandingAnswer(REPORT, "the arm moves")}
+        assert len(lander.asked) == 1 and f"process {os.getpid()}" in lander.asked[0]
     assert owners(["a", "b"]) == [] and owners() == []
 
 
@@ -94,15 +101,12 @@ def test_who_comes_while_the_owner_is_ending_waits_for_its_end() -> None:
 
 @pytest.mark.parametrize("question", [b"", b"{", b'["land"]\n', b'{"do": "dance"}\n', b"[" * 200_000, b"\xff\x00\n"])
 def test_a_question_that_is_none_lands_nothing_and_hurts_nobody(question: bytes) -> None:
-    lander = Lander()
-    opened = Door(["a"], lander)
-    opened.open()
-    with socket.socket(socket.AF_UNIX) as connection:
-        connection.connect(door._address("a"))
-        with contextlib.suppress(OSError):  # it stops reading when it has had enough
-            connection.sendall(question)
-    assert len(owners(["a"])) == 1 and lander.asked == []
-    opened.close()
+    with open_door(["a"]) as (_, lander):
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.connect(door._address("a"))
+            with contextlib.suppress(OSError):  # it stops reading when it has had enough
+                connection.sendall(question)
+        assert len(owners(["a"])) == 1 and lander.asked == []
 
 
 def test_one_that_owns_a_name_and_stands_still_is_known_as_silent(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,28 +135,19 @@ def test_a_full_queue_is_not_taken_for_nobody(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_many_who_say_nothing_hold_up_nobody() -> None:
-    lander = Lander()
-    opened = Door(["a"], lander)
-    opened.open()
-    with contextlib.ExitStack() as crowd:
+    with open_door(["a"]) as (_, lander), contextlib.ExitStack() as crowd:
         for _ in range(300):
             crowd.enter_context(socket.socket(socket.AF_UNIX)).connect(door._address("a"))
         assert len(land(["a"]).answered) == 1 and len(lander.asked) == 1
-    opened.close()
 
 
 def test_all_who_ask_while_it_lands_get_the_answer_of_one_landing() -> None:
-    lander = Lander()
-    opened = Door([f"{number}" for number in range(40)], lander)
-    going = timing.Event()
-    lander.hand_over = lambda by: (lander.asked.append(by), going.wait(), REPORT)[-1]  # type: ignore[method-assign]
-    opened.open()
-    timing.Thread(target=lambda: until(lambda: len(opened._landing or []) == 40) and going.set()).start()
-    assert [answer for _, answer in land([f"{number}" for number in range(40)]).answered] == [
-        LandingAnswer(REPORT, "the arm moves")
-    ]
-    assert len(lander.asked) == 1
-    opened.close()
+    names, going = [f"{number}" for number in range(40)], timing.Event()
+    with open_door(names) as (opened, lander):
+        lander.hand_over = lambda by: (lander.asked.append(by), going.wait(), REPORT)[-1]  # type: ignore[method-assign]
+        timing.Thread(target=lambda: until(lambda: len(opened._landing or []) == 40) and going.set()).start()
+        assert [answer for _, answer in land(names).answered] == [LandingAnswer(REPORT, "the arm moves")]
+        assert len(lander.asked) == 1
 
 
 def test_an_answer_that_never_ends_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -199,10 +194,8 @@ def test_a_socket_that_a_crash_left_is_replaced_and_a_file_of_that_name_is_no_ob
         left.bind(str(tmp_path / "rig.yaml.sock"))
     assert owners(names_of_path(rig), rig) == []
     for _ in range(2):
-        opened = Door(names_of_path(rig), Lander(), str(rig))
-        opened.open()
-        assert len(land(names_of_path(rig), rig).answered) == 1
-        opened.close()
+        with open_door(names_of_path(rig), str(rig)):
+            assert len(land(names_of_path(rig), rig).answered) == 1
         (tmp_path / "rig.yaml.sock").write_text("no socket")
 
 
@@ -253,17 +246,14 @@ def stranger(kind: str, names: Iterable[str]) -> Iterator[subprocess.Popen[str]]
 @as_root
 def test_a_crowd_of_another_account_holds_up_nobody_and_may_ask_all_the_same(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
-    lander = Lander()
-    opened = Door(names_of_path(rig), lander, str(rig))
-    opened.open()
-    with stranger("crowd", names_of_path(rig)):
-        assert until(lambda: len(opened._asking) <= door.MOST_STRANGERS)
-        assert len(land(names_of_path(rig), rig).answered) == 1 and lander.asked
-    asked = "import sys; from lab.guard import door; door.PREFIX = sys.argv[1]; import os; os.setuid(65534)"
-    command = [sys.executable, "-c", f"{asked}; door.land(sys.argv[2:])", door.PREFIX, *names_of_path(rig)]
-    subprocess.run(command, check=True)
-    assert until(lambda: "lab safe, by nobody" in lander.asked[-1])
-    opened.close()
+    with open_door(names_of_path(rig), str(rig)) as (opened, lander):
+        with stranger("crowd", names_of_path(rig)):
+            assert until(lambda: len(opened._asking) <= door.MOST_STRANGERS)
+            assert len(land(names_of_path(rig), rig).answered) == 1 and lander.asked
+        asked = "import sys; from lab.guard import door; door.PREFIX = sys.argv[1]; import os; os.setuid(65534)"
+        command = [sys.executable, "-c", f"{asked}; door.land(sys.argv[2:])", door.PREFIX, *names_of_path(rig)]
+        subprocess.run(command, check=True)
+        assert until(lambda: "lab safe, by nobody" in lander.asked[-1])
 
 
 @as_root
