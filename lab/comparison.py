@@ -25,8 +25,8 @@ from recordings.trials import Table
 from .files.inputs import Case, marked_notes
 from .files.own_effects import stated_by
 
-MANY = 5.0
-"""Times what a calibration leaves from which a model misses by far."""
+MANY, SET_UP = 5.0, 0.005
+"""Times what a calibration leaves from which a model misses by far, if that is more than a set-up is off: share of the length."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _far_off(case: Case, missed: float) -> Iterator[str]:
         return
     fits = sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10)
     left, near = min((float(sample.rms(f.missed)), sample.near(f)) for f in fits)
-    if not near or missed > MANY * left:
+    if not near or missed > MANY * max(left, SET_UP * case.robot.length):
         wrong = "" if near else "; perhaps a unit, an axis, gravity or another number is wrong"
         by = f"{1e3 * missed:.3g} mm rms, after a rough calibration by {1e3 * left:.2g} mm{wrong}"
         yield f"the model misses the tip by {by}; find the cause with lab diagnose"
