@@ -255,7 +255,7 @@ class Map(FileTable):
     robot: str = "robot.yaml"
     """Its robot.yaml, next to this file."""
     unconfirmed: tuple[str, ...] = ()
-    """Guesses and questions of `lab import` that nobody has checked: move each to `confirmed` once it is settled."""
+    """Guesses and questions of `lab import` that nobody has checked: move each to `confirmed` once settled."""
     confirmed: tuple[str, ...] = ()
     """Questions of `lab import` that are settled; it does not ask them again."""
     source: Source = Source()
