@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.data.campaign import Campaign
 from diagnosis.data.case import states
 from diagnosis.data.levels import PRESSURE_GAP, levels
 from diagnosis.edits.misfit import as_described, sample_of
 from diagnosis.inference.prepare import table_columns
 from model.actuators import Words
-from model.arrays import Array, Ints
+from model.arrays import Array
 from model.compare import ErrorTable, error_table
 from model.condition import States
 from model.prediction import Prediction
 from model.prediction.campaign import predict_campaign
+from model.robot import Robot
 from model.shown import Shown, by_axis
-from recordings.trials import Table
 
 from .files.inputs import Case, marked_notes
 from .files.own_effects import stated_by
@@ -69,41 +70,40 @@ class Comparison(Shown):
         return self.words.columns(self.condition.pressure) | tips | error
 
 
-def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> tuple[Ints, Table, Prediction]:
-    """Predict every state that has a tip with the case's robot as fits and diagnoses do: vented chambers at zero gauge, trial by
-    trial. Returns the (n,) rows of these states in the case's table, their table, and the prediction.
+def expected(case: Case, effects: Path | None = None, intervals: bool = False) -> tuple[Campaign, Prediction]:
+    """The states of a case that have a tip, and what its robot predicts of them as fits and diagnoses do: vented chambers at
+    zero gauge, trial by trial.
 
     `effects`: Python file of effects of one's own that robot.yaml states. Raises ConfigError, `BadCase`, `BadRobot`."""
     case.tips  # noqa: B018 - refuses a table without tips
     own, _ = states(case)
     own = own.take(~own.pushed)
-    prediction = predict_campaign(case.robot, table_columns(own), stated_by(case.robot, effects), intervals)
-    return own.row, own.trials, prediction
+    return own, predict_campaign(case.robot, table_columns(own), stated_by(case.robot, effects), intervals)
 
 
 def comparison(case: Case, effects: Path | None = None) -> Comparison:
     """Every measured tip beside the expected one, and the error table. Arguments and errors as of `expected`."""
-    _, states_table, prediction = expected(case, effects)
-    condition, measured, _ = Case(case.robot, states_table).tips
+    own, prediction = expected(case, effects)
+    condition, measured, _ = Case(case.robot, own.trials).tips
     tip, ok = prediction.tip, prediction.converged
     table = error_table(condition[ok], measured[ok], tip[ok], case.robot.length)
-    places = zip(states_table.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
+    places = zip(own.trials.markers[ok].swapaxes(0, 1), prediction.shape[ok].swapaxes(0, 1), strict=False)
     off = ((k, np.linalg.norm(seen - modelled, axis=1)) for k, (seen, modelled) in enumerate(places, 1))
     markers = {f"m{k}": float(np.sqrt(np.nanmean(away**2))) for k, away in off if np.isfinite(away).any()}
-    notes = (*case.table.warnings, *marked_notes(case.table), *_far_off(case, table.rmse))
+    notes = (*case.table.warnings, *marked_notes(case.table), *_far_off(case.robot, own, table.rmse))
     return Comparison(
-        condition[ok], measured[ok], tip[ok], states_table["branch"][ok], states_table["protocol"][ok], table,
+        condition[ok], measured[ok], tip[ok], own.trials["branch"][ok], own.trials["protocol"][ok], table,
         markers, int((~ok).sum()), case.robot.actuators.words, notes,
     )  # fmt: skip
 
 
-def _far_off(case: Case, missed: float) -> Iterator[str]:
+def _far_off(robot: Robot, own: Campaign, missed: float) -> Iterator[str]:
     """A line if a rough calibration of a robot without effects of its own leaves far less than `missed` (m), or does not help."""
-    if case.robot.effects or case.robot.tolerances or (sample := sample_of(case.robot, states(case)[0])) is None:
+    if robot.effects or robot.tolerances or (sample := sample_of(robot, own)) is None:
         return
     fits = sample.fitted([(f.edits, f.x) for f in as_described(sample)], 10)
     left, near = min((float(sample.rms(f.missed)), sample.near(f)) for f in fits)
-    if not near or missed > MANY * max(left, SET_UP * case.robot.length):
+    if not near or missed > MANY * max(left, SET_UP * robot.length):
         wrong = "" if near else "; perhaps a unit, an axis, gravity or another number is wrong"
         by = f"{1e3 * missed:.3g} mm rms, after a rough calibration by {1e3 * left:.2g} mm{wrong}"
         yield f"the model misses the tip by {by}; find the cause with lab diagnose"

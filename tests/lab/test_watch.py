@@ -149,9 +149,9 @@ def test_gaps_told_are_those_of_compare(run: tuple[dict[str, Any], Path], real_l
         assert program.returncode == 0, out
     demand_equal(known, file)
     case = read_case([file])
-    _, table, prediction = expected(case, intervals=True)
+    own, prediction = expected(case, intervals=True)
     assert [g["tip"] for g in known["gaps"]] == prediction.tip.tolist()
-    assert [g["gap"] for g in known["gaps"]] == (table.tip - prediction.tip).tolist()
+    assert [g["gap"] for g in known["gaps"]] == (own.trials.tip - prediction.tip).tolist()
 
 
 def test_the_run_of_a_rig_is_found_and_one_that_is_over_is_told(
