@@ -26,10 +26,10 @@ from model.effects.forward import ForwardModel
 from model.effects.spec import EffectSpec
 
 from .. import judgement
-from ..arrays import Array, Mask
+from ..arrays import Array
 from ..inference.candidate import Candidate
 from ..inference.evidence import KNOWN, Hypothesis, weigh
-from ..inference.fit import fit
+from ..inference.fit import Fit, fit
 from ..inference.jacobian import Columns
 from ..inference.posterior import Related, log_weight, odds_of_relatives
 from ..inference.prepare import Prepared, least_sizes, observable_effects, parameters, possible
@@ -65,12 +65,11 @@ def related(p: Prepared, candidates: Sequence[Candidate], reached: Mapping[Hypot
 
     weight = partial(_log_weight, effects=effects)
     unfitted = sorted((Related(*k, z) for k, (z, _) in promised.items()), key=weight, reverse=True)
-    best = max(log_weight(c.named, c.log_evidence, effects) for c in candidates)
-    least_weight = best + math.log(LEAST_SHARE)
+    least_weight = max(log_weight(c.named, c.log_evidence, effects) for c in candidates) + math.log(LEAST_SHARE)
     fitted: list[Related] = []
     while unfitted and p.baseline is None and len(fitted) < MOST_FITTED and weight(unfitted[0]) > least_weight:
         first = unfitted.pop(0)
-        with_it, without = _fitted(p, first, promised[first.relative, first.beside][1])
+        with_it, without = _fitted(p, first, promised[first.relative, first.beside][1], least_weight)
         fitted.append(replace(first, log_evidence=with_it - above(first.beside, without)))
         if unfitted and weight(max(fitted, key=weight)) > weight(unfitted[0]):
             break
@@ -108,25 +107,31 @@ def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> t
     return tuple(dict.fromkeys(r.relative for r in own))
 
 
-def _fitted(p: Prepared, r: Related, start: Candidate) -> tuple[float, float]:
-    """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there."""
+def _fitted(p: Prepared, r: Related, start: Candidate, least_weight: float) -> tuple[float, float]:
+    """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there. It is
+    searched with derivatives by these alone first, and to its end where it then still promises `least_weight`."""
     of_problem = p.problem.parameters
     forward = _with_relatives(p, {r.relative: RELATIVES[r.relative]})
     infos = parameters(possible(forward, p.robot)).infos
-    index = {name: i for i, name in enumerate(of_problem.names)}
-    place = np.array([index.get(i.name, -1) for i in infos])  # in the problem; -1: of the relative
+    # in the problem; -1: of the relative
+    place = np.array([of_problem.names.index(i.name) if i.name in of_problem.names else -1 for i in infos])
     wider = FitParameters(
         infos,
         np.where(place < 0, [i.sd for i in infos], of_problem.sd[place]),
         tuple(judgement.LEAST_NAMED_SIZE if j < 0 else of_problem.least_of_each[j] for j in place.tolist()),
     )
-    problem = replace(p.problem, forward=MaskedForward(forward, _measured(p, forward)), parameters=wider)
+    problem = replace(p.problem, forward=MaskedForward(forward, p.kept), parameters=wider)
     named = (*r.beside, r.relative)
     theta = np.where(place < 0, 0.0, start.fit.theta[place])
     theta[[i for i, e in enumerate(wider.effects) if e in start.named and e not in named]] = 0.0
     prior = wider.prior_of(named, judgement.FIT_TOLERATED_SIZE)
-    best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, theta, ROUNDS)
-    with_it, without = weigh(best.whole(problem, named).linear(problem), KNOWN, wider, [named, r.beside])
+    begun: Array | Fit = theta
+    for frozen in (problem.jacobian(theta)[1], None):
+        best = fit(problem, prior, judgement.FIT_DISCREPANCY_SIZE, begun, ROUNDS, frozen)
+        begun = best.whole(problem, named)
+        with_it, without = weigh(begun.linear(problem), KNOWN, wider, [named, r.beside])
+        if _log_weight(replace(r, log_evidence=with_it.log_evidence), len(of_problem.ids)) <= least_weight:
+            break
     return with_it.log_evidence - best.predicted_decrease, without.log_evidence
 
 
@@ -143,7 +148,7 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     fitted = dict(zip(problem.parameters.names, c.fit.theta.tolist(), strict=True))
     theta = np.array([fitted.get(info.name, 0.0) for info in forward.parameters])
     own = [i for i, info in enumerate(forward.parameters) if info.source in shown]
-    slope = derivatives(forward, theta, own)[1].whole[_measured(p, forward)]
+    slope = derivatives(forward, theta, own)[1].whole[p.kept]
     infos = parameters(tuple(forward.parameters[i] for i in own)).infos
     sd = np.array([i.sd for i in infos])
     known, free = problem.parameters, problem.parameters.calibration
@@ -155,13 +160,6 @@ def _relatives(p: Prepared, forward: ForwardModel, c: Candidate) -> tuple[FitPar
     return wider, problem.noise.whiten(slope * sd)
 
 
-def _measured(p: Prepared, forward: ForwardModel) -> Mask:
-    """Which of a forward model's observations are among the measured values (n,)."""
-    observed, own = forward.observations, set(zip(p.labels.state.tolist(), p.labels.channel.tolist(), strict=True))
-    every = zip(observed.row.tolist(), observed.channel.tolist(), strict=True)
-    return np.array([value in own for value in every], bool)
-
-
 def odds_outside(
     tried: Sequence[Candidate], among: Sequence[Related], free_form: float, excess_scatter: float, effects: int
 ) -> float:
@@ -170,5 +168,4 @@ def odds_outside(
     `effects`: number of effects in the catalogue; `free_form`: log evidence that errors of free form gain; `excess_scatter`: of
     repeats, see `NoiseComponents`.
     """
-    weights = [_log_weight(r, effects) for r in among]
-    return odds_unnamed(free_form, excess_scatter) + odds_of_relatives(tried, weights, effects)
+    return odds_unnamed(free_form, excess_scatter) + odds_of_relatives(tried, [_log_weight(r, effects) for r in among], effects)

@@ -54,6 +54,8 @@ class Prepared:
     unit: float
     """m, size 1 of the discrepancy."""
     forward: ForwardModel
+    kept: Mask
+    """Which of its observations were measured, and have an equilibrium."""
     pushes: StiffnessTrials | None
     """Noise of the stiffness trials; None where there are none."""
     baseline: OnBaseline | None = None
@@ -177,7 +179,7 @@ def prepare(
         noise,
         smooth,
     )
-    return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, pushes, on_simulator)
+    return Prepared(robot, states, problem, labels, floor, known_floor, unit, forward, kept, pushes, on_simulator)
 
 
 def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpec]) -> tuple[Robot, Mapping[str, EffectSpec]]:
