@@ -23,7 +23,7 @@ from recordings.trials import TIP, Mapped, Table
 
 from .. import judgement, remedies
 from ..arrays import Array
-from ..data.plausible import FARTHEST, METRES, SAME_RATIO, USUAL_PRESSURE, misread
+from ..data.plausible import FARTHEST, METRES, NEWTONS, PASCALS, USUAL_PRESSURE, misread
 from ..remedies import listed
 from .edit import AREA, AZIMUTH, GRAVITY, MODULUS, ORIGIN, WIDEST, Edit, Mistake, Says, Variants, mistake, stating, times
 from .misfit import Fit, Sample
@@ -338,14 +338,13 @@ def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Var
 
 
 def _gain_says(mapped: Mapped | None, k: int, robot: Robot, theta: Array, own: Array) -> list[Mistake]:
-    factor = float(np.exp(own[0]))
+    factor, sizes = float(np.exp(own[0])), NEWTONS if robot.chambers is None else PASCALS
     if 1 / judgement.EDIT_USUAL_GAIN < factor < judgement.EDIT_USUAL_GAIN:
         return []
-    units = misread(robot, mapped)
-    alike = [name for ratio in units if abs(np.log(ratio / factor)) < np.log(SAME_RATIO) for name in units[ratio]]
-    looks = " or ".join(alike) or "another unit"
+    alike = [units for units in permutations(sizes, 2) if abs(np.log(sizes[units[0]] / sizes[units[1]] / factor)) < np.log(1.25)]
+    looks = " or ".join(map(" read as ".join, alike)) or "another unit"
     heading = remedies.heading(f"p{k + 1}", mapped)
-    remedy = remedies.of_columns([f"p{k + 1}"], alike[0].partition(" ")[0] if len(alike) == 1 else "", mapped)
+    remedy = remedies.of_columns([f"p{k + 1}"], alike[0][0] if len(alike) == 1 else "", mapped)
     return [mistake("column_in_unit", f"column {heading}", heading=heading, factor=factor, looks=looks, remedy=remedy)]
 
 

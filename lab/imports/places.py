@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
 
 from diagnosis.data.campaign import settings
 from diagnosis.data.levels import REST
-from model.arrays import Array, Mask
+from model.arrays import Array, Ints, Mask
 from model.effects import ForwardModel
 from model.errors import ModelError
 from model.robot import Robot
@@ -133,6 +134,8 @@ USUAL, TIMES = 90, 2.0
 """Percentile of movement by change of pressure, and times that much more than it a place may move."""
 CHANGED = 0.1
 """Share of the range of pressures from which a change of pressure tells how far places move."""
+AGAINST = 2
+"""States from which one that differs from all of them is known to be the wrong one."""
 
 
 @dataclass(frozen=True)
@@ -149,6 +152,8 @@ class Jump:
     """Pa, the largest change of a chamber."""
     exchanged: int | None = None
     """The body whose place it took, and which took its place."""
+    against: int = 0
+    """States at nearly the same pressures and loads, all of which contradict this one: at least `AGAINST`, or 0."""
 
 
 def jumps(states: Table, length: float) -> Iterator[Jump]:
@@ -156,27 +161,40 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
 
     Compared are each state and the next, and each state at rest and the next one at rest, where both have the same loads (spine,
     masses, vacuum, forces, mounting). A point can move by `STILL` lengths, and by `TIMES` its usual m per Pa of the change."""
-    places = np.concatenate([states.tip[:, None], states.markers], axis=1)
+    places, every = np.concatenate([states.tip[:, None], states.markers], axis=1), np.arange(len(states))
     pressures, forces = states.pressures, states.tip_force
     loads = np.column_stack([states.get(name, -1.0) for name in ("spine_length", "tip_mass", "roll_deg", "vacuum")])
-    resting = np.flatnonzero(at_rest(pressures)).tolist()
-    numbers = range(len(states))
-    pairs = dict.fromkeys([*zip(numbers, numbers[1:], strict=False), *zip(resting, resting[1:], strict=False)])
-    earlier, later = np.array([pair for pair in pairs if (loads[pair[0]] == loads[pair[1]]).all()] or [(0, 0)]).T
-    same_force = np.abs(forces[later] - forces[earlier]).max(axis=1) <= CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
-    earlier, later = earlier[same_force], later[same_force]
-    distance = np.linalg.norm(places[later] - places[earlier], axis=2)
-    pressure_change = np.abs(pressures[later] - pressures[earlier]).max(axis=1)
+    same_force = CHANGED * max(float(np.ptp(forces, axis=0).max()), 1e-3)
+
+    def apart(a: Ints, b: Ints) -> tuple[Array, Array]:
+        """m by which points (.., 1 + k) are apart in states of the same loads, else NaN, and Pa by which pressures are."""
+        alike = (loads[a] == loads[b]).all(axis=1) & (np.abs(forces[a] - forces[b]).max(axis=1) <= same_force)
+        distance = np.linalg.norm(places[a] - places[b], axis=2)
+        return np.where(alike[:, None], distance, np.nan), np.abs(pressures[a] - pressures[b]).max(axis=1)
+
+    pairs = dict.fromkeys((a, b) for row in (every, np.flatnonzero(at_rest(pressures))) for a, b in pairwise(row.tolist()))
+    earlier, later = np.array(list(pairs) or [(0, 0)]).T
+    distance, pressure_change = apart(earlier, later)
     spread = np.nanmax(pressures, initial=-np.inf) - np.nanmin(pressures, initial=np.inf)
-    large_change = pressure_change > CHANGED * max(float(spread), 1e-9)
-    found: list[Jump] = []
-    if not large_change.any():  # no change of pressure shows how far pressures move the body
-        return
-    for point in range(places.shape[1]):
+    small_change = CHANGED * max(float(spread), 1e-9)
+    large_change = (pressure_change > small_change) & np.isfinite(distance).any(axis=1)
+    found: dict[tuple[int, int], Jump] = {}
+    for point in range(places.shape[1] if large_change.any() else 0):  # else nothing shows how far pressures move the body
         usable = large_change & np.isfinite(distance[:, point])
         usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
         limit = STILL * length + TIMES * usual * pressure_change
-        for i in np.flatnonzero(distance[:, point] > limit).tolist():
+        far = distance[:, point] > limit
+        near = distance[:, point] <= limit
+        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]])
+        against: dict[int, int] = {}
+        for state in there_and_back.tolist():
+            away, change = apart(np.full(len(states), state), every)
+            alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
+            others = places[alike, point]
+            if len(others) >= AGAINST and (away[alike, point] > STILL * length + TIMES * usual * change[alike]).all():
+                together = np.median(np.linalg.norm(others - np.median(others, axis=0), axis=1)) <= STILL * length / 2
+                against[state] = len(others) * bool(together)
+        for i in np.flatnonzero(far).tolist():
             before, after = places[earlier[i]], places[later[i]]
             swapped_with = [
                 k
@@ -184,30 +202,23 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
                 if k != point and _near(after[point], before[k], limit[i]) and _near(after[k], before[point], limit[i])
             ]
             other = swapped_with[0] if swapped_with else None
-            found.append(Jump(int(later[i]), point, float(distance[i, point]), float(pressure_change[i]), other))
+            state = int(earlier[i] if against.get(int(earlier[i])) else later[i])
+            moved, pressure = float(distance[i, point]), float(pressure_change[i])
+            found[state, point] = Jump(state, point, moved, pressure, other, against.get(state, 0))
     # each once: a state may be held against the one before it and against the last one at rest
-    yield from {(j.state, j.body): j for j in sorted(found, key=lambda j: (j.state, j.body))}.values()
+    yield from (found[key] for key in sorted(found))
 
 
 def _near(a: Array, b: Array, within: float) -> bool:
     return bool(np.linalg.norm(a - b) <= within)
 
 
-def moves_within(tip: Array, markers: Array, length: float) -> int | None:
-    """The row of a state to which the tip (n, 3) or a marker (n, k, 3) m jumps from where it was seen before; None: none."""
-    for place in (tip, *np.swapaxes(markers, 0, 1)):
-        seen = np.flatnonzero(np.isfinite(place).all(axis=1))
-        steps = np.linalg.norm(np.diff(place[seen], axis=0), axis=1)
-        if len(steps) and steps.max() > STILL * length:
-            return int(seen[int(np.argmax(steps)) + 1])
-    return None
-
-
 def strays(tip: Array, markers: Array, length: float) -> Mask:
-    """(n,) rows of a state within which a place jumps that hold it far from where most rows do."""
+    """(n,) rows of a state, in which a place, of the tip (n, 3) or a marker (n, k, 3) m, jumps, that hold it far from where most
+    rows do."""
     out = np.zeros(len(tip), bool)
     for place in (tip, *np.swapaxes(markers, 0, 1)):
         seen = place[np.isfinite(place).all(axis=1)]
-        if len(seen):
+        if np.linalg.norm(np.diff(seen, axis=0), axis=1).max(initial=0.0) > STILL * length:
             out |= np.linalg.norm(place - np.median(seen, axis=0), axis=1) > STILL * length / 2
     return out

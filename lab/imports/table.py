@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,7 +35,7 @@ from .columns import DAY
 from .formats import KNOWN, RECORDING, read
 from .joining import in_time, lag
 from .map_file import Map, Name, named, units_for
-from .places import Jump, at_rest_by_model, jumps, moves_within, other_order, strays, turn_off
+from .places import Jump, at_rest_by_model, jumps, other_order, strays, turn_off
 from .quantities import FURTHER, FileRows, orientation_columns, quantities_of
 from .series import FRAME, Series, at_rest
 from .trials import Cut, cuts, trials_of_rows
@@ -228,6 +228,9 @@ def conclude(
         start = float(np.nanmax(q.t))
         read_files.append((series, q, tuple(own_cuts)))
     states = Table.stacked(parts)
+    found = list(jumps(states, float(straight[2])))
+    notes += _jump_notes(found, rows, every, robot.actuators.words)
+    states, rows = _without(found, states, rows)
     if wanted.straight in ("first state", "at rest"):
         states = _mounted(states, robot, wanted.straight, wanted.sensor)
     elif any(wanted.sensor) and wanted.straight == "as recorded":
@@ -237,7 +240,6 @@ def conclude(
     counted = {n: c.column for _, _, own_map in every for n, c in own_map.columns.items() if n in ("trial", "repeat")}
     table = _numbered(states, counted, notes)
     notes += _contradictions(table, float(straight[2]))
-    notes += _jump_notes(list(jumps(table, float(straight[2]))), rows, every, robot.actuators.words)
     _demand_mounted(table)
     if wanted.stiffness is not None:
         file, forces = np.array([file for file, _ in rows]), [q.constants.get("force") for _, q, _ in every]
@@ -352,10 +354,11 @@ def _without_strays(
     tip, markers, torn, stray_count, first = q.table.tip, q.table.markers, [], 0, None
     for cut in states:
         of_state = cut.rows
-        if len(tip[of_state]) < 2 or (row := moves_within(tip[of_state], markers[of_state], length)) is None:
+        stray = strays(tip[of_state], markers[of_state], length)
+        if not stray.any():
             continue
-        first = row + of_state.start if first is None else first
-        rows = np.flatnonzero(strays(tip[of_state], markers[of_state], length)) + of_state.start
+        first = int(np.argmax(np.diff(stray))) + 1 + of_state.start if first is None else first
+        rows = np.flatnonzero(stray) + of_state.start
         if len(rows) > MOST_STRAY * len(tip[of_state]):
             torn.append(cut)
         else:
@@ -366,6 +369,17 @@ def _without_strays(
             f"another? {stray_count} rows and {len(torn)} states are left out"
         )
     return replace(q, table=_placed(q.table, tip, markers)), torn
+
+
+def _without(found: Sequence[Jump], states: Table, rows: Sequence[tuple[int, int]]) -> tuple[Table, list[tuple[int, int]]]:
+    """States and their rows without places that all others contradict; where that is the tip's, the state is left out."""
+    markers, kept = states.markers, np.ones(len(states), bool)
+    for jump in (j for j in found if j.against):
+        if jump.body:
+            markers[jump.state, jump.body - 1] = np.nan
+        else:
+            kept[jump.state] = False
+    return _placed(states, states.tip, markers).take(kept), list(compress(rows, kept))
 
 
 def _jump_notes(
@@ -381,15 +395,16 @@ def _jump_notes(
         body = ["the tip", *(f"marker {k}" for k in range(1, 100))]
         what = (
             f"{body[jump.body]} moves by {1e3 * jump.distance:.1f} mm while no {words.pressure} changes by more than "
-            f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can: was it another marker, or was "
-            "something moved?"
+            f"{jump.pressure / words.pascal:.3g} {words.unit}, farther than the body can"
             if jump.exchanged is None
-            else f"{body[jump.body]} and {body[jump.exchanged]} swap places: were they confused?"
+            else f"{body[jump.body]} and {body[jump.exchanged]} swap places"
         )
-        place = series.place(int(q.row[row]))
-        yield (
-            f"{series.path.name}, {place}: {what} If so, put these rows into a separate file and name its columns under "
-            "files: {PATTERN: {columns: ..}}, or leave them out"
+        doubt = "was it another marker, or was something moved?" if jump.exchanged is None else "were they confused?"
+        yield f"{series.path.name}, {series.place(int(q.row[row]))}: {what}" + (
+            f", unlike in all {jump.against} other states at these pressures: left out"
+            if jump.against
+            else f": {doubt} If so, put these rows into a separate file and name its columns under files: {{PATTERN: {{columns: "
+            "..}}, or leave them out"
         )
     if len(notable) > MOST_JUMPS:
         yield f"{len(notable) - MOST_JUMPS} further points move farther than the body can"
