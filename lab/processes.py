@@ -65,11 +65,9 @@ class Processes:
             self._sent += 1
             self._file.write_bytes(cloudpickle.dumps(do))  # what a person's file defines goes as a whole
         # One feeder for each process: what none of them has taken can still be done here.
-        begun = [self._feeders.submit(self._elsewhere, str(self._file), item) for item in items]
+        file = str(self._file)
+        begun = [self._feeders.submit(lambda item: self._pool.submit(_done, file, item).result(), item) for item in items]
         return self._together(do, items, begun)
-
-    def _elsewhere(self, file: str, item: Any) -> Any:
-        return self._pool.submit(_done, file, item).result()
 
     def _together(self, do: Callable[[A], B], items: Sequence[A], begun: list[Future[B]]) -> Iterator[B]:
         """The results in order; while one is awaited, this process does the next items that no other has taken."""

@@ -168,6 +168,8 @@ class Show:
         self._at, self._speed = served, speed
         self._parts = deque([] if part is None else [part])
         self._part: ShownRecording | None = None
+        self._before: list[dict[str, Any]] = []
+        """Of each recording shown before, its part and how it ended: for viewers who come, or come back, later."""
         self.count = 0
         """How many were shown, with the present one."""
         self._over = threading.Event()
@@ -197,9 +199,13 @@ class Show:
         async with server:
             try:
                 while (part := await self._next()) is not None:
+                    if self._part is not None and self._picture is not None:
+                        name, ended = shown(self._part.text or self._part.path.name), self._picture
+                        self._before.append({"part": name, "outcome": ended.outcome, "trouble": ended.trouble})
                     self._part, self._picture, self.count = part, None, self.count + 1
                     self._clock = self._newest
-                    with await self._opened(part.path) as tail:
+                    await self._until(part.path.exists)
+                    with Tail(part.path) as tail:
                         await self._show(tail)
                 self._part = None if self._part is None else replace(self._part, more=False)
                 self._tell(self._of_part())
@@ -210,19 +216,13 @@ class Show:
 
     async def _next(self) -> ShownRecording | None:
         """The recording to show next; None at the end."""
-        while not self._parts and not self._over.is_set():
-            await asyncio.sleep(0.05)
+        await self._until(lambda: self._parts)
         return self._parts.popleft() if self._parts else None
 
-    async def _opened(self, path: Path) -> Tail:
-        """The recording, once it is there."""
-        while not path.exists() and not self._over.is_set():
+    async def _until(self, holds: Callable[[], object]) -> None:
+        """Wait for this, or until all is over."""
+        while not holds() and not self._over.is_set():
             await asyncio.sleep(0.05)
-        return Tail(path)
-
-    def _leaves(self) -> bool:
-        """Whether to stop at an unfinished recording that no longer grows."""
-        return self._over.is_set() or bool(self._parts)
 
     async def _show(self, tail: Tail) -> None:
         """Show one recording, until it has ended and another one is there, or all is over."""
@@ -233,7 +233,8 @@ class Show:
                 self._foxglove.anew()
                 if self._speed is not None:
                     await self._wanted(self._foxglove, tail.path)
-            async for pieces in following(tail, self._leaves) if self._speed is None else played(tail, self._speed):
+            live = following(tail, lambda: self._over.is_set() or bool(self._parts))
+            async for pieces in live if self._speed is None else played(tail, self._speed):
                 if not pieces:
                     continue
                 if self._picture is None:  # by the first chunk all attachments are there
@@ -249,16 +250,13 @@ class Show:
             if self._picture is None:
                 self._picture = Picture(self._about(tail))
                 self._tell(self._whole(), "whole")
-            self._stop_time()
-            self._tell(self._picture.end(tail.contents.metadata, tail.contents.finished))
+            self._end(self._picture.end(tail.contents.metadata, tail.contents.finished))
         except RecordingError as e:
             if self._picture is None:
                 raise
-            self._stop_time()
-            self._tell(self._picture.broken(str(e)))
+            self._end(self._picture.broken(str(e)))
         try:
-            while not self._leaves():
-                await asyncio.sleep(0.05)
+            await self._until(lambda: self._parts)
             if asking is not None and not self._parts and self._viewers.count:
                 # viewers wait for what the model says of the last state
                 await asyncio.wait([asking], timeout=60.0)
@@ -272,8 +270,7 @@ class Show:
         with Tail(path) as beginning:
             await asyncio.to_thread(beginning.read)
             foxglove.offer(beginning.contents)
-        while not foxglove.wanted and not self._over.is_set():
-            await asyncio.sleep(0.05)
+        await self._until(lambda: foxglove.wanted)
 
     def _about(self, tail: Tail) -> About:
         found = about(tail.path, tail.contents)
@@ -292,10 +289,12 @@ class Show:
     def _newest(self) -> float:
         return self._picture.t if self._picture is not None else 0.0
 
-    def _stop_time(self) -> None:
+    def _end(self, said: dict[str, Any]) -> None:
+        """Stop the clock, and tell viewers how the recording ended."""
         assert self._picture is not None
         end = self._picture.t
         self._clock = lambda: end
+        self._tell(said)
 
     # -- what is told
     def _whole(self) -> dict[str, Any]:
@@ -304,7 +303,7 @@ class Show:
         return self._timed({**self._picture.whole(), "steered": self._steered, **self._of_part()})
 
     def _of_part(self) -> dict[str, Any]:
-        return {} if self._part is None else {"part": shown(self._part.text), "more": self._part.more}
+        return {} if self._part is None else {"part": shown(self._part.text), "more": self._part.more, "before": self._before}
 
     def _timed(self, data: dict[str, Any]) -> dict[str, Any]:
         """With the rig time now and the wall time (ms) of this update."""

@@ -53,7 +53,7 @@ class Signature:
 
     effect: EffectSpec
     how: str
-    """How the states were read: settled, while ramping, stiffness, or none if no experiment with this robot shows the effect."""
+    """How the states were read: settled, while ramping, stiffness, with one chamber alone, or none if none of these shows it."""
     spine_length: Array
     """(l,) m."""
     x: Array
@@ -79,7 +79,8 @@ def signatures(robot: Robot, effects: Mapping[str, EffectSpec] = CATALOGUE) -> l
     """The signature of every effect, on the first kind of experiment that shows it."""
     spines = robot.length * np.array([0.0, 0.375, 0.75]) if robot.spine is not None else np.zeros(1)
     sized = scales(robot)
-    tried = [(how, _columns(robot, spines, how)) for how in ("settled", "while ramping", "stiffness")]
+    alone = {f"{robot.actuators.words.group([c + 1])} alone": {c} for c in range(len(robot.actuators.azimuths_deg))}
+    tried = [(how, _columns(robot, spines, how, alone.get(how))) for how in ("settled", "while ramping", "stiffness", *alone)]
     models = [
         (how, columns, ForwardModel(robot, design_from_columns(robot, columns), "per_length", effects, sized=sized))
         for how, columns in tried
@@ -105,7 +106,8 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
     components = 1 if how == "stiffness" else 3  # of a force along its axis, or of the tip
     rows = change.reshape(-1, components)
     spine = np.unique(np.asarray(columns["spine_length"], float))
-    x = np.asarray(columns["deflection" if how == "stiffness" else "p1"], float).reshape(len(spine), -1)
+    of_x = [name for name in columns if name[1:].isdecimal()] or ["deflection"]  # p1..pN, of which one group is inflated
+    x = np.max([np.asarray(columns[name], float) for name in of_x], axis=0).reshape(len(spine), -1)
     axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
     hidden = 0.0
     if components == 3:
@@ -117,8 +119,9 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
     return Signature(spec, how, spine, x, rows.reshape(len(spine), -1, components), axis, hidden)
 
 
-def _columns(robot: Robot, spines: Array, how: str) -> Columns:
-    """Columns of trials.csv of a campaign: chamber 1 and its neighbours up and down at each spine length (m), or pushes."""
+def _columns(robot: Robot, spines: Array, how: str, group: set[int] | None = None) -> Columns:
+    """Columns of trials.csv of a campaign: chambers `group` (default: the first, of many with its neighbours) up and down at each
+    spine length (m), or pushes."""
     if how == "stiffness":
         spines = robot.length * np.array([0.25, 0.5, 0.75])
         n = DEFLECTIONS.size
@@ -133,11 +136,11 @@ def _columns(robot: Robot, spines: Array, how: str) -> Columns:
         }
     pressure = scales(robot).pressure * np.concatenate([LEVELS, LEVELS[-2::-1]])
     branch = np.repeat(["load", "unload"], [LEVELS.size, LEVELS.size - 1])
-    hold = HOLD if how == "settled" else 0.0
+    hold = 0.0 if how == "while ramping" else HOLD
     time = np.cumsum(np.abs(np.diff(pressure, prepend=0.0)) / RATE + hold)
     n, count = pressure.size, len(spines)
     chambers = len(robot.actuators.azimuths_deg)
-    group = {0, 1, chambers - 1} if chambers >= 6 else {0}
+    group = group or ({0, 1, chambers - 1} if chambers >= 6 else {0})
     pressures = {f"p{c + 1}": np.tile(pressure if c in group else 0 * pressure, count) for c in range(chambers)}
     return {
         "trial": np.repeat(np.arange(count), n),

@@ -3,41 +3,44 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from model.arrays import Array
-from model.condition import States
-from model.effects.design import Columns, design_from_columns
+from model.condition import NOMINAL_VACUUM, TIP, States
+from model.effects.design import QUATERNION, Columns, design_from_columns
 from model.effects.forward import ForwardModel
 from model.effects.history import History
 from model.effects.quantities import Quantities
 from model.effects.readings import Readings
+from model.effects.scales import scales
 from model.effects.spec import EffectSpec
 from model.errors import BadEffect, nearest
 from model.robot import Robot
 
-PRESSURES = (0.0, 100e3, 200e3, 100e3, 0.0)
-"""Pa, up and down."""
-RATE = 20e3
-"""Pa/s."""
-PUSHES = (0.002, 0.004)
-"""m."""
+TRIED = "each {actuator} {inflated} alone, with the next and with all, without and with a spine, once loaded, and with pushes"
+SWEEP = (0.0, 0.5, 1.0, 0.5, 0.0)
+"""Shares of the largest pressure, up and down."""
+PACE = 10.0
+"""s between two states."""
+LOAD = 0.05
+"""Mass, forces and moments at the tip, shares of the robot's scales."""
+PUSHES = (0.005, 0.01)
+"""Robot lengths."""
 _NO_SUCH = re.compile(r"'(\w+)' object has no attribute '(\w+)'")
 LEAST = 1e-9
 """m, rad or N; above the errors of rounding."""
 
 
-def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
+def prove(robot: Robot, specs: Collection[EffectSpec]) -> None:
     """Try effects on a small campaign.
 
     Raises `BadEffect` when a law fails, is not of the right shape, moves a reading at zero or none at its plausible size, or
     leaves no equilibrium.
     """
-    specs = tuple(specs)
     if not specs:
         return
     design = design_from_columns(robot, _campaign(robot))
@@ -63,7 +66,7 @@ def prove(robot: Robot, specs: Iterable[EffectSpec]) -> None:
         if not np.nanmax(np.abs(large - zero), initial=0.0) > LEAST:
             raise BadEffect(
                 f"effect {spec.id}: moves no reading of a small campaign at its plausible size by more than {LEAST:g} (m, rad or "
-                "N); check what its law sets, and the scale of its parameters"
+                f"N), with {robot.actuators.words.fill(TRIED)}; check what its law sets, and the scale of its parameters"
             )
 
 
@@ -87,25 +90,31 @@ def _tried(robot: Robot, design: States, spec: EffectSpec) -> tuple[Array, Array
 
 
 def _campaign(robot: Robot) -> Columns:
-    """Two spine lengths, one chamber up and down, read while ramping; then the body pushed at its end."""
-    n, chambers = len(PRESSURES), len(robot.actuators.azimuths_deg)
+    """States in which a law shows whichever actuators, specimen or load it acts on (`TRIED`): at each spine length one chamber up
+    and down, each alone, each with the next, all at pressures of their own, and one under load; then pushes."""
+    of_robot, each = scales(robot), np.eye(len(robot.actuators.azimuths_deg))
+    neighbours, at_once = np.maximum(each, np.roll(each, 1, axis=1) / 2), np.linspace(0.5, 1.0, len(each))
+    pressure = of_robot.pressure * np.vstack([np.outer(SWEEP, each[0]), 0 * at_once, each, neighbours, at_once, each[0]])
     lengths = (0.0, 0.5 * robot.length) if robot.spine is not None else (0.0,)
-    bending_rows, push_rows = n * len(lengths), len(PUSHES)
-
-    def joined(bending: ArrayLike, push: ArrayLike) -> NDArray[np.generic]:
-        return np.concatenate([np.resize(np.asarray(bending), bending_rows), np.resize(np.asarray(push), push_rows)])
-
+    n, push = len(pressure), np.tile(PUSHES, len(lengths))
+    row = np.append(np.tile(np.arange(n), len(lengths)), np.full(len(push), n))
+    loaded, pushed, length = row == n - 1, row == n, np.append(np.repeat(lengths, n), np.repeat(lengths, len(PUSHES)))
+    deflection = robot.length * np.append(np.zeros(n * len(lengths)), push)
+    load = {"tip_mass": robot.tip_mass + LOAD * of_robot.of("kg"), "roll_deg": 30.0, "vacuum": NOMINAL_VACUUM / 2, "repeat": 2.0}
+    load |= dict.fromkeys(("force_x", "force_y", "force_z"), LOAD * of_robot.of("N"))
+    load |= dict.fromkeys(("tip_moment_x", "tip_moment_y", "tip_moment_z"), LOAD * of_robot.of("N m"))
+    markers = [f"m{k + 1}{axis}" for k in range(len(robot.markers)) for axis in "xyz"]
     columns: dict[str, NDArray[np.generic]] = {
-        "trial": np.concatenate([np.repeat(np.arange(1, len(lengths) + 1), n), np.full(push_rows, len(lengths) + 1)]),
-        "protocol": joined("bending", "stiffness"),
-        "specimen": joined("", "body"),
-        "branch": joined(["load"] * 3 + ["unload"] * 2, "load"),
-        "t": np.arange(bending_rows + push_rows) * 10.0,
-        "rate": joined([0.0, RATE, RATE, -RATE, -RATE], 0.0),
-        "hold": np.zeros(bending_rows + push_rows),
-        "spine_length": np.concatenate([np.repeat(lengths, n), np.full(push_rows, lengths[-1])]),
-        "deflection": joined(0.0, PUSHES),
-        "force": joined(np.nan, 0.0),
+        "trial": np.cumsum(np.isin(row, (0, len(SWEEP), n - 1)) | (deflection == robot.length * PUSHES[0])),
+        "protocol": np.where(pushed, "stiffness", "bending"),
+        "specimen": np.where(length > 0, "spine", "body"),
+        "branch": np.where((row > np.argmax(SWEEP)) & (row < len(SWEEP)), "unload", "load"),
+        "t": np.arange(len(row)) * PACE,
+        "hold": np.where(loaded, PACE, 0.0),
+        "spine_length": length,
+        "deflection": deflection,
+        "force": np.where(pushed, 0.0, np.nan),
     }
-    columns |= {f"p{c + 1}": joined(PRESSURES if c == 0 else 0.0, 0.0) for c in range(chambers)}
-    return columns | {name: joined(float(name == "qw"), np.nan) for name in ("x", "y", "z", "qw", "qx", "qy", "qz")}
+    columns |= {name: np.where(loaded, value, np.nan) for name, value in load.items()}  # elsewhere the defaults
+    columns |= {f"p{c + 1}": np.append(pressure[:, c], 0.0)[row] for c in range(len(each))}
+    return columns | {name: np.where(pushed, np.nan, float(name == "qw")) for name in (*TIP, *QUATERNION, *markers)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,17 +35,14 @@ class Readings:
 
     def first(self, n: int) -> Readings:
         """The readings of the first n states."""
-        return Readings(
-            self.design, self.length, self.tip[:, :n], self.orientation[:, :n], self.markers[:, :n], self.force[:, :n]
-        )
+        return replace(self, **{name: getattr(self, name)[:, :n] for name in ("tip", "orientation", "markers", "force")})
 
     def turn(self, vector: Array) -> None:
         """Turn the frame of all readings by a rotation vector (v, n or 1, 3) rad."""
         q = from_vector(vector)
         self.tip = to_base(q, self.tip)
         self.orientation = multiply(np.broadcast_to(q, np.broadcast_shapes(q.shape, self.orientation.shape)), self.orientation)
-        if self.markers.shape[2]:
-            self.markers = to_base(q[..., None, :], self.markers)
+        self.markers = to_base(q[..., None, :], self.markers)
 
 
 def readings(q: Quantities, shear: ShearSpine, solved: Array) -> Readings:

@@ -74,8 +74,7 @@ def _mount(q: Quantities, v: Values) -> None:
 def _frame_shift(r: Readings, v: Values) -> None:
     shift = vector(v["x"], v["y"], v["z"])
     r.tip = r.tip + shift
-    if r.markers.shape[2]:
-        r.markers = r.markers + shift[..., None, :]
+    r.markers = r.markers + shift[..., None, :]
 
 
 def _tracked_turn(r: Readings, v: Values) -> None:

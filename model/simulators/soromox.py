@@ -54,16 +54,11 @@ class SoRoMoX:
     def predict(self, states: States, parameters: Mapping[str, float]) -> Readings:
         """Newton's method for each state; NaN where it finds no equilibrium."""
         rods = rods_at(self._robot, states, parameters)
-        return Readings(tips_of(rods, self._segments, self._models))
-
-
-def tips_of(rods: Rods, segments: int, models: dict[bytes, Any]) -> Array:
-    """(n, 3) m of rods in equilibrium, NaN where none is found; `models` keeps SoRoMoX' rods for further calls."""
-    return np.array([_tip(rods, i, segments, models) for i in range(len(rods))])
+        return Readings(np.array([_tip(rods, i, self._segments, self._models) for i in range(len(rods))]))
 
 
 def _tip(rods: Rods, i: int, segments: int, models: dict[bytes, Any]) -> Array:
-    """(3,) m, of rod `i`."""
+    """(3,) m, of rod `i`, NaN where it finds no equilibrium; `models` keeps SoRoMoX' rods for further calls."""
     total = float(rods.whole_length[i])
     within = rods.shares(i, np.linspace(0.0, total, segments + 1))
     compliance = [1.0 / rods.field(name)[i][:, list(ORDER)] for name in ("bend_stiffness", "stretch_stiffness")]

@@ -70,15 +70,6 @@ def positions(factor: float) -> Change:
     return lambda r: replace(r, tip=tuple(c * factor for c in r.tip or ()))  # type: ignore[arg-type]
 
 
-def moved(*matrix: tuple[int, int, int]) -> Change:
-    return lambda r: replace(r, tip=tuple((np.array(matrix) @ r.tip).tolist()))  # type: ignore[arg-type]
-
-
-def w_last(r: TrialRow) -> TrialRow:
-    w, x, y, z = r.orientation or (1.0, 0.0, 0.0, 0.0)
-    return replace(r, orientation=(x, y, z, w))
-
-
 def reading(robot: Robot, rows: Iterable[TrialRow]) -> Reading:
     return read(robot, Table.of(rows))
 
@@ -91,7 +82,7 @@ SILENT = Reading((), ())
     [
         (5, pressures(1 / 6894.76), ["pressures must be 6895 times as large", "look like psi"]),
         (5, pressures(1.0, 84_000.0), ["absolute", "subtract 83"]),
-        (5, moved((1, 0, 0), (0, -1, 0), (0, 0, -1)), ["the cameras' frame", "hold what is now x, ", "-z"]),
+        (5, lambda r: replace(r, tip=(r.tip[0], -r.tip[1], -r.tip[2])), ["the cameras' frame", "hold what is now x, ", "-z"]),  # type: ignore[index]
         (5, lambda r: replace(r, tip=(r.tip[0], r.tip[1], r.tip[2] - 0.404)), ["displacement from the rest", "add 0.4 to z"]),  # type: ignore[index]
         (2, lambda r: replace(r, orientation=(0.0, 12.0, -40.0, 3.0)), ["norm 41.9", "unit quaternion"]),
         (2, lambda r: replace(r, spine_length=r.spine_length * 1000), ["spine_length", "200 m", "mm", "divide by 1000"]),
@@ -152,7 +143,8 @@ def test_the_remedy_of_a_frame_brings_each_file_to_the_base_from_any_present_fra
 
 
 def test_each_thing_that_is_wrong_gets_one_line() -> None:
-    found = reading(ROBOT, (pressures(1e-3)(positions(100.0)(w_last(r))) for r in sweep(spines=(0.2,)))).refused
+    w_last = [replace(r, orientation=(*r.orientation[1:], r.orientation[0])) for r in sweep(spines=(0.2,)) if r.orientation]
+    found = reading(ROBOT, (pressures(1e-3)(positions(100.0)(r)) for r in w_last)).refused
     said = ("columns x, y, z", "looks like cm", "divide by 100", "like kPa", "qw, qx, qy, qz", "hold x, y, z, w: exchange the")
     assert len(found) == 3 and all(any(words in line for line in found) for words in said), found
 

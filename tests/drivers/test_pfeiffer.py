@@ -29,16 +29,11 @@ def gauge(opened: Opened) -> PfeifferGauge:
     return opened()
 
 
-def settled() -> None:
-    """Let the fake's cell see the plant once."""
-    timing.sleep(0.05)
-
-
 @pytest.mark.parametrize("pascal", [101_325.0, 99_999.0, 99_990.0, 20_340.0, 1_000.0, 123.4])
 def test_readings_are_absolute_pascals(opened: Opened, fake: PfeifferFake, plant: Plant, pascal: float) -> None:
     fake.noise = 0.0
     plant.vacuum_absolute = pascal
-    settled()
+    timing.sleep(0.05)  # the fake's cell sees the plant once
     gauge = opened()
     assert gauge.read().absolute == pytest.approx(pascal, rel=5.1e-4)
 

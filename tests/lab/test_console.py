@@ -61,13 +61,6 @@ def program(text: str) -> tuple[str, ...]:
     return sys.executable, "-c", textwrap.dedent(text)
 
 
-def on_terminal(text: str) -> str:
-    """What a program writes to a terminal."""
-    with Terminal(program=program(text)) as terminal:
-        assert terminal.end() == 0
-    return terminal.raw
-
-
 def ended(text: str, code: int = 0, **environment: str) -> subprocess.CompletedProcess[bytes]:
     """A program that has ended."""
     done = subprocess.run(program(text), capture_output=True, env=os.environ | environment, check=False)
@@ -76,7 +69,7 @@ def ended(text: str, code: int = 0, **environment: str) -> subprocess.CompletedP
 
 
 def test_progress_on_a_terminal_is_plain_names_its_step_with_the_share_and_stays_above_the_page_s_address() -> None:
-    seen = on_terminal(f"""
+    running = program(f"""
         from lab.console import Screen
         with Screen({HOSTILE!r}) as screen:
             screen.progress(1.0, 2.0)
@@ -89,6 +82,9 @@ def test_progress_on_a_terminal_is_plain_names_its_step_with_the_share_and_stays
             screen.watched("http://127.0.0.1:1/x/")
             screen.say("the last line")
     """)
+    with Terminal(program=running) as terminal:
+        assert terminal.end() == 0
+    seen = terminal.raw
     assert seen.count(SHOWN) >= 2 and "\x1b[2J" not in seen and "\x07" not in seen
     assert "weighing hypotheses, step 2 of 5: hypotheses" in seen and "25 %" in seen
     assert seen.rindex("watch it at http://127.0.0.1:1/x/") > seen.index("the last line")

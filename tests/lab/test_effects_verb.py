@@ -9,6 +9,7 @@ from lab.files.robot_file import paper_robot
 from lab.verbs.effects import signatures
 from model.effects import CATALOGUE
 from model.robot import THRUST, load_robot
+from tests.model.effects.test_shapes_and_proof import of_two
 
 OWN = """
 from model.effects import EffectSpec, Law, Parameter
@@ -42,3 +43,8 @@ def test_every_effect_of_the_catalogue_and_of_ones_own_file_is_drawn_and_listed(
 def test_an_effect_that_robot_yaml_states_in_full_is_shown_by_what_less_of_it_does() -> None:
     (shown,) = signatures(load_robot(paper_robot()).replace(thrust="walls"), {THRUST: CATALOGUE[THRUST]})
     assert shown.rms > 1e-3
+
+
+def test_an_effect_on_two_chambers_is_shown_with_one_of_them_alone() -> None:
+    (shown,) = signatures(load_robot(paper_robot()), {"colder": of_two(4, 5, joint=False)})
+    assert shown.how == "chamber 5 alone" and shown.rms > 1e-3 and shown.x.max() == 250e3

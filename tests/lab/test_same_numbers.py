@@ -143,12 +143,9 @@ def identifier(cell: str) -> str:
 def tables(text: str) -> list[tuple[list[str], list[list[str]]]]:
     """Headings and rows of every table of a page, as text."""
     cut = [re.findall(r"<tr>(.*?)</tr>", t, re.DOTALL) for t in re.findall(r"<table>(.*?)</table>", text, re.DOTALL)]
-    cells = [[[plain(c) for c in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", r, re.DOTALL)] for r in rows] for rows in cut]
-    return [(rows[0], rows[1:]) for rows in cells if rows and rows[0]]
-
-
-def plain(cell: str) -> str:
-    return html.unescape(re.sub(r"<[^>]+>", "", cell)).strip()
+    cells = [[re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", r, re.DOTALL) for r in rows] for rows in cut]
+    plain = [[[html.unescape(re.sub(r"<[^>]+>", "", c)).strip() for c in row] for row in rows] for rows in cells]
+    return [(rows[0], rows[1:]) for rows in plain if rows and rows[0]]
 
 
 def in_command(text: str) -> Numbers:

@@ -20,6 +20,7 @@ from commands import Cli
 from pages import events
 from virtual_lab import VirtualLab, recorded, settings
 
+import timing
 from benchmarks.browser import BROWSERS, Browser, installed
 from benchmarks.faults.night import write_campaign
 from lab.comparison import expected
@@ -193,11 +194,17 @@ def until(stream: Iterator[tuple[str, dict[str, Any]]], fits: Any) -> dict[str, 
     return next(data for _, data in stream if fits(data))
 
 
-def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: VirtualLab, tmp_path: Path) -> None:
+def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(
+    real_lab: VirtualLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = write_campaign(tmp_path / "night.yaml", (0.0,), 1, unload=False)
     wholes: list[dict[str, Any]] = []
+    connected, prepare = timing.Event(), real_lab.fakes.prepare
+    # the warm-up waits for its set-up until somebody looks, however long the page takes to start
+    monkeypatch.setattr(real_lab.fakes, "prepare", lambda **setup: (connected.wait(300.0), prepare(**setup)))
     with command("campaign", file, "--rig", real_lab.rig, "--out", tmp_path / "night", "--watch") as program:
         for name, data in events(address(program)):  # one connection to the end
+            connected.set()
             if name == "whole":
                 wholes.append({"rows": []})
             if wholes:
@@ -209,6 +216,8 @@ def test_the_page_of_a_campaign_goes_on_from_run_to_run_by_itself(real_lab: Virt
     assert [known["part"].partition(":")[0] for known in parts] == ["Campaign night. Warm-up", "Campaign night. Run 1 of 1"]
     assert all(known["outcome"]["outcome"] == "completed" and known["steered"] for known in parts)
     assert [known["more"] for known in parts] == [True, False]
+    before = [{"part": parts[0]["part"], "outcome": parts[0]["outcome"], "trouble": ""}]
+    assert [known["before"] for known in parts] == [[], before]
     for known, folder in zip(parts, ("warm-up", "0001-bending"), strict=True):
         (recording,) = (tmp_path / "night" / folder).glob("*.mcap")
         assert known["about"]["file"] == recording.name

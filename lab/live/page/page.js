@@ -308,6 +308,12 @@ function lists() {
       return item;
     }));
   }
+  const before = $("before"), ended = live.before ?? [];
+  if (before.children.length !== ended.length) {
+    before.parentElement.hidden = !ended.length;
+    before.replaceChildren(...ended.map(({ part, outcome, trouble }) => element("li",
+      `${part}: ${outcome ? [outcome.outcome, outcome.detail].filter(Boolean).join(": ") : trouble}`, outcome?.outcome === "completed" ? "" : "error")).reverse());
+  }
   const done = live.progress?.steps ?? 0, steps = $("steps"), of = live.about.steps;
   const mark = `${of.length} ${done} ${Boolean(live.outcome)}`;
   if (steps.dataset.key !== mark) {

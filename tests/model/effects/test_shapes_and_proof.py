@@ -3,10 +3,13 @@
 import re
 from collections.abc import Callable
 from copy import copy
+from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
 
+from model.arrays import Array
 from model.effects import CATALOGUE, EffectSpec, Law, Parameter
 from model.effects.catalogue import announced
 from model.effects.proof import prove
@@ -14,7 +17,7 @@ from model.effects.quantities import Quantities
 from model.effects.spec import Values
 from model.effects.spine import shear_spine
 from model.errors import BadEffect
-from model.robot import Robot
+from model.robot import Robot, robot_from_dict
 from tests.model.effects.campaigns import Moved, campaign
 
 
@@ -74,52 +77,52 @@ def test_the_model_on_other_states_keeps_area_and_obstacle(paper_robot: Robot) -
     assert np.abs(alone.tips(contact) - other.tips(contact)).max() > 1e-3
 
 
-def effect(law: Callable[[Quantities, Values], None], scale: float = 5.0) -> EffectSpec:
-    parameter = Parameter("kelvin", "K", scale, -30.0, 1e9)
+def effect(law: Callable[[Quantities, Values], None]) -> EffectSpec:
+    parameter = Parameter("kelvin", "K", 5.0, -30.0, 1e9)
     return EffectSpec("colder", "material", "E (1 + 0.002 d)", (parameter,), Law(before=law), "a test", "a second day")
 
 
-def colder(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1 + 0.002 * v["kelvin"])
+def setting(name: str, made: Callable[[Any, Array], Any], parameter: str = "kelvin") -> EffectSpec:
+    """An effect that sets one quantity."""
+    return effect(lambda q, v: setattr(q, name, made(q, v[parameter])))
 
 
-def misspelt(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1 + 0.002 * v["kelwin"])
+def of_two(i: int, j: int, joint: bool) -> EffectSpec:
+    """Two chambers exchange pressures in part, or where both are inflated both push more."""
+
+    def mixed(q: Quantities, d: Array) -> Array:
+        one, other, unit = q.pressure[..., [i]], q.pressure[..., [j]], np.eye(q.pressure.shape[-1])
+        change = 1e-6 * one * other * (unit[i] + unit[j]) if joint else (other - one) * (unit[i] - unit[j])
+        return np.asarray(q.pressure + 0.1 * d[..., None] * change)
+
+    return setting("pressure", mixed)
 
 
-def no_quantity(q: Quantities, v: Values) -> None:
-    q.body_modulos = q.body_modulus * (1 + 0.002 * v["kelvin"])  # type: ignore[attr-defined]
-
-
-def nothing(q: Quantities, v: Values) -> None:
-    q.tether = q.tether + 1e-15 * v["kelvin"]
-
-
-def never_off(q: Quantities, v: Values) -> None:
-    q.body_modulus = q.body_modulus * (1.01 + 0.002 * v["kelvin"])
-
-
-def of_one_shape(q: Quantities, v: Values) -> None:
-    q.tip_force = q.tip_force + np.array([[[1.0, 2.0]]]) * v["kelvin"]
-
-
-def crushing(q: Quantities, v: Values) -> None:
-    q.tip_force = q.tip_force - np.array([0.0, 0.0, 1e4]) * v["kelvin"][..., None]
-
-
-def test_a_sound_effect_of_one_s_own_passes(paper_robot: Robot) -> None:
-    prove(paper_robot, [effect(colder)])
+def test_a_sound_effect_of_one_s_own_passes_whichever_chambers_it_acts_on(paper_robot: Robot) -> None:
+    ring = {"path_radius": 0.04, "azimuths_deg": [0.0, 120.0, 240.0]}
+    pulled = {"chambers": None, "tendons": ring, "spine": None, "area_factor": 1.0}
+    sound = [setting("body_modulus", lambda q, d: q.body_modulus * (1 + 0.002 * d)),
+             setting("tip_force", lambda q, d: q.tip_force + 0.01 * d[..., None] * q.design.force)]  # fmt: skip
+    for robot in (paper_robot, robot_from_dict({**paper_robot.model_dump(), **pulled})):
+        pairs = combinations(range(len(robot.actuators.azimuths_deg)), 2)
+        prove(robot, [*sound, *(of_two(*pair, joint) for pair in pairs for joint in (False, True))])
 
 
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        (effect(misspelt), "law fails: KeyError: 'kelwin'"),
-        (effect(of_one_shape), "law fails"),
-        (effect(no_quantity), "no attribute 'body_modulos'; did you mean body_modulus?"),
-        (effect(nothing), "moves no reading of a small campaign at its plausible size"),
-        (effect(never_off), "must have exactly no effect"),
-        (effect(crushing), "no state of a small campaign has an equilibrium"),
+        (setting("body_modulus", lambda q, d: q.body_modulus * (1 + 0.002 * d), "kelwin"), "law fails: KeyError: 'kelwin'"),
+        (setting("tip_force", lambda q, d: q.tip_force + np.array([[[1.0, 2.0]]]) * d), "law fails"),
+        (setting("body_modulos", lambda q, d: q.body_modulus), "no attribute 'body_modulos'; did you mean body_modulus?"),
+        (
+            setting("tether", lambda q, d: q.tether + 1e-15 * d),
+            "moves no reading of a small campaign at its plausible size by more than 1e-09 (m, rad or N), with each chamber",
+        ),
+        (setting("body_modulus", lambda q, d: q.body_modulus * (1.01 + 0.002 * d)), "must have exactly no effect"),
+        (
+            setting("tip_force", lambda q, d: q.tip_force - np.array([0.0, 0.0, 1e4]) * d[..., None]),
+            "no state of a small campaign has an equilibrium",
+        ),
     ],
     ids=["misspelt", "shape", "no quantity", "nothing", "never off", "too large"],
 )
