@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from model.arrays import Array
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values, growing, vector
@@ -51,8 +53,25 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     # m from the axis to the obstacle
     q.plane_distance = np.maximum(OBSTACLE * q.robot.length + v["distance"], 0.0125 * q.robot.length)
-    q.plane_turn = q.plane_turn + v["turn"]
+    q.plane_direction = np.array(rolled(v["turn"], *q.plane_direction))
     q.plane_lever = q.plane_lever + v["lever"]
+
+
+def on_any_side(contact: EffectSpec, tips: Array, direction: Array, length: float) -> EffectSpec:
+    """`contact` where nothing says on which side its obstacle stands: where tips (n, 2) m beside the axis bend to.
+
+    It turns from their mean `direction` by the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, with
+    which every side is as probable as tips bend there. A search begins at sixths of a turn where tips get as far as an obstacle
+    may stand beside a robot of this length, m.
+    """
+    of = {p.name: p for p in contact.parameters}
+    together = (tips @ direction).sum() / max(float(np.linalg.norm(tips, axis=1).sum()), 1e-12)
+    sd = max(of["turn"].scale, min(math.sqrt(-2 * math.log(np.clip(together, 1e-9, 1.0))), math.pi))
+    turns: Array = math.pi / 3 * np.arange(-2.0, 4.0)
+    reached = (tips @ np.array(rolled(turns, *direction))).max(axis=0, initial=0.0)
+    near = (np.abs(turns) < 2 * sd) & (reached > OBSTACLE * length + min(of["distance"].starts))
+    turn = replace(of["turn"], scale=sd, starts=tuple(turns[near | (turns == 0)].tolist()))
+    return replace(contact, parameters=tuple((of | {"turn": turn}).values()))
 
 
 def base_tilt(q: Quantities, v: Values) -> None:
@@ -146,7 +165,7 @@ SPECS = (
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
             Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
-            Parameter("turn", "rad", 0.15, -1.0, 1.0, role="shape"),
+            Parameter("turn", "rad", 0.15, -1.25 * math.pi, 1.25 * math.pi, role="shape"),
             Parameter("lever", "m", 0.05, 0.0, 0.25, role="shape", starts=(0.03,)),
         ),
         law=Law(before=_contact),
