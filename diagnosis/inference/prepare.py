@@ -35,6 +35,8 @@ from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_respons
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
 PAYLOAD, FRAME = "tip_payload.mass", "frame_misalignment"
+TURN = "contact.turn"
+"""Of an obstacle, from the side that the model faces."""
 TINY = 1e-12
 """m."""
 
@@ -155,6 +157,7 @@ def prepare(
     made = parameters(possible(forward, robot))
     missed, response = (observed - predicted)[kept], pressure_response(forward, states, made, slope)[kept]
     slope = slope.rows(kept)
+    made = _facing_obstacle(forward, labels, made, observed[kept], made.beyond_calibration(missed[:, None], slope)[:, 0])
     floor, beside_model, beside_readings = floor_of(
         states, labels, forward.parameters, missed, observed[kept], slope, response, noise_components, forward.scales.time
     )
@@ -191,6 +194,32 @@ def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpe
         return placed, catalogue
     turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in catalogue[FRAME].parameters)
     return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}
+
+
+def _facing_obstacle(forward: ForwardModel, labels: Labels, made: FitParameters, observed: Array, left: Array) -> FitParameters:
+    """The parameters, and `forward` turned to where an obstacle may stand that robot.yaml does not place.
+
+    There tips get less far, by what calibration leaves (`left` (n,)), in proportion to how much farther they would get than half
+    as far as any. Another search begins on the next best side.
+    """
+    effect, robot = TURN.partition(".")[0], forward.robot
+    if TURN not in made.names or robot.obstacle_azimuth_deg is not None or effect in robot.effects:
+        return made
+    tip, turns, (x, y) = labels.kind == 0, np.arange(-6.0, 6.0) * (np.pi / 6), forward.plane_direction.tolist()
+    where, shape = (labels.state[tip], labels.axis[tip]), (int(labels.state.max()) + 1, 3)
+    short, reached = (np.nan_to_num(scattered(shape, where, values[tip])[:, :2]) for values in (-left, observed - left))
+    sides = np.array([np.cos(turns) * x - np.sin(turns) * y, np.sin(turns) * x + np.cos(turns) * y])
+    beyond = reached @ sides
+    beyond = np.maximum(beyond - 0.5 * beyond.max(axis=0), 0.0)
+    gain = (beyond * (short @ sides)).sum(axis=0) / np.maximum(np.linalg.norm(beyond, axis=0), TINY)
+    gain[np.abs(turns) > 3 * made.sd[made.names.index(TURN)]] = 0.0
+    first = int(gain.argmax())
+    apart = (turns - turns[first] + np.pi) % (2 * np.pi) - np.pi
+    others = np.where(np.abs(apart) > np.pi / 4, gain, 0.0)
+    if gain[first] > 0:
+        forward.face(sides[:, first])
+    starts = (0.0, float(apart[others.argmax()])) if others.max() > 0 else (0.0,)
+    return replace(made, infos=tuple(replace(i, starts=starts) if i.name == TURN else i for i in made.infos))
 
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:

@@ -167,7 +167,7 @@ class ForwardModel:
         if np.linalg.norm(side) > 1e-6:
             self._baseline.plane_direction = side / np.linalg.norm(side)
         if plane_direction is None and "contact" in catalogue:
-            catalogue["contact"] = on_any_side(catalogue["contact"], sideways, self.plane_direction, robot.length)
+            catalogue["contact"] = on_any_side(catalogue["contact"], sideways)
             self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), *spread))
         self._every_law = every_law
         self._path = loading_path(design, rest_of)
@@ -257,6 +257,10 @@ class ForwardModel:
     def plane_direction(self) -> Array:
         """(2,) unit vector sideways to the plane that may be touched."""
         return self._baseline.plane_direction
+
+    def face(self, direction: Array) -> None:
+        """Take the plane that may be touched to stand in this direction (2,), a unit vector."""
+        self._baseline.plane_direction, self._points = direction, ()
 
     def __len__(self) -> int:
         return len(self.observations)

@@ -57,21 +57,13 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_lever = q.plane_lever + v["lever"]
 
 
-def on_any_side(contact: EffectSpec, tips: Array, direction: Array, length: float) -> EffectSpec:
-    """`contact` where nothing says on which side its obstacle stands: where tips (n, 2) m beside the axis bend to.
-
-    It turns from their mean `direction` by the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, with
-    which every side is as probable as tips bend there. A search begins at sixths of a turn where tips get as far as an obstacle
-    may stand beside a robot of this length, m.
-    """
-    of = {p.name: p for p in contact.parameters}
-    together = (tips @ direction).sum() / max(float(np.linalg.norm(tips, axis=1).sum()), 1e-12)
-    sd = max(of["turn"].scale, min(math.sqrt(-2 * math.log(np.clip(together, 1e-9, 1.0))), math.pi))
-    turns: Array = math.pi / 3 * np.arange(-2.0, 4.0)
-    reached = (tips @ np.array(rolled(turns, *direction))).max(axis=0, initial=0.0)
-    near = (np.abs(turns) < 2 * sd) & (reached > OBSTACLE * length + min(of["distance"].starts))
-    turn = replace(of["turn"], scale=sd, starts=tuple(turns[near | (turns == 0)].tolist()))
-    return replace(contact, parameters=tuple((of | {"turn": turn}).values()))
+def on_any_side(contact: EffectSpec, tips: Array) -> EffectSpec:
+    """`contact` where nothing says on which side its obstacle stands: where tips (n, 2) m beside the axis bend to, within their
+    circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|."""
+    together = float(np.linalg.norm(tips.sum(axis=0)) / max(np.linalg.norm(tips, axis=1).sum(), 1e-12))
+    sd = min(math.sqrt(-2 * math.log(min(max(together, 1e-9), 1.0))), math.pi)
+    wider = (replace(p, scale=max(p.scale, sd)) if p.name == "turn" else p for p in contact.parameters)
+    return replace(contact, parameters=tuple(wider))
 
 
 def base_tilt(q: Quantities, v: Values) -> None:
