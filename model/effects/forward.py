@@ -18,7 +18,6 @@ from model.effects.catalogue import CATALOGUE
 from model.effects.compose import RodColumns, directions, rod_columns
 from model.effects.design import Columns, with_rest, with_rest_of
 from model.effects.history import DRIVES, by_element, drive, history_of, loading_path, ramps, rest_columns
-from model.effects.laws.surroundings import on_any_side
 from model.effects.nominal import beyond, fixed_laws, nominal_values, obstacle_direction, stated_effects
 from model.effects.observation import channels, measured, observations
 from model.effects.parameters import ParameterInfo, Spread, parameter_table
@@ -147,8 +146,11 @@ class ForwardModel:
         full, rest_of = with_rest(design)
         self.scales = sized or scales(robot, design.pressure, design.pace)
         catalogue = {id: spec.of(self.scales) for id, spec in catalogue.items()}
-        spread = area, self.scales, robot.uncertainty.stated
-        self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), *spread))
+        self._vary(
+            robot, full, area, catalogue, sources(design, tuple(catalogue.values()), area, self.scales, robot.uncertainty.stated)
+        )
+        self._every_law = every_law
+        self._path = loading_path(design, rest_of)
         of_robot = ~design.stiffness
         factor = robot.area_factor_at(full.spine_length)
         if area_factor is not None:
@@ -156,21 +158,15 @@ class ForwardModel:
         elif area == "one" and of_robot.any():
             factor = np.full(len(full), factor[: len(design)][of_robot].mean())
         self._place(design, full, factor, np.array(robot.markers[: design.markers]))
+        if plane_direction is None:
+            plane_direction = obstacle_direction(robot)
         nominal = self._rows(rod_columns(self._baseline, self._shear))
         self._steps = integration_steps(self._layout, nominal)
         self._start = solved = solve(self._layout, nominal, self._arcs, self._steps, inside=False)
         tips = solved.result[: self._moved_rows.size]
-        sideways = tips[solved.converged[: self._moved_rows.size], :2]
-        if plane_direction is None:
-            plane_direction = obstacle_direction(robot)
-        side = sideways.sum(axis=0) if plane_direction is None else plane_direction
+        side = tips[solved.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
-            self._baseline.plane_direction = side / np.linalg.norm(side)
-        if plane_direction is None and "contact" in catalogue:
-            catalogue["contact"] = on_any_side(catalogue["contact"], sideways)
-            self._vary(robot, full, area, catalogue, sources(design, tuple(catalogue.values()), *spread))
-        self._every_law = every_law
-        self._path = loading_path(design, rest_of)
+            self.face(side / np.linalg.norm(side))
         reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
         self.observations = observations(design, np.where(np.isfinite(reference), reference, [1.0, 0.0, 0.0, 0.0]))
 
@@ -181,7 +177,7 @@ class ForwardModel:
         A parameter of each trial is then one for all. Raises `BadRobot` for what robot.yaml states wrongly.
         """
         model = cls.__new__(cls)
-        model.scales, model._steps, model._start = scales(robot), None, None
+        model.scales = scales(robot)
         effects = {id: spec.of(model.scales) for id, spec in stated_effects(robot, catalogue).items()}
         one_state = conditions(robot, 0.0, np.zeros(len(robot.actuators.azimuths_deg)))
         model._vary(robot, one_state, "per_length", effects, single_sources(robot, tuple(effects.values())))
@@ -210,6 +206,7 @@ class ForwardModel:
     ) -> None:
         """Lay out the parameters of `varied`, and their laws and those of the robot's own effects in the catalogue's order."""
         self.robot, self.area, self.catalogue, self._every_law = robot, area, catalogue, False
+        self._steps, self._start = None, None
         self._table = parameter_table(full, varied)
         self._fixed = fixed_laws(robot, catalogue)
         rank = {id: k for k, id in enumerate({**CATALOGUE, **catalogue})}
@@ -224,11 +221,11 @@ class ForwardModel:
         self._nominal = nominal_values(robot, self._table.infos)
         self.parameters: tuple[ParameterInfo, ...] = beyond(robot, self._table.infos, self._nominal)
         self._body = body_of(robot)
-        self._layout: at.Layout = at.layout_of(self._body, robot.spine is not None)
+        self._layout = at.layout_of(self._body, robot.spine is not None)
         self._rest_columns = rest_columns(robot, self._layout)
         direction = obstacle_direction(robot)
         self._direction = np.array([1.0, 0.0]) if direction is None else direction
-        self._shear: ShearSpine = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
+        self._shear = shear_spine(robot.spine) if robot.spine is not None else ShearSpine(1.0, 1.0, 1.0)
         self._sd = np.array([p.sd for p in self.parameters])
         self._low, self._high = np.array([[p.low, p.high] for p in self._table.infos]).T
         self._memory_sizes = {
@@ -247,7 +244,7 @@ class ForwardModel:
         self._in_bare = np.flatnonzero(~full.stiffness)
         self.area_factor = factor[: len(design)]
         """(n,) A_effect / A_norm of each state at zero parameters."""
-        self._baseline: Quantities = baseline(self.robot, self._body, self._layout, full, factor, self._direction, self.scales)
+        self._baseline = baseline(self.robot, self._body, self._layout, full, factor, self._direction, self.scales)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the points that it has kept."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from model.arrays import Array
 from model.effects.quantities import Quantities
 from model.effects.shows import by_chambers
 from model.effects.spec import EffectSpec, Law, Parameter, Values, growing, vector
@@ -55,15 +53,6 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_distance = np.maximum(OBSTACLE * q.robot.length + v["distance"], 0.0125 * q.robot.length)
     q.plane_direction = np.array(rolled(v["turn"], *q.plane_direction))
     q.plane_lever = q.plane_lever + v["lever"]
-
-
-def on_any_side(contact: EffectSpec, tips: Array) -> EffectSpec:
-    """`contact` where nothing says on which side its obstacle stands: where tips (n, 2) m beside the axis bend to, within their
-    circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|."""
-    together = float(np.linalg.norm(tips.sum(axis=0)) / max(np.linalg.norm(tips, axis=1).sum(), 1e-12))
-    sd = min(math.sqrt(-2 * math.log(min(max(together, 1e-9), 1.0))), math.pi)
-    wider = (replace(p, scale=max(p.scale, sd)) if p.name == "turn" else p for p in contact.parameters)
-    return replace(contact, parameters=tuple(wider))
 
 
 def base_tilt(q: Quantities, v: Values) -> None:
