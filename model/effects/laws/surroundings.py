@@ -141,8 +141,8 @@ SPECS = (
         label="contact with an obstacle",
         says="the body touches an obstacle of {}",
         stage="load",
-        equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from where the campaign bends "
-        "to, < > positive part over L / 200",
+        equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from the obstacle's azimuth, "
+        "< > positive part over L / 200",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
             Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
