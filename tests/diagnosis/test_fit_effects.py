@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.data.case import states
 from diagnosis.diagnose import diagnose
 from diagnosis.errors import BadCase
 from diagnosis.fit_effects import Fitted, fit_effects
-from diagnosis.inference.prepare import table_columns
 from lab.comparison import comparison
 from lab.files.config import load
 from lab.files.inputs import Case
@@ -20,10 +18,9 @@ from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.robot import Robot
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import SOME, answer, campaign, quick
+from tests.diagnosis.small_campaigns import SOME, answer, campaign, moved_by, quick
 from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.lab.diagnosed_case import campaign as bending
-from tests.model.effects.campaigns import Moved
 
 ANGLE = np.radians(8)
 
@@ -109,10 +106,7 @@ def test_an_obstacle_is_found_on_a_side_that_robot_yaml_does_not_state() -> None
         for k in range(3)
         for r in sweep(2, (0.0, 0.15))
     ]
-    towards = np.array([np.cos(np.radians(200.0)), np.sin(np.radians(200.0))])
-    made = Moved(ROBOT, table_columns(states(case(groups))[0]), area="one", plane_direction=towards)
-    tips = made.tips(contact__stiffness=150.0) + 0.3e-3 * np.random.default_rng(3).normal(size=(len(groups), 3))
-    touching = case([replace(r, tip=tuple(tip)) for r, tip in zip(groups, tips.tolist(), strict=True)])
+    touching = moved_by(groups, 3, ROBOT.replace(obstacle_azimuth_deg=200.0), contact__stiffness=150.0)
     found = diagnose(touching, quick({e: CATALOGUE[e] for e in ("contact", "body_modulus", "tip_payload", "base_tilt")}))
     assert found.attribute.effects == ("contact",) and found.attribute.probability > 0.9
     (stands,) = [f for f in found.findings if f.code == "obstacle_stands"]
