@@ -56,6 +56,7 @@ def compare_campaigns(
     pace = design_from_columns(later.robot, table_columns(campaigns[1])).pace
     sized = scales(later.robot, np.vstack([s.pressure for s in campaigns]), pace)
     before, after = (prepare(later.robot, s, catalogue=catalogue, sized=sized) for s in campaigns)
+    before.forward.face(after.forward.plane_direction)  # what is on one side in one is there in the other
     # A change is named for what it moves in the later campaign, as a cause is.
     # of the values of both, reference first; the model-form error is of the later one
     forward, first, second = _JointForward(before, after), before.problem, after.problem

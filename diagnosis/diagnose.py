@@ -146,6 +146,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *([settled] if settled is not None else ()),
             *reasons,
             *far,
+            *sentences.obstacle(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
             *(sentences.beyond_tolerance(prepared.problem.parameters, tense[fit], edited.robot, fit) for fit in tense),
             *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),

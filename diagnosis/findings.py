@@ -226,6 +226,9 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
+        "obstacle_stands": (
+            "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
+        ),
         "residual_ignored": "the learned residual in robot.yaml is ignored; it could mask the cause",
         "not_considered": "not considered: {why}",
     },

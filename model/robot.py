@@ -205,7 +205,7 @@ class Robot(Shown, FileTable):
     tolerances: Table = Field(default={})
     """The same of the set-up (tilt, frame_turn, frame_shift) and the robot's own numbers."""
     obstacle_azimuth_deg: FiniteFloat | None = Field(default=None, ge=-360, le=360, json_schema_extra={"unit": "deg"})
-    """Where the obstacle of `contact` stands, seen from the base; by default where the campaign bends to."""
+    """Where the obstacle of `contact` stands, seen from the base; by default a diagnosis finds its side."""
     posterior: Posterior | None = None
     """Joint uncertainty of area factor, effects and tolerances."""
     residual: Residual | None = None

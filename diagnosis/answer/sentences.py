@@ -294,6 +294,14 @@ def against(
         yield finding("stage_error", stage=e.stage, varies=words.fill(e.varies), gain=e.gain)
 
 
+def obstacle(p: Prepared, sizes: Sequence[Size]) -> Iterator[Finding]:
+    """A finding where an obstacle that is named stands, if robot.yaml does not say it."""
+    for s in sizes:
+        if s.name == "contact.turn" and p.robot.obstacle_azimuth_deg is None:
+            x, y = p.forward.plane_direction.tolist()
+            yield finding("obstacle_stands", azimuth=float(np.degrees(np.arctan2(y, x) + s.median) % 360))
+
+
 def _simulator(d: Diagnosis) -> str:
     """How the simulator differs from the rod it replaces, and how much of that the measurements do not show."""
     simulator = d.simulator

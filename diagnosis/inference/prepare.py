@@ -34,7 +34,7 @@ from .reading_noise import StiffnessTrials, floor_of, noise_of, pressure_respons
 
 AREA, MODULUS = "area.excess", "youngs_modulus.excess"
 """The parameters of the one area factor, and of the modulus' error."""
-PAYLOAD, FRAME = "tip_payload.mass", "frame_misalignment"
+PAYLOAD, FRAME, OBSTACLE = "tip_payload.mass", "frame_misalignment", "contact"
 TINY = 1e-12
 """m."""
 
@@ -172,9 +172,13 @@ def prepare(
     smooth = smooth_errors(where, labels.state, labels.channel, unit, robot.length)
     if pushes is not None:
         smooth = replace(smooth, size=smooth.size * np.where(labels.kind == 3, pushes.unit[labels.state], 1.0))
+    sd, turn = _prior_sd(forward.parameters, floor, pushes), f"{OBSTACLE}.turn"
+    if robot.obstacle_azimuth_deg is None and turn in made.names and OBSTACLE not in robot.effects:
+        left, at = made.beyond_calibration(missed[:, None], slope)[:, 0], made.names.index(turn)
+        sd[at] = _face_obstacle(forward, labels, observed[kept], left, float(sd[at]))
     problem = Problem(
         MaskedForward(whole, kept),
-        replace(made, sd=_prior_sd(forward.parameters, floor, pushes), least=least_sizes(made, labels, slope, known_floor)),
+        replace(made, sd=sd, least=least_sizes(made, labels, slope, known_floor)),
         observed[kept],
         noise,
         smooth,
@@ -193,6 +197,27 @@ def _as_placed(robot: Robot, states: Campaign, catalogue: Mapping[str, EffectSpe
         return placed, catalogue
     turned = tuple(replace(p, scale=OF_MOVED) if p.name == "z" else p for p in catalogue[FRAME].parameters)
     return placed, {**catalogue, FRAME: replace(catalogue[FRAME], parameters=turned)}
+
+
+def _face_obstacle(forward: ForwardModel, labels: Labels, observed: Array, left: Array, turn: float) -> float:
+    """Turn the model to the likeliest side of an obstacle that robot.yaml does not place; return how far from there it may stand
+    (rad, at least `turn`): the circular standard deviation (-2 log R)^(1/2) <= pi, R = |sum p| / sum |p|, of tips p.
+
+    On that side tips get less far, by what calibration leaves (`left` (n,)), in proportion to how much farther they would get
+    than half as far as any.
+    """
+    tip, turns, (x, y) = labels.kind == 0, np.arange(-6.0, 6.0) * (np.pi / 6), forward.plane_direction.tolist()
+    where, shape = (labels.state[tip], labels.axis[tip]), (int(labels.state.max()) + 1, 3)
+    short, reached = (np.nan_to_num(scattered(shape, where, values[tip])[:, :2]) for values in (-left, observed - left))
+    together = np.linalg.norm(reached.sum(axis=0)) / max(float(np.linalg.norm(reached, axis=1).sum()), TINY)
+    spread = max(turn, min(float(np.sqrt(-2 * np.log(np.clip(together, TINY, 1.0)))), np.pi))
+    sides = np.array([np.cos(turns) * x - np.sin(turns) * y, np.sin(turns) * x + np.cos(turns) * y])
+    farther = np.maximum(reached @ sides - 0.5 * (reached @ sides).max(axis=0), 0.0)
+    gain = (farther * (short @ sides)).sum(axis=0) / np.maximum(np.linalg.norm(farther, axis=0), TINY)
+    gain[np.abs(turns) > 3 * spread] = 0.0
+    if gain.max() > 0:
+        forward.face(sides[:, gain.argmax()])
+    return spread
 
 
 def parts(prepared: Prepared) -> tuple[BudgetPart, ...]:

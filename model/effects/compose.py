@@ -265,9 +265,7 @@ def _obstacle(q: Quantities, out: RodColumns) -> None:
         a_side = b^2 (1/2 + x/24 + x^2/720) (1 - |k b|^2 / 12),  x = F b^2 / EI,     a_axis = b (1 - |k b|^2 / 6).
     """
     wall = at.SPRINGS + 2 * at.SPRING_WIDTH
-    c, s = np.cos(q.plane_turn), np.sin(q.plane_turn)
-    out[wall] = c * q.plane_direction[0] - s * q.plane_direction[1]
-    out[wall + 1] = s * q.plane_direction[0] + c * q.plane_direction[1]
+    out[wall], out[wall + 1] = q.plane_direction
     out[wall + col.SPRING_STIFFNESS] = q.plane_stiffness
     out[wall + col.SPRING_ORIGIN] = q.plane_distance
     # skin and mounting give a little

@@ -166,7 +166,7 @@ class ForwardModel:
         tips = solved.result[: self._moved_rows.size]
         side = tips[solved.converged[: self._moved_rows.size], :2].sum(axis=0) if plane_direction is None else plane_direction
         if np.linalg.norm(side) > 1e-6:
-            self._baseline.plane_direction = side / np.linalg.norm(side)
+            self.face(side / np.linalg.norm(side))
         reference = self._every_row(tips[None])[0, :, at.ORIENTATION : at.ORIENTATION + 4]
         self.observations = observations(design, np.where(np.isfinite(reference), reference, [1.0, 0.0, 0.0, 0.0]))
 
@@ -254,6 +254,10 @@ class ForwardModel:
     def plane_direction(self) -> Array:
         """(2,) unit vector sideways to the plane that may be touched."""
         return self._baseline.plane_direction
+
+    def face(self, direction: Array) -> None:
+        """Take the plane that may be touched to stand in this direction (2,), a unit vector."""
+        self._baseline.plane_direction, self._points = direction, ()
 
     def __len__(self) -> int:
         return len(self.observations)

@@ -109,12 +109,10 @@ class Quantities:
     """N/m of an obstacle that the tip meets."""
     plane_distance: Array = constant(1.0)
     """m from the robot's axis to the obstacle."""
-    plane_turn: Array = constant(0.0)
-    """rad by which the obstacle faces away from there."""
     plane_lever: Array = constant(0.0)
     """m from the tip back to where the body meets the obstacle."""
     plane_direction: Array
-    """(2,) unit vector in the base frame's x, y towards the obstacle."""
+    """(2,), or (2, v, n): unit vector in the base frame's x, y towards the obstacle."""
     base_turn: Array = field(default_factory=no_vector)
     """(v, n, 3) rad."""
     base_compliance: Array = constant(0.0)

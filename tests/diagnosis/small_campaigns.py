@@ -12,6 +12,8 @@ from diagnosis.data.case import CaseLike
 from diagnosis.diagnose import Examined, Options, diagnose, examine
 from diagnosis.inference.prepare import table_columns
 from model.effects import CATALOGUE, EffectSpec
+from model.robot import Robot
+from recordings.trials import TrialRow
 from tests.diagnosis.test_case import ROBOT, Measured, case, states, sweep
 from tests.model.effects.campaigns import Moved
 
@@ -35,11 +37,15 @@ def quick(catalogue: Catalogue = SOME) -> Options:
 
 def measured(repeats: int, seed: int, lengths: tuple[float, ...] = LENGTHS, **effects: float) -> Measured:
     """A campaign with effects (parameter name with _ for the dot: value), 0.3 mm of noise."""
+    return moved_by(sweep(repeats, lengths), seed, **effects)
+
+
+def moved_by(rows: list[TrialRow], seed: int, robot: Robot = ROBOT, **effects: float) -> Measured:
+    """The same of these rows, whose tips are those of `robot`."""
     rng = np.random.default_rng(seed)
-    rows = sweep(repeats, lengths)
     values = {name.replace("__", "."): value for name, value in effects.items()}
     own = {effect: CATALOGUE[effect] for effect in (name.partition(".")[0] for name in values) if effect in CATALOGUE}
-    tips = Moved(ROBOT, table_columns(states(case(rows))[0]), area="one", catalogue=own).tips(values)
+    tips = Moved(robot, table_columns(states(case(rows))[0]), area="one", catalogue=own).tips(values)
     tips = tips + 0.3e-3 * rng.normal(size=(len(rows), 3))
     return case([replace(r, tip=tuple(tip)) for r, tip in zip(rows, tips.tolist(), strict=True)])
 

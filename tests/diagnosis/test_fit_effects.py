@@ -18,8 +18,8 @@ from model.effects import CATALOGUE
 from model.errors import BadEffect
 from model.robot import Robot
 from recordings.trials import Table
-from tests.diagnosis.small_campaigns import SOME, answer, campaign, quick
-from tests.diagnosis.test_case import ROBOT, Measured, case
+from tests.diagnosis.small_campaigns import SOME, answer, campaign, moved_by, quick
+from tests.diagnosis.test_case import ROBOT, Measured, case, sweep
 from tests.lab.diagnosed_case import campaign as bending
 
 ANGLE = np.radians(8)
@@ -98,6 +98,19 @@ def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an
     found = fit_effects(case, ["chamber_ballooning"]).parameters
     again = fit_effects(case, ["chamber_ballooning"], start={name: p.value for name, p in found.items()}).parameters
     assert all(again[name].value == pytest.approx(p.value, abs=0.01 * p.sd) for name, p in found.items())
+
+
+def test_an_obstacle_is_found_on_a_side_that_robot_yaml_does_not_state() -> None:
+    groups = [
+        replace(r, trial=r.trial + 9 * k, t=r.t + 1e4 * k, pressures=tuple(np.roll(r.pressures, 3 * k).tolist()))
+        for k in range(3)
+        for r in sweep(2, (0.0, 0.15))
+    ]
+    touching = moved_by(groups, 3, ROBOT.replace(obstacle_azimuth_deg=200.0), contact__stiffness=150.0)
+    found = diagnose(touching, quick({e: CATALOGUE[e] for e in ("contact", "body_modulus", "tip_payload", "base_tilt")}))
+    assert found.attribute.effects == ("contact",) and found.attribute.probability > 0.9
+    (stands,) = [f for f in found.findings if f.code == "obstacle_stands"]
+    assert stands.values["azimuth"] == pytest.approx(200.0, abs=3.0)
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:

@@ -51,7 +51,7 @@ def _contact(q: Quantities, v: Values) -> None:
     q.plane_stiffness = q.plane_stiffness + v["stiffness"]
     # m from the axis to the obstacle
     q.plane_distance = np.maximum(OBSTACLE * q.robot.length + v["distance"], 0.0125 * q.robot.length)
-    q.plane_turn = q.plane_turn + v["turn"]
+    q.plane_direction = np.array(rolled(v["turn"], *q.plane_direction))
     q.plane_lever = q.plane_lever + v["lever"]
 
 
@@ -141,12 +141,12 @@ SPECS = (
         label="contact with an obstacle",
         says="the body touches an obstacle of {}",
         stage="load",
-        equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from where the campaign bends "
-        "to, < > positive part over L / 200",
+        equation="F = -k <e . p(L - l) - (0.175 L + d)> e, l from the tip, e turned by t from the obstacle's azimuth, "
+        "< > positive part over L / 200",
         parameters=(
             Parameter("stiffness", "N/m", 300.0, 0.0, 5e3, sign="positive", starts=(0.0, 200.0)),
             Parameter("distance", "m", 0.025, -0.06, 0.2, role="shape", starts=(-0.03, 0.03)),
-            Parameter("turn", "rad", 0.15, -1.0, 1.0, role="shape"),
+            Parameter("turn", "rad", 0.15, -1.25 * math.pi, 1.25 * math.pi, role="shape"),
             Parameter("lever", "m", 0.05, 0.0, 0.25, role="shape", starts=(0.03,)),
         ),
         law=Law(before=_contact),
