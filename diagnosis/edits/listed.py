@@ -67,11 +67,12 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
     # chambers counted the other way round, from the first one
     yield Edit("order", 0.03, _counted, lambda v, _: replace(v, azimuth=2 * v.azimuth[..., :1] - v.azimuth), EIGHTHS,
                widens={AZIMUTH: np.pi})  # fmt: skip
-    turned_round, size = -np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
-    yield Edit("gravity", 0.03, gravity_says(robot, turned_round), partial(gravity_along, turned_round))
-    for down in (sign * size * axis for axis in AXES for sign in (1, -1)):
-        if min(np.linalg.norm(down - other) for other in (robot.gravity, turned_round)) > 0.1 * size:
-            yield Edit("gravity", 0.005, gravity_says(robot, down), partial(gravity_along, down))
+    given, size = np.array(robot.gravity), float(np.linalg.norm(robot.gravity))
+    known, signs = [given], ((0.01, given * each) for each in product((1.0, -1.0), repeat=3))
+    for prior, down in ((0.03, -given), *signs, *((0.005, sign * size * axis) for axis in AXES for sign in (1, -1))):
+        if min(np.linalg.norm(down - other) for other in known) > 0.1 * size:
+            known.append(down)
+            yield Edit("gravity", prior, gravity_says(robot, down), partial(gravity_along, down))
     around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
     widest = np.radians(25)
     yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})

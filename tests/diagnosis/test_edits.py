@@ -371,13 +371,19 @@ HANGING = robot_from_dict({
 })  # fmt: skip
 
 
-def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_from_a_strong_bend() -> None:
-    told = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
-    judged = judge(told, campaign(read(HANGING)))
+@pytest.mark.parametrize(
+    ("true", "told", "found"),
+    [((0.0, 0.0, 9.81), (0.0, 0.0, -9.81), "[0, 0, 9.81]"), ((-8.89, 0.0, 4.15), (8.89, 0.0, 4.15), "[-8.89, 0, 4.15]")],
+)
+def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_from_a_strong_bend(
+    true: tuple[float, ...], told: tuple[float, ...], found: str
+) -> None:
+    robot = HANGING.model_copy(update={"gravity": true})
+    judged = judge(robot.model_copy(update={"gravity": told}), campaign(read(robot)))
     assert judged is not None and judged.chosen is not None
     (change,) = judged.findings
-    assert (change.code, change.values["found"]) == ("gravity_elsewhere", "[0, 0, 9.81]")
-    assert "gravity [0, 0, 9.81]" in change.text and judged.probability("gravity") > 0.99
+    assert (change.code, change.values["found"]) == ("gravity_elsewhere", found)
+    assert f"gravity {found}" in change.text and judged.probability("gravity") > 0.99
     assert np.abs(judged.chosen.missed).max() < 0.05 * HANGING.length
 
 

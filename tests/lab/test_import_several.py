@@ -98,6 +98,19 @@ def test_a_marker_that_jumps_is_asked_about_and_one_that_bends_is_not(tmp_path: 
     assert not read_all(tmp_path, {"a.csv": WHOLE}).notes
 
 
+@pytest.mark.parametrize("body", [0, 1])
+def test_a_place_that_all_other_states_at_its_pressures_contradict_is_left_out(body: int, tmp_path: Path) -> None:
+    def moved(k: int, cells: list[str]) -> list[str]:
+        cells = with_middle(k, cells)
+        cells[5 + 3 * body] = f"{float(cells[5 + 3 * body]) + 37 * (k == 6):.3f}"
+        return cells
+
+    made = read_all(tmp_path, {"a.csv": text(FEW, headings=NAMES, change=moved)})
+    (note,) = made.notes
+    assert f"a.csv, line 8: {('the tip', 'marker 1')[body]} moves by" in note and "unlike in all 3 other states" in note
+    assert len(made.table) == STATES - (body == 0) and np.isnan(made.table.markers[6]).all() == (body == 1)
+
+
 def test_a_state_within_which_markers_are_exchanged_is_left_out(tmp_path: Path) -> None:
     content = text(MANY, headings=NAMES, change=lambda k, c: (with_middle if k < 500 else exchanged)(k, c))
     made = read_all(tmp_path, {"a.csv": content}, states={"plateaus": {"steady": "1 kPa"}})
