@@ -205,17 +205,19 @@ class Judged:
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit.kind))
+        return edit.findings(self.sample.robot, fit.theta, own, *self.beside(edit))
 
-    def rather(self, kind: str) -> str:
-        """What else may be wrong in place of a mistake of a kind, for the end of its sentence."""
+    def beside(self, edit: Edit) -> tuple[float, str]:
+        """Probability of a mistake, without others of its kind that are stated, and what else may be wrong in its place, for the
+        end of its sentence."""
         others: dict[str, tuple[float, str]] = {}
         for k in np.argsort(-self.weight):
             fit, p = self.fits[k], float(self.weight[k])
-            if p >= judgement.EDIT_STATED and kind not in self._kinds[k]:
-                for edit, own in mistakes(self.sample.robot, fit):
-                    others.setdefault(edit.kind, (p, str(edit.findings(self.sample.robot, fit.theta, own, p)[0])))
-        return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
+            if p >= judgement.EDIT_STATED and not any(other is edit for other in fit.edits):
+                for other, own in mistakes(self.sample.robot, fit):
+                    others.setdefault(other.kind, (p, str(other.findings(self.sample.robot, fit.theta, own, p)[0])))
+        alike = others.get(edit.kind, (0.0, ""))[0]
+        return self.probability(edit.kind) - alike, "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 
 def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
@@ -240,7 +242,8 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
             changes += found.said(edit, own, fit)
     corrected, table = made.written()
     if place is not None:
-        changes.insert(0, reordered(robot, place, found.probability("order"), found.rather("order")))
+        order = next(edit for edit in fit.edits if edit.kind == "order")
+        changes.insert(0, reordered(robot, place, *found.beside(order)))
         corrected = with_order(corrected, place)
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
