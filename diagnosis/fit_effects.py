@@ -78,7 +78,7 @@ class Fitted(Shown, FittedRobot):
     by_actuator: tuple[ByActuator, ...] = ()
     """Of effects that are a factor on each actuator, relative to the mean."""
     left_out_mm: float | None = None
-    """rms of the tip with effects and learnt residual, on trials that the residual did not learn from."""
+    """rms of the tip with effects and learnt residual, on settings that the residual did not learn from."""
     spine_modulus: Mapping[float, Estimate] = field(default_factory=dict)
     """Pa by spine length (m), from pushes."""
     body_modulus: Estimate | None = None
@@ -218,7 +218,7 @@ def fit_described(
     described, left_out = _written(robot, p, named, stated, posterior), None
     if residual:
         pressure, length = with_vented_at_zero(campaign)[main], campaign.spine_length[main]
-        learnt, left_out = learn_residual(described, campaign.trial[main], pressure, length, missed)
+        learnt, left_out = learn_residual(campaign.trial[main], pressure, length, missed)
         described = described.model_copy(update={"residual": learnt})
     parameters, (names, covariance) = p.problem.parameters, described.joint_uncertainty()
     own = {id: [k for k, name in enumerate(names) if name.partition(".")[0] == id] for id in named}
