@@ -5,7 +5,7 @@ The most probable scales maximise
     log N(y_x) + log N(y_y) + log N(y_z) + log p(scales),    y ~ N(0, C),
 
 y the distances missed along the three axes, C their covariance, p a wide log-normal prior about the range of the campaign. With
-Q = C^-1, the residual of trial b without its own states is Q_bb^-1 (Q y)_b (Rasmussen & Williams, 2006, ch. 5).
+Q = C^-1, the residual of states b learnt from the others alone is Q_bb^-1 (Q y)_b (Rasmussen & Williams, 2006, ch. 5).
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
-from model.prediction.residual import covariance, kernel, section_sums
-from model.robot import Robot
+from model.prediction.residual import covariance, kernel
 from model.stated import Residual
 
 from .arrays import Array, Ints, Mask, rms, rounded, rows_by
+from .data.levels import PRESSURE_GAP, REST, SPINE_GAP
 from .errors import BadCase
 
 LEAST_STATES = 6
@@ -30,10 +32,10 @@ STARTS = ((1.0, 0.7, 0.7, 0.3, 0.3), (1.0, 0.3, 0.3, 0.1, 0.3), (0.5, 1.5, 1.5, 
 """Amplitude, scales, trial and reading, in units of the rms and of the ranges."""
 
 
-def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, missed: Array) -> tuple[Residual, float]:
+def learn_residual(trial: Ints, pressure: Array, length: Array, missed: Array) -> tuple[Residual, float]:
     """From n states: pressures (n, chambers) Pa, spine lengths (n,) m, and measured - predicted tips `missed` (n, 3) m.
 
-    Returns the residual, and how far the tip is off with it (m, rms), each trial left out of it (not of the fit of the robot).
+    Returns the residual, and how far the tip is off with it (m, rms), the `alike` left out of it (not of the fit of the robot).
     Raises `BadCase` for fewer states than scales need.
     """
     finite = np.isfinite(missed).all(axis=1)
@@ -47,19 +49,30 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     # robot.yaml holds this many; of more, whole trials evenly
     chosen = _some(trial, 1000)
     trial, pressure, length, missed = trial[chosen], pressure[chosen], length[chosen], missed[chosen]
-    u = section_sums(robot, pressure)
-    ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(u, axis=1), length))
+    ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(pressure, axis=1), length))
     chosen = _some(trial, 400)
-    scales = _scales(u[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
-    table = np.column_stack([trial, u, length, missed])
+    scales = _scales(pressure[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
-        states=[[rounded(v) for v in row] for row in table.tolist()],
+        learnt=[[rounded(v) for v in row] for row in np.column_stack([trial, pressure, length, missed]).tolist()],
     )
-    return learnt, rms(_left_out(learnt, u, length, trial, missed))
+    correlation = kernel(pressure, length, pressure, length, learnt.pressure_scale, learnt.length_scale)
+    inverse = np.linalg.inv(covariance(learnt.amplitude, learnt.trial, learnt.reading, trial, correlation))
+    weights, parts = inverse @ missed, rows_by(alike(trial, pressure, length))
+    return learnt, rms(np.concatenate([np.linalg.solve(inverse[np.ix_(b, b)], weights[b]) for b in parts]))
 
 
-def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:
+def alike(trial: Ints, pressure: Array, length: Array) -> Ints:
+    """(n,) number of the part of the campaign to which each state belongs: trials that share a setting other than rest, in
+    which every trial begins, are of one part; where that is the whole campaign, each setting is a part."""
+    same = (cdist(pressure, pressure, "chebyshev") < PRESSURE_GAP) & (np.abs(length[:, None] - length) < SPINE_GAP)
+    inflated = np.abs(pressure).max(axis=1) > REST
+    joins = inflated | ~np.isin(trial, trial[inflated])
+    parts, part = connected_components((same & joins[:, None] & joins) | (trial[:, None] == trial), directed=False)
+    return np.asarray(part if parts > 1 else connected_components(same, directed=False)[1], np.int64)
+
+
+def _scales(pressure: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[float, ...]) -> list[float]:
     """Most probable scales: amplitude (m), pressure (Pa), spine length (m), standard deviations of trials and readings (m)."""
     size = max(rms(missed) / np.sqrt(3), 1e-9)  # m, of one axis
     log_usual = np.log([size, *ranges, size, size])
@@ -67,7 +80,7 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
     def cost(x: Array) -> float:
         """Minus the logarithm that is maximised, up to a constant; x (5,): logarithms of the scales over usual values."""
         amplitude, pressure_scale, length_scale, per_trial, reading = np.exp(x + log_usual)
-        correlation = kernel(u, length, u, length, pressure_scale, length_scale)
+        correlation = kernel(pressure, length, pressure, length, pressure_scale, length_scale)
         c = covariance(amplitude, per_trial, reading, trial, correlation)
         factor = cho_factor(c / size**2, lower=True)
         chi_square = float((missed * cho_solve(factor, missed)).sum()) / size**2  # sum over axes of y^T C^-1 y
@@ -77,25 +90,12 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
 
     # below 1e-3 of the rms, two equal states would be one
     bounds = np.log([(1e-2, 1e2), *[(LOW, HIGH)] * 2, *[(1e-3, 10.0)] * 2])
-    minima = [minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS]
+    minima = (minimize(cost, np.log(start), method="L-BFGS-B", bounds=bounds) for start in STARTS)
     best = min(minima, key=lambda f: float(f.fun))
     return [rounded(v) for v in np.exp(best.x + log_usual).tolist()]
 
 
-def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array) -> Array:
-    """(n, 3) m that are missed with a residual that each state's trial had no part in."""
-    correlation = kernel(u, length, u, length, own.pressure_scale, own.length_scale)
-    c = covariance(own.amplitude, own.trial, own.reading, trial, correlation)
-    inverse = np.linalg.inv(c)
-    weights = inverse @ missed
-    out = np.empty_like(missed)
-    for rows in rows_by(trial):
-        out[rows] = np.linalg.solve(inverse[np.ix_(rows, rows)], weights[rows])
-    return out
-
-
 def _some(trial: Ints, most: int) -> Mask:
     """States of this many whole trials, evenly, that about `most` remain, and no more."""
-    step = int(np.ceil(len(trial) / most))
-    chosen = np.isin(trial, np.unique(trial)[::step])
+    chosen = np.isin(trial, np.unique(trial)[:: int(np.ceil(len(trial) / most))])
     return chosen & (np.cumsum(chosen) <= most)

@@ -241,6 +241,9 @@ class Robot(Shown, FileTable):
             *self._length_problems(),
             *problems(self.effects, self.tolerances, self.posterior, not isinstance(self.area_factor, dict)),
         ]
+        numbers = len(self.actuators.azimuths_deg) + 5
+        if self.residual and (wrong := [len(row) for row in self.residual.learnt if len(row) != numbers]):
+            found.append(f"residual.learnt: a state of {wrong[0]} numbers, must have {numbers} with {numbers - 5} pressures")
         if found:
             raise ValueError("; ".join(found))
         return self

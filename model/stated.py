@@ -62,6 +62,8 @@ class Noise(FileTable):
     """rms distance of a tip reading from the mean of its repeats."""
     reading: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """Of a reading of the tip along each axis, robot at rest."""
+    reading_by_axis: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """The same along x, y and z, where repeats tell."""
     pressure: FiniteFloat = Field(default=0.0, ge=0, le=1e6, json_schema_extra={"unit": "Pa"})
     """Of the chambers' pressure from the regulator's reading."""
     spine_length: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
@@ -127,24 +129,21 @@ class Posterior(FileTable):
         return out
 
 
-State = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
-
-
 class Residual(FileTable):
     """Gaussian process of what the model misses, learnt from a campaign (`model.prediction.residual`)."""
 
     amplitude: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     """Standard deviation along each axis far from all states."""
     pressure_scale: FiniteFloat = Field(gt=0, le=1e9, json_schema_extra={"unit": "Pa"})
-    """Scale over the sums of pressures in `states`."""
+    """Scale over the pressures in `learnt`."""
     length_scale: FiniteFloat = Field(gt=0, le=1e3, json_schema_extra={"unit": "m"})
     """Scale over the spine's length."""
     trial: FiniteFloat = Field(ge=0, le=1, json_schema_extra={"unit": "m"})
     """Standard deviation along each axis between trials."""
     reading: FiniteFloat = Field(gt=0, le=1, json_schema_extra={"unit": "m"})
     """The same between readings of a trial."""
-    states: tuple[State, ...] = Field(min_length=1, max_length=1000)
-    """Trial; sums over the chambers of p cos az, p sin az and p, Pa; spine length, m; measured minus predicted x, y, z, m."""
+    learnt: tuple[tuple[FiniteFloat, ...], ...] = Field(min_length=1, max_length=1000)
+    """States: trial; pressure of each actuator, Pa; spine length, m; measured minus predicted x, y, z, m."""
 
 
 def problems(effects: Table, tolerances: Table, posterior: Posterior | None, area_is_number: bool) -> list[str]:

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -14,6 +15,22 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 ROOMS = ("lab", "drivers", "sim_fakes", "protocols", "recordings", "model", "diagnosis")
+
+
+def own_files(me: str) -> dict[str, str]:
+    """The text of each of the project's own files, by name, but that of the test which reads them."""
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    if not listed:
+        pytest.skip("not a git checkout: there is no list of the project's own files")
+    names = [n for n in listed if Path(n).name != Path(me).name and not n.endswith((".png", ".mcap")) and (ROOT / n).is_file()]
+    return {name: (ROOT / name).read_text(encoding="utf-8", errors="replace") for name in names}
+
+
+def lines_with(pattern: str, files: Iterable[Path], flags: int = 0) -> list[str]:
+    """Place and text of each line in which a pattern is found."""
+    read = ((path, path.read_text(encoding="utf-8").splitlines()) for path in files)
+    lines = ((f"{path.relative_to(ROOT)}:{number}: {line}", line) for path, own in read for number, line in enumerate(own, 1))
+    return [place for place, line in lines if re.search(pattern, line, flags)]
 
 
 def test_import_contracts_hold() -> None:
@@ -65,14 +82,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 
 @pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])
 def test_no_room_but_its_own_speaks_of_fakes(room: str) -> None:
-    word = re.compile(r"\b(sim_fakes|fakes?|simulated?|is_sim|mock)\b", re.IGNORECASE)
-    found = [
-        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
-        for path in (ROOT / room).rglob("*.py")
-        for number, line in enumerate(path.read_text().splitlines(), 1)
-        if word.search(line)
-    ]
-    assert found == []
+    assert lines_with(r"\b(sim_fakes|fakes?|simulated?|is_sim|mock)\b", (ROOT / room).rglob("*.py"), re.IGNORECASE) == []
 
 
 def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
@@ -82,18 +92,7 @@ def test_in_lab_only_the_modules_that_start_them_import_the_fakes() -> None:
 
 def test_no_file_names_a_machine_path_or_a_package_index() -> None:
     bad = re.compile(r"/work/|/root/|/home/|https?://[^/\s]*(pypi|npmjs|artifactory|index)[^\s]*", re.IGNORECASE)
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
-    if not listed:
-        pytest.skip("not a git checkout: there is no list of the project's own files")
-    me = Path(__file__).name
-    found = [
-        f"{name}:{number}"
-        for name in listed
-        if not name.endswith((".png", ".mcap")) and Path(name).name != me
-        for number, line in enumerate((ROOT / name).read_text(errors="replace").splitlines(), 1)
-        if bad.search(line)
-    ]
-    assert found == []
+    assert [(name, found.group()) for name, text in own_files(__file__).items() if (found := bad.search(text))] == []
 
 
 PAGES = sorted({ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")} | set((ROOT / "docs").rglob("*.md")))
@@ -102,13 +101,7 @@ MOST_WORDS = 36_000
 
 
 def test_no_line_of_markdown_is_wider_than_120_characters() -> None:
-    wide = [
-        f"{path.relative_to(ROOT)}:{number}"
-        for path in PAGES
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
-        if len(line) > 120
-    ]
-    assert wide == []
+    assert lines_with(r".{121}", PAGES) == []
 
 
 def test_the_documentation_stays_short() -> None:
@@ -144,16 +137,9 @@ THEIR_OWN_TIME = (
 
 def test_all_else_waits_on_the_one_clock() -> None:
     """So that it can jump over the time in which everything waits, see `timing`."""
-    waits = re.compile(r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\(")
+    waits = r"\btime\.(sleep|monotonic)\b|\bthreading\.(Event|R?Lock|Condition|Thread|Timer)\(|\bselect\.select\("
     files = [p for room in (*ROOMS, "tests") for p in (ROOT / room).rglob("*.py")]
-    found = [
-        f"{path.relative_to(ROOT)}:{number}"
-        for path in files
-        if not str(path.relative_to(ROOT)).startswith(THEIR_OWN_TIME)
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
-        if waits.search(line)
-    ]
-    assert found == []
+    assert lines_with(waits, (p for p in files if not str(p.relative_to(ROOT)).startswith(THEIR_OWN_TIME))) == []
 
 
 @pytest.mark.parametrize("room", [r for r in ROOMS if r not in ("sim_fakes", "lab")])

@@ -36,7 +36,6 @@ from diagnosis.inference.prepare import Prepared, prepare
 from diagnosis.inference.problem import Problem
 from diagnosis.inference.starts import starts
 from lab.files.inputs import read_case
-from model.prediction.residual import section_sums
 
 Hypothesis = tuple[str, ...]
 
@@ -158,7 +157,8 @@ def closed(p: Prepared, start: Array, part: Ints) -> tuple[float, float, float |
 
 def inputs(p: Prepared) -> Array:
     """(states, 5): pressures summed over the section, spine length, and the branch; each by its range."""
-    sums = section_sums(p.robot, p.states.pressure)
+    azimuth = np.radians(p.robot.actuators.azimuths_deg)
+    sums = p.states.pressure @ np.column_stack([np.cos(azimuth), np.sin(azimuth), np.ones(len(azimuth))])
     branch = np.asarray(p.states.branch, float)
     every = np.column_stack([sums, p.states.spine_length, branch])
     return every / np.maximum(np.ptp(every, axis=0), 1e-12)

@@ -164,8 +164,8 @@ def residual_lines(f: Fitted) -> list[str]:
         )
     if f.left_out_mm is not None:
         lines.append(
-            f"{f.left_out_mm:.2f} mm with the learned residual, on trials that it did not learn from (effects and tolerances are "
-            "fitted to all trials); predictions use it, a diagnosis does not"
+            f"{f.left_out_mm:.2f} mm with the learned residual, on settings that it did not learn from (effects and tolerances "
+            "are fitted to all states); predictions use it, a diagnosis does not"
         )
     return lines
 

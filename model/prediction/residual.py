@@ -1,10 +1,10 @@
 """What a robot's model still misses, as a Gaussian process over its inputs.
 
-    r(u, L_s) ~ GP(0, a^2 exp(-|u - u'|^2 / (2 l_p^2) - (L_s - L_s')^2 / (2 l_L^2))),    u = sum_i p_i (cos az_i, sin az_i, 1)
+    r(p, L_s) ~ GP(0, a^2 exp(-|p - p'|^2 / (2 l_p^2) - (L_s - L_s')^2 / (2 l_L^2)))
 
-along each axis of the base frame alike. u (Pa) is what the pressures p_i of the chambers at azimuths az_i do to the
-cross-section: two bending moments and a thrust, up to a factor. A learnt state j differs from r by what its trial (sd s_t, the
-same for all states of the trial) and its reading (sd s_r) add. Given n of them,
+along each axis of the base frame alike. p (Pa) holds the pressure of each chamber: what bends alike by the model may miss
+differently. A learnt state j differs from r by what its trial (sd s_t, the same for all states of the trial) and its reading (sd
+s_r) add. Given n of them,
 
     mean r = k^T C^-1 y,    var r = a^2 - k^T C^-1 k,    C_ij = k(i, j) + s_t^2 [same trial] + s_r^2 [i = j]
 
@@ -25,14 +25,9 @@ from model.robot import Robot
 from model.stated import Residual
 
 
-def section_sums(robot: Robot, pressure: Array) -> Array:
-    """(n, 3) Pa: the sums u of pressures (n, chambers)."""
-    return np.asarray(pressure @ _directions(robot))
-
-
-def kernel(u: Array, length: Array, v: Array, other: Array, pressure_scale: float, length_scale: float) -> Array:
-    """(n, m) correlation of states u (n, 3) Pa, length (n,) m with states v (m, 3), other (m,)."""
-    squares = ((u**2).sum(axis=1)[:, None] + (v**2).sum(axis=1) - 2 * u @ v.T) / pressure_scale**2
+def kernel(p: Array, length: Array, q: Array, other: Array, pressure_scale: float, length_scale: float) -> Array:
+    """(n, m) correlation of states p (n, chambers) Pa, length (n,) m with states q (m, chambers), other (m,)."""
+    squares = ((p**2).sum(axis=1)[:, None] + (q**2).sum(axis=1) - 2 * p @ q.T) / pressure_scale**2
     return np.asarray(np.exp(-0.5 * (np.maximum(squares, 0.0) + ((length[:, None] - other) / length_scale) ** 2)))
 
 
@@ -59,22 +54,20 @@ class ExpectedResidual:
 class LearntResidual:
     """The residual that a robot.yaml states, ready to be asked."""
 
-    def __init__(self, robot: Robot, own: Residual) -> None:
-        self._robot, self._own = robot, own
-        table = np.array(own.states, float)
-        self._u, self._length = table[:, 1:4], table[:, 4]
-        c = covariance(own.amplitude, own.trial, own.reading, table[:, 0], self._correlation(self._u, self._length))
+    def __init__(self, own: Residual) -> None:
+        self._own, table = own, np.array(own.learnt, float)
+        self._pressure, self._length = table[:, 1:-4], table[:, -4]
+        c = covariance(own.amplitude, own.trial, own.reading, table[:, 0], self._correlation(self._pressure, self._length))
         self._factor = cho_factor(c, lower=True)
-        self._weights = own.amplitude**2 * cho_solve(self._factor, table[:, 5:8])
+        self._weights = own.amplitude**2 * cho_solve(self._factor, table[:, -3:])
 
-    def _correlation(self, u: Array, length: Array) -> Array:
+    def _correlation(self, pressure: Array, length: Array) -> Array:
         own = self._own
-        return kernel(u, length, self._u, self._length, own.pressure_scale, own.length_scale)
+        return kernel(pressure, length, self._pressure, self._length, own.pressure_scale, own.length_scale)
 
     def __call__(self, pressure: Array, length: Array, *, intervals: bool = False, gradient: bool = False) -> ExpectedResidual:
         """The mean at pressures (n, chambers) Pa and spine lengths (n,) m, with variance or slopes where asked for."""
-        residual, u = self._own, section_sums(self._robot, pressure)
-        k = self._correlation(u, length)
+        residual, k = self._own, self._correlation(pressure, length)
         mean = np.asarray(k @ self._weights)
         variance = by_pressure = by_length = None
         if intervals:
@@ -82,17 +75,12 @@ class LearntResidual:
             explained = (covariance * cho_solve(self._factor, covariance.T).T).sum(axis=1)
             variance = np.asarray(np.maximum(residual.amplitude**2 - explained, 0.0)[:, None])
         if gradient:
-            by_u = np.einsum("nj,jd,ja->nad", k, self._u, self._weights) - np.einsum("na,nd->nad", mean, u)
-            by_pressure = np.asarray(by_u / residual.pressure_scale**2 @ _directions(self._robot).T)
+            moved = np.einsum("nj,jd,ja->nad", k, self._pressure, self._weights) - np.einsum("na,nd->nad", mean, pressure)
+            by_pressure = np.asarray(moved / residual.pressure_scale**2)
             by_length = np.asarray(((k * (self._length - length[:, None])) @ self._weights) / residual.length_scale**2)
         return ExpectedResidual(mean, variance, by_pressure, by_length)
 
 
 def residual_of(robot: Robot) -> LearntResidual | None:
     """The residual of a robot, if it has one."""
-    return None if robot.residual is None else LearntResidual(robot, robot.residual)
-
-
-def _directions(robot: Robot) -> Array:
-    azimuth = np.radians(robot.actuators.azimuths_deg)
-    return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.ones(len(azimuth))])
+    return None if robot.residual is None else LearntResidual(robot.residual)

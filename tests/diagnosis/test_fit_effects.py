@@ -16,6 +16,7 @@ from lab.files.robot_file import write_robot
 from lab.verbs.fit import residual_lines
 from model.effects import CATALOGUE
 from model.errors import BadEffect
+from model.prediction import Predictor
 from model.robot import Robot
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, answer, campaign, moved_by, quick
@@ -111,6 +112,17 @@ def test_an_obstacle_is_found_on_a_side_that_robot_yaml_does_not_state() -> None
     assert found.attribute.effects == ("contact",) and found.attribute.probability > 0.9
     (stands,) = [f for f in found.findings if f.code == "obstacle_stands"]
     assert stands.values["azimuth"] == pytest.approx(200.0, abs=3.0)
+
+
+def test_each_axis_has_the_noise_that_its_repeats_show(campaign: Measured) -> None:
+    noisy = campaign.table["y"] + 1.5e-3 * np.random.default_rng(4).normal(size=len(campaign.table))
+    robot = fit_effects(Case(campaign.robot, campaign.table.replaced({"y": noisy})), ["chamber_azimuth"]).robot
+    assert robot.posterior is not None and robot.posterior.noise.reading_by_axis is not None
+    x, y, z = robot.posterior.noise.reading_by_axis
+    assert 1.2e-3 < y < 1.8e-3 and max(x, z) < 0.5 * y
+    found = Predictor(robot, cores=1)([[60e3] * 3 + [0.0] * 6], intervals=True)
+    assert found.sd is not None and found.model_sd is not None
+    np.testing.assert_allclose(found.sd**2 - found.model_sd**2, [[x**2, y**2, z**2]])
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:

@@ -1,12 +1,11 @@
 """Every decision that is referred to stands in docs/decisions.md, and each there is short."""
 
 import re
-import subprocess
-from pathlib import Path
 
 import pytest
 
 from tests.docs.blocks import ROOT, anchors
+from tests.test_house import own_files
 
 PAGE = ROOT / "docs/decisions.md"
 MOST_WORDS = 60
@@ -20,16 +19,6 @@ ANCHOR = re.compile(r"decisions\.md#([\w-]*)")
 def referred(text: str) -> list[str]:
     """The numbers of all decisions that a text refers to."""
     return [number for found in REFERENCE.findall(text) for number in re.findall(r"\d{3}", found)]
-
-
-def texts() -> dict[str, str]:
-    """The project's own files, by name, but those that this test reads by other means."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
-    if not listed:
-        pytest.skip("not a git checkout: there is no list of the project's own files")
-    me = Path(__file__).relative_to(ROOT).as_posix()
-    names = [n for n in listed if n != me and not n.endswith((".png", ".mcap")) and (ROOT / n).is_file()]
-    return {name: (ROOT / name).read_text(encoding="utf-8", errors="replace") for name in names}
 
 
 @pytest.mark.parametrize(
@@ -47,13 +36,13 @@ def test_references_are_found_however_they_are_written(text: str, numbers: list[
 
 def test_every_decision_that_is_referred_to_exists() -> None:
     known = dict(HEADING.findall(PAGE.read_text(encoding="utf-8")))
-    found = [f"{name}: decision {n}" for name, text in texts().items() for n in referred(text) if n not in known]
+    found = [f"{name}: decision {n}" for name, text in own_files(__file__).items() for n in referred(text) if n not in known]
     assert found == []
 
 
 def test_every_link_to_a_decision_meets_its_heading() -> None:
     known = anchors(PAGE)
-    found = [f"{name}#{a}" for name, text in texts().items() for a in ANCHOR.findall(text) if a not in known]
+    found = [f"{name}#{a}" for name, text in own_files(__file__).items() for a in ANCHOR.findall(text) if a not in known]
     assert found == []
 
 

@@ -92,14 +92,14 @@ def test_a_fit_says_where_the_diagnosis_of_its_case_disagrees(case: Path, tmp_pa
 
 def test_what_the_model_still_misses_is_learnt_for_predictions(case: Path, tmp_path: Path, cli: Cli) -> None:
     fitted = cli("fit", case, "--residual", "--out", tmp_path, "--json").json
-    assert fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.5 * fitted["calibrated_mm"]
+    assert fitted["effects"] == [] and fitted["residual_left_out_mm"] < 0.7 * fitted["calibrated_mm"]
     robot = lab.load_robot(tmp_path / "robot.yaml")
-    assert robot.residual is not None and len(robot.residual.states) == fitted["states"] and robot.plain.residual is None
+    assert robot.residual is not None and len(robot.residual.learnt) == fitted["states"] and robot.plain.residual is None
     assert 1e3 * cli("compare", case, "--robot", tmp_path / "robot.yaml", "--json").json["rmse"] < fitted["residual_left_out_mm"]
     few = Options(quantify=False, experiments=False, catalogue={"chamber_azimuth": CATALOGUE["chamber_azimuth"]})
     answer = diagnose(read_case([case], tmp_path / "robot.yaml"), few)
     assert "residual_ignored" in {f.code for f in answer.findings}
-    assert "trials that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
+    assert "settings that it did not learn from" in cli("fit", case, "--with", EFFECT, "--residual").flat_out
 
 
 def test_a_protocol_is_predicted_with_intervals(robot: Path, tmp_path: Path, cli: Cli) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from diagnosis.errors import BadCase
-from diagnosis.fit_residual import learn_residual
+from diagnosis.fit_residual import alike, learn_residual
 from model.arrays import Array
 from model.effects import CATALOGUE, ForwardModel, Parameter, design_from_columns
 from model.errors import BadCondition, BadRobot
@@ -16,7 +16,7 @@ from model.prediction import Predictor
 from model.prediction.box_minima import box_minima
 from model.prediction.campaign import predict_campaign
 from model.prediction.inverse import inverse, limits_of
-from model.prediction.residual import LearntResidual, section_sums
+from model.prediction.residual import LearntResidual
 from model.robot import Robot, robot_from_dict
 from model.stated import Residual
 from tests.model.test_stated_effects import POSTERIOR
@@ -58,9 +58,9 @@ def columns(pressures: Array, lengths: Array) -> dict[str, NDArray[Any]]:
 
 
 @pytest.fixture(scope="module")
-def learnt(paper_robot: Robot) -> tuple[Residual, float]:
+def learnt() -> tuple[Residual, float]:
     """What the states of `learnt_states` teach, and what it misses of those left out."""
-    return learn_residual(paper_robot, *learnt_states(paper_robot))
+    return learn_residual(*learnt_states())
 
 
 @pytest.mark.parametrize("markers", [(), (0.2,)])
@@ -223,50 +223,47 @@ def test_what_is_held_too_early_comes_back() -> None:
     np.testing.assert_allclose(x, [1.0, 2.3])
 
 
-def learnt_states(robot: Robot, n: int = 60, per_trial: float = 3e-4, reading: float = 1e-4) -> tuple[Any, ...]:
+def learnt_states(n: int = 60, per_trial: float = 3e-4, reading: float = 1e-4) -> tuple[Any, ...]:
     """Trials of six states, and a smooth miss of 2 mm with what trials and readings add."""
     rng = np.random.default_rng(5)
     pressure, length = asked(n, seed=5)
     trial = np.repeat(np.arange(n // 6), 6)
-    missed = smooth(robot, pressure, length) + per_trial * rng.normal(size=(n // 6, 3))[trial]
+    missed = smooth(pressure, length) + per_trial * rng.normal(size=(n // 6, 3))[trial]
     return trial, pressure, length, missed + reading * rng.normal(size=(n, 3))
 
 
-def smooth(robot: Robot, pressure: Array, length: Array) -> Array:
-    u = section_sums(robot, pressure) / 6e5
-    return 2e-3 * np.column_stack([np.sin(2 * u[:, 0]) * (1 + length), u[:, 1] ** 2, np.cos(3 * length) * u[:, 2]])
+def smooth(pressure: Array, length: Array) -> Array:
+    first, second, third = pressure[:, [0, 3, 6]].T / 2e5
+    return 2e-3 * np.column_stack([np.sin(2 * first) * (1 + length), second**2, np.cos(3 * length) * third])
 
 
-def test_mean_and_variance_are_those_of_scikit_learn(paper_robot: Robot) -> None:
+def test_mean_and_variance_are_those_of_scikit_learn() -> None:
     kernels = pytest.importorskip("sklearn.gaussian_process.kernels")
     from sklearn.gaussian_process import GaussianProcessRegressor
 
-    trial, pressure, length, missed = learnt_states(paper_robot)
-    u = section_sums(paper_robot, pressure)
-    table = np.column_stack([trial, u, length, missed])
-    own = Residual(amplitude=2e-3, pressure_scale=5e5, length_scale=0.2, trial=0.0, reading=3e-4, states=table.tolist())
-    kernel = 2e-3**2 * kernels.RBF([5e5, 5e5, 5e5, 0.2])
-    peer = GaussianProcessRegressor(kernel, alpha=3e-4**2, optimizer=None).fit(np.column_stack([u, length]), missed)
+    trial, pressure, length, missed = learnt_states()
+    table = np.column_stack([trial, pressure, length, missed])
+    own = Residual(amplitude=2e-3, pressure_scale=5e5, length_scale=0.2, trial=0.0, reading=3e-4, learnt=table.tolist())
+    kernel = 2e-3**2 * kernels.RBF([5e5] * 9 + [0.2])
+    peer = GaussianProcessRegressor(kernel, alpha=3e-4**2, optimizer=None).fit(table[:, 1:-3], missed)
     there, at = asked(20, seed=9)
-    mean, sd = peer.predict(np.column_stack([section_sums(paper_robot, there), at]), return_std=True)
-    ours = LearntResidual(paper_robot, own)(there, at, intervals=True)
+    mean, sd = peer.predict(np.column_stack([there, at]), return_std=True)
+    ours = LearntResidual(own)(there, at, intervals=True)
     assert ours.variance is not None
     assert np.abs(ours.mean - mean).max() < 1e-9
     assert np.abs(np.sqrt(ours.variance) - np.asarray(sd).reshape(20, -1)[:, :1]).max() < 1e-9
 
 
-def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(
-    paper_robot: Robot, learnt: tuple[Residual, float]
-) -> None:
-    (trial, pressure, length, missed), (found, left_out) = learnt_states(paper_robot), learnt
+def test_scales_are_found_and_left_out_trials_are_predicted_as_by_learning_anew(learnt: tuple[Residual, float]) -> None:
+    (trial, pressure, length, missed), (found, left_out) = learnt_states(), learnt
     assert 0.5 < found.trial / 3e-4 < 2 and 0.5 < found.reading / 1e-4 < 2
     there, at = asked(40, seed=11)
-    off = LearntResidual(paper_robot, found)(there, at).mean - smooth(paper_robot, there, at)
+    off = LearntResidual(found)(there, at).mean - smooth(there, at)
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.3 * np.sqrt((missed**2).sum(axis=1).mean())
     left = []
     for out in np.unique(trial):
-        rest = tuple(s for s in found.states if s[0] != out)
-        anew = LearntResidual(paper_robot, found.model_copy(update={"states": rest}))
+        rest = tuple(s for s in found.learnt if s[0] != out)
+        anew = LearntResidual(found.model_copy(update={"learnt": rest}))
         own = trial == out
         left.append(missed[own] - anew(pressure[own], length[own]).mean)
     expected = np.sqrt((np.concatenate(left) ** 2).sum(axis=1).mean())
@@ -278,7 +275,7 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
     robot = plain.model_copy(update={"residual": own})
     pressure, length = asked(12, seed=2)
     with_it, without = (Predictor(r)(pressure, length, intervals=True, gradient=True) for r in (robot, plain))
-    learnt = LearntResidual(robot, own)(pressure, length, intervals=True)
+    learnt = LearntResidual(own)(pressure, length, intervals=True)
     assert np.abs(with_it.tip - without.tip - learnt.mean).max() < 1e-12
     opened = with_it.model_sd**2 - without.model_sd**2
     assert np.allclose(opened, learnt.variance - 1e-4**2, atol=1e-12)  # in place of the discrepancy
@@ -293,18 +290,31 @@ def test_predictions_have_the_residual_its_slopes_and_its_interval(paper_robot: 
     assert np.abs(table.tip - bare.tip - learnt.mean).max() < 1e-12
 
 
-def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(
-    paper_robot: Robot, learnt: tuple[Residual, float]
-) -> None:
+def test_repeats_of_settings_teach_nothing_of_other_settings_and_chambers_miss_each_for_itself() -> None:
+    opposite = np.tile(np.eye(3)[:2], 3)  # neither bends a robot of nine chambers
+    sweeps = np.vstack([np.eye(9)[:4], opposite])[:, None] * np.array([0.0, 50e3, 100e3, 150e3])[:, None]
+    pressure = np.tile(sweeps.reshape(-1, 9), (2, 1))
+    trial, length = np.repeat(np.arange(12), 4), np.zeros(48)
+    np.testing.assert_array_equal(alike(trial, pressure, length), trial % 6)
+    np.testing.assert_array_equal(alike(trial % 2, pressure[:4].repeat(12, axis=0), length)[::12], np.arange(4))
+    missed = 1e-4 * np.random.default_rng(1).normal(size=(48, 3))
+    missed[:, 0] += 4e-3 * (pressure / 150e3) @ (opposite[0] - opposite[1])
+    found, left_out = learn_residual(trial, pressure, length, missed)
+    assert left_out > 1e-3
+    there = 120e3 * opposite
+    np.testing.assert_allclose(LearntResidual(found)(there, np.zeros(2)).mean[:, 0], [9.6e-3, -9.6e-3], atol=5e-4)
+
+
+def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(learnt: tuple[Residual, float]) -> None:
     own = learnt[0].model_copy(update={"pressure_scale": 1e4})
-    far = LearntResidual(paper_robot, own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
+    far = LearntResidual(own)(np.full((1, 9), 190e3), np.array([0.1]), intervals=True)
     assert np.abs(far.mean).max() < 1e-9 and far.variance is not None
     assert far.variance[0, 0] == pytest.approx(own.amplitude**2)
 
 
 def test_too_few_states_and_a_wrong_table_are_refused(paper_robot: Robot, learnt: tuple[Residual, float]) -> None:
-    trial, pressure, length, missed = learnt_states(paper_robot)
+    trial, pressure, length, missed = learnt_states()
     with pytest.raises(BadCase, match="5 states with a tip in 1 trial"):
-        learn_residual(paper_robot, trial[:5], pressure[:5], length[:5], missed[:5])
+        learn_residual(trial[:5], pressure[:5], length[:5], missed[:5])
     with pytest.raises(BadRobot, match=r"residual.amplitude = -1.0 m"):
         robot_from_dict({**paper_robot.model_dump(), "residual": {**learnt[0].model_dump(), "amplitude": -1.0}})

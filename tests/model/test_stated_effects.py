@@ -22,6 +22,7 @@ POSTERIOR: dict[str, Any] = {
     "area_factor_sd": 0.01,
     "correlation": [[1], [0.5, 1]],
 }
+LEARNT = {"amplitude": 1e-3, "pressure_scale": 1e5, "length_scale": 0.1, "trial": 0.0, "reading": 1e-4}
 
 
 def stating(robot: Robot, **more: Any) -> dict[str, Any]:
@@ -42,6 +43,7 @@ def stating(robot: Robot, **more: Any) -> dict[str, Any]:
         ({"posterior": {**POSTERIOR, "parameters": ["area_factor"] * 2}}, "area_factor stands there twice"),
         ({"posterior": POSTERIOR, "effects": {"chamber_azimuth": {"angle": {**AZIMUTH["angle"], "sd": 0}}}}, "sd = 0 rad"),
         ({"posterior": POSTERIOR, "effects": {"chamber_azimuth": AZIMUTH}, "area_factor": {0.0: 1.5}}, "not a table"),
+        ({"residual": {**LEARNT, "learnt": [[1.0] * 13]}}, "residual.learnt: a state of 13 numbers, must have 14"),
     ],
 )  # fmt: skip
 def test_what_contradicts_itself_is_refused_where_the_file_is_read(
