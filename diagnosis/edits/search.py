@@ -165,9 +165,7 @@ def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:
 def _beyond_usual(fit: Fit) -> Array:
     """(8,) the calibration without what the diagnosis can describe itself; the area factor goes with the others, in proportion to
     the modulus: with this alone left out a limp body may snap to another equilibrium."""
-    widened = np.zeros(8, bool)
-    for edit in fit.edits:
-        widened[[*edit.widens]] = True
+    widened = np.isin(np.arange(8), [number for edit in fit.edits for number in edit.widens])
     theta = np.where(widened & (np.abs(fit.theta) > judgement.EDIT_USUAL), fit.theta, 0.0)
     theta[AREA] = fit.theta[AREA] - (fit.theta[MODULUS] - theta[MODULUS])
     return theta
