@@ -51,10 +51,9 @@ def learn_residual(robot: Robot, trial: Ints, pressure: Array, length: Array, mi
     ranges = tuple(max(float(np.max(np.abs(v))), 1e-6) for v in (np.linalg.norm(u, axis=1), length))
     chosen = _some(trial, 400)
     scales = _scales(u[chosen], length[chosen], trial[chosen], missed[chosen], ranges)
-    table = np.column_stack([trial, u, length, missed])
     learnt = Residual(
         **dict(zip(("amplitude", "pressure_scale", "length_scale", "trial", "reading"), scales, strict=True)),
-        states=[[rounded(v) for v in row] for row in table.tolist()],
+        states=[[rounded(v) for v in row] for row in np.column_stack([trial, u, length, missed]).tolist()],
     )
     return learnt, rms(_left_out(learnt, u, length, trial, missed))
 
@@ -68,8 +67,7 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
         """Minus the logarithm that is maximised, up to a constant; x (5,): logarithms of the scales over usual values."""
         amplitude, pressure_scale, length_scale, per_trial, reading = np.exp(x + log_usual)
         correlation = kernel(u, length, u, length, pressure_scale, length_scale)
-        c = covariance(amplitude, per_trial, reading, trial, correlation)
-        factor = cho_factor(c / size**2, lower=True)
+        factor = cho_factor(covariance(amplitude, per_trial, reading, trial, correlation) / size**2, lower=True)
         chi_square = float((missed * cho_solve(factor, missed)).sum()) / size**2  # sum over axes of y^T C^-1 y
         log_det = 2 * float(np.log(np.diag(factor[0])).sum())  # of C, the same for each of the three axes
         prior = (((x[1:3] - np.log(SCALE_RANGE)) / SCALE_SD) ** 2).sum()
@@ -85,8 +83,7 @@ def _scales(u: Array, length: Array, trial: Ints, missed: Array, ranges: tuple[f
 def _left_out(own: Residual, u: Array, length: Array, trial: Ints, missed: Array) -> Array:
     """(n, 3) m that are missed with a residual that each state's trial had no part in."""
     correlation = kernel(u, length, u, length, own.pressure_scale, own.length_scale)
-    c = covariance(own.amplitude, own.trial, own.reading, trial, correlation)
-    inverse = np.linalg.inv(c)
+    inverse = np.linalg.inv(covariance(own.amplitude, own.trial, own.reading, trial, correlation))
     weights = inverse @ missed
     out = np.empty_like(missed)
     for rows in rows_by(trial):
