@@ -327,8 +327,7 @@ def _written(robot: Robot, p: Prepared, named: Sequence[str], stated: Mapping[st
             own[parameter] = {"value": s.value, "sd": s.sd, "unit": s.unit}
     data = robot.model_dump()
     if "contact" in named:
-        x, y = p.forward.plane_direction.tolist()
-        data["obstacle_azimuth_deg"] = rounded(float(np.degrees(np.arctan2(y, x))))
+        data["obstacle_azimuth_deg"] = rounded(float(np.degrees(np.arctan2(*p.forward.plane_direction[::-1]))))
     if named:
         data |= {"quoted_pressure": p.forward.scales.pressure, "quoted_time": p.forward.scales.time}
     data |= {

@@ -42,8 +42,7 @@ def calibration(f: Attribution, fitted: Mapping[str, float] | None = None) -> Ca
     if p.baseline is not None:
         return Calibration(p.area_factor(f.calibrated.theta), p.baseline.area_factor)
     robot, states = p.described or (p.robot, p.states)
-    of_robot = ~p.states.pushed
-    stated_factor = float(np.mean(robot.area_factor_at(states.spine_length[of_robot])))
+    stated_factor = float(np.mean(robot.area_factor_at(states.spine_length[~p.states.pushed])))
     theta = dict(zip(p.problem.parameters.names, f.calibrated.theta.tolist(), strict=True)) if fitted is None else fitted
     modulus = p.robot.youngs_modulus / robot.youngs_modulus * (1 + theta.get(MODULUS, 0.0))
     parameters, factor = p.problem.parameters, float(p.forward.area_factor[0]) * (1 + theta[AREA])
@@ -86,8 +85,7 @@ def alike(f: Attribution, robot: Robot, states: Campaign) -> tuple[Alike, ...]:
     if not effects or robot.stated or rms(p.gap(p.problem.observed - p.given)) < REDUCIBLE_RATIO * p.noise_floor:
         return ()
     table = table_columns(states)
-    design = design_from_columns(robot, table, ("x", "y", "z"))
-    forward = ForwardModel(robot, design, "one", effects, sized=p.forward.scales)
+    forward = ForwardModel(robot, design_from_columns(robot, table, ("x", "y", "z")), "one", effects, sized=p.forward.scales)
     infos = possible(forward, robot)
     names = [i.name for i in infos]
     observed = forward.observe(table)

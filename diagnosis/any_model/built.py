@@ -253,16 +253,15 @@ def _begun(b: Built) -> list[tuple[Hypothesis, Array]]:
         own = [i for i, p in enumerate(b.parameters) if p.source == cause]
         if all(b.parameters[i].linear for i in own):
             continue
-        starts = []
+        fits = []
         ways = itertools.product(
             TIMES_STARTED, (b.calibrated.theta, np.zeros_like(p.sd)), itertools.product(*(b.parameters[i].sides for i in own))
         )
         for times, calibration, sizes in itertools.islice(ways, MOST_STARTS):
             theta = calibration.copy()
             theta[own] = np.clip(times * np.array(sizes), p.lower[own], p.upper[own])
-            starts.append(theta)
-        fits = sorted((fit_alone(b.problem, (cause,), theta, FREE_ROUNDS) for theta in starts), key=lambda f: f.cost)
-        points += [((cause,), f.theta) for f in fits[:2]]
+            fits.append(fit_alone(b.problem, (cause,), theta, FREE_ROUNDS))
+        points += [((cause,), f.theta) for f in sorted(fits, key=lambda f: f.cost)[:2]]
     return points
 
 

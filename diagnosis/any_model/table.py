@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -145,11 +145,9 @@ def smooth_functions(place: Array) -> Array:
     exponential kernel, from at most `LANDMARKS` places (Nystroem)."""
     if not place.shape[1]:
         return np.ones((len(place), 1))
-    distinct = np.unique(np.round(place, 3), axis=0)
-    chosen: Sequence[int] | Ints = np.arange(len(distinct))
-    if len(distinct) > LANDMARKS:
-        chosen = np.sort(np.random.default_rng(0).choice(len(distinct), LANDMARKS, replace=False))
-    landmarks = distinct[chosen]
+    landmarks = np.unique(np.round(place, 3), axis=0)
+    if len(landmarks) > LANDMARKS:
+        landmarks = landmarks[np.sort(np.random.default_rng(0).choice(len(landmarks), LANDMARKS, replace=False))]
 
     def kernel(a: Array) -> Array:
         return np.asarray(np.exp(-0.5 * ((a[:, None, :] - landmarks[None, :, :]) ** 2).sum(axis=-1)))

@@ -115,19 +115,16 @@ class Loss:
     def __init__(self, data: Repeated, contrast: Array, default: NoiseComponents) -> None:
         """`contrast` (k, n): see `contrasts`; `default`: centres of the priors."""
         self._kinds, self._names = list(default.channel), list(data.scatter)
-        g, count = len(self._kinds), len(self._kinds) + 2 + len(self._names)
-        self.sds = count
-        trial = [default.trial[k] for k in self._names]
-        sds = np.log([*default.channel.values(), default.pressure, default.rest, *trial])
+        g, self.sds = len(self._kinds), len(self._kinds) + 2 + len(self._names)
+        sds = np.log([*default.channel.values(), default.pressure, default.rest, *(default.trial[k] for k in self._names)])
         logit = np.log(judgement.LASTING_SHARE / (1 - judgement.LASTING_SHARE))
         self.centre = np.array([*sds, *[logit] * (g + 1), np.log(default.memory)])
-        self._prior_sd = np.repeat(
-            [judgement.COMPONENT_LOG_SD, judgement.LASTING_LOGIT_SD, judgement.MEMORY_LOG_SD], [count, g + 1, 1]
-        )
+        counts = [self.sds, g + 1, 1]
+        self._prior_sd = np.repeat([judgement.COMPONENT_LOG_SD, judgement.LASTING_LOGIT_SD, judgement.MEMORY_LOG_SD], counts)
         self._lasts = float((data.block >= 0).any())
         longest = np.log(judgement.LONGEST_MEMORY / judgement.MEMORY)
-        self.low = np.repeat([np.log(judgement.LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], [count, g + 1, 1])
-        self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], [count, g + 1, 1])
+        self.low = np.repeat([np.log(judgement.LEAST_COMPONENT_SHARE), -6.0 * self._lasts, -3.0 * self._lasts], counts)
+        self.high = np.repeat([3.0, 6.0 * self._lasts, longest * self._lasts], counts)
         k, c = len(contrast), data.residual.shape[1]
         self._count = k
         self._member = np.array([self._kinds.index(kind) for kind in data.group])

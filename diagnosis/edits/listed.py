@@ -74,10 +74,8 @@ def _of_robot(sample: Sample) -> Iterator[Edit]:
             known.append(down)
             yield Edit("gravity", prior, gravity_says(robot, down), partial(gravity_along, down))
     around = tuple((float(a), float(b)) for a, b in np.radians([(0, 0), (15, 0), (-15, 0), (0, 15), (0, -15)]))
-    widest = np.radians(25)
-    yield Edit("gravity", 0.01, _tilted, starts=around, widens={3: widest, 4: widest})
-    half = ((-0.9, 0.9), (-0.9, 0.9))
-    yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], half)
+    yield Edit("gravity", 0.01, _tilted, starts=around, widens={number: np.radians(25) for number in (3, 4)})
+    yield Edit("tilt", 0.03, _tilt_says, _tilt, around[1:], ((-0.9, 0.9),) * 2)
     yield Edit(
         "length", 0.03, _length, lambda v, own: replace(v, stretch=v.stretch * (1 + own)), ((-0.05,), (0.05,)), ((-0.25, 0.35),)
     )
@@ -152,8 +150,7 @@ def _tilt_says(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
     each = [f"{abs(v):.0f} deg about {'-' if v < 0 else ''}{axis}" for v, axis in ((x, "x"), (y, "y")) if abs(v) >= 1]
     if np.hypot(x, y) < judgement.EDIT_LEAST_TILT:
         return []
-    about, given = " and ".join(each), listed(robot.gravity)
-    return [mistake("base_tilted", "tilt of the base", about=about, given=given)]
+    return [mistake("base_tilted", "tilt of the base", about=" and ".join(each), given=listed(robot.gravity))]
 
 
 def _length(robot: Robot, theta: Array, own: Array) -> list[Mistake]:
@@ -175,8 +172,7 @@ def _origin(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> li
     x, y, z = (1e3 * robot.length * theta[ORIGIN]).tolist()
     # farther away its place depends on axes that may be wrong, too
     place = f", which lies at ({x:.4g}, {y:.4g}, {z:.4g}) mm" if away < 0.5 else ""
-    remedy = remedies.of_origin(mapped)
-    return [mistake("origin_elsewhere", "origin of the positions", x=x, y=y, z=z, place=place, remedy=remedy)]
+    return [mistake("origin_elsewhere", "origin of the positions", x=x, y=y, z=z, place=place, remedy=remedies.of_origin(mapped))]
 
 
 # ------------------------------------------------------------------ the cameras' frame
@@ -208,8 +204,7 @@ def _of_frame(sample: Sample, near: Fit) -> Iterator[Edit]:
     for trial in _steps(sample, near.missed[: len(seen)]):
         share = 0.03 / len(np.unique(sample.table.trial))
         moved, bound = partial(_step, trial), ((-0.3 * robot.length, 0.3 * robot.length),) * 3
-        says = partial(_step_says, trial)
-        yield Edit("step", share, says, moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
+        yield Edit("step", share, partial(_step_says, trial), moved, ((0.0, 0.0, 0.0),), bound, of_this_campaign=True)
 
 
 def _turn_says(mapped: Mapped | None, robot: Robot, theta: Array, own: Array) -> Sequence[Mistake]:
@@ -228,8 +223,7 @@ def axes_say(axes: Array, mapped: Mapped | None, turn: scipy.spatial.transform.R
     remedy, short = remedies.of_frame(nearest, mapped) if aligned else "correct the cameras' axes", "the cameras' frame"
     if handed < 0:
         return stating("frame_mirrored", short, remedy=remedy)
-    about = listed(back / max(angle, 1e-12))
-    return stating("frame_turned", short, angle=float(np.degrees(angle)), about=about, remedy=remedy)
+    return stating("frame_turned", short, angle=float(np.degrees(angle)), about=listed(back / max(angle, 1e-12)), remedy=remedy)
 
 
 def _steps(sample: Sample, missed: Array) -> list[int]:
@@ -328,8 +322,7 @@ def _of_columns(sample: Sample) -> Iterator[Edit]:
             yield Edit("pressures", prior, partial(_all_say, mapped, most), partial(_gain, columns, 1.0), starts, (bounds,))
     roll = np.abs(sample.table.get("roll_deg", 0.0))
     if 0 < roll.max() < 2 * np.pi + 0.01:
-        says = stating("roll_in_rad", "column roll_deg")
-        yield Edit("roll", 0.03, says, lambda v, _: replace(v, roll=np.degrees(v.roll)))
+        yield Edit("roll", 0.03, stating("roll_in_rad", "column roll_deg"), lambda v, _: replace(v, roll=np.degrees(v.roll)))
 
 
 def _gain(columns: Sequence[int], factor: float, v: Variants, own: Array) -> Variants:
@@ -370,8 +363,7 @@ def _left_to_the_diagnosis(sample: Sample, near: Fit) -> Iterator[Edit]:
     yield Edit("drift", 0.2, apply=partial(_effect, wander), starts=((0.0,) * 3,), bounds=((-0.1, 0.1),) * 3, left=True)
     count, gain = len(robot.actuators.azimuths_deg), np.log(judgement.EDIT_USUAL_GAIN)
     for k in range(count):
-        apply = partial(_gain, [k], 1.0)
-        yield Edit(f"gain {k}", 0.1 / count, apply=apply, starts=((0.0,),), bounds=((-gain, gain),), left=True)
+        yield Edit(f"gain {k}", 0.1 / count, apply=partial(_gain, [k], 1.0), starts=((0.0,),), bounds=((-gain, gain),), left=True)
     signatures = _signatures(*sample.edited([((), near.x[None])]).written())
     for slope, bounds in signatures:
         apply = partial(_effect, slope)

@@ -356,9 +356,7 @@ class _Problem:
         for edit in edits:
             for number, widest in edit.widens.items():
                 bound[number], sd[number] = widest, np.inf
-        bounds = [b for edit in edits for b in edit.bounds]
-        low = np.concatenate([-bound, [b for b, _ in bounds]])
-        high = np.concatenate([bound, [b for _, b in bounds]])
+        low, high = np.array([*zip(-bound, bound, strict=True), *(b for edit in edits for b in edit.bounds)]).T
         free = np.ones(len(low), bool)
         free[[*COSTLY]] = not alone
         free[[number for edit in edits for number in edit.widens]] = True

@@ -165,9 +165,7 @@ def _best_of_kinds(fits: list[Fit], merit: Callable[[Fit], float]) -> list[Fit]:
 def _beyond_usual(fit: Fit) -> Array:
     """(8,) the calibration without what the diagnosis can describe itself; the area factor goes with the others, in proportion to
     the modulus: with this alone left out a limp body may snap to another equilibrium."""
-    widened = np.zeros(8, bool)
-    for edit in fit.edits:
-        widened[[*edit.widens]] = True
+    widened = np.isin(np.arange(8), [number for edit in fit.edits for number in edit.widens])
     theta = np.where(widened & (np.abs(fit.theta) > judgement.EDIT_USUAL), fit.theta, 0.0)
     theta[AREA] = fit.theta[AREA] - (fit.theta[MODULUS] - theta[MODULUS])
     return theta
@@ -205,17 +203,19 @@ class Judged:
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.findings(self.sample.robot, fit.theta, own, *self.beside(edit))
+        return edit.findings(self.sample.robot, fit.theta, own, *self.beside(edit, own, fit))
 
-    def beside(self, edit: Edit) -> tuple[float, str]:
-        """Probability of a mistake, without others of its kind that are stated, and what else may be wrong in its place, for the
-        end of its sentence."""
+    def beside(self, edit: Edit, own: Array, fit: Fit) -> tuple[float, str]:
+        """Probability of a mistake of a fit, and what else may be wrong in its place, for the end of its sentence: mistakes of
+        other kinds, and those of its kind that are stated in other words, with which it shares its probability."""
+        code = edit.findings(self.sample.robot, fit.theta, own, 0.0)[0].code
         others: dict[str, tuple[float, str]] = {}
         for k in np.argsort(-self.weight):
-            fit, p = self.fits[k], float(self.weight[k])
-            if p >= judgement.EDIT_STATED and not any(other is edit for other in fit.edits):
-                for other, own in mistakes(self.sample.robot, fit):
-                    others.setdefault(other.kind, (p, str(other.findings(self.sample.robot, fit.theta, own, p)[0])))
+            tried, p = self.fits[k], float(self.weight[k])
+            for other, at in mistakes(self.sample.robot, tried) if p >= judgement.EDIT_STATED else ():
+                said = other.findings(self.sample.robot, tried.theta, at, p)[0]
+                if edit.kind not in self._kinds[k] or (other.kind == edit.kind and said.code != code):
+                    others.setdefault(other.kind, (p, str(said)))
         alike = others.get(edit.kind, (0.0, ""))[0]
         return self.probability(edit.kind) - alike, "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
@@ -242,8 +242,8 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
             changes += found.said(edit, own, fit)
     corrected, table = made.written()
     if place is not None:
-        order = next(edit for edit in fit.edits if edit.kind == "order")
-        changes.insert(0, reordered(robot, place, *found.beside(order)))
+        order = next((edit, own) for edit, own in mistakes(robot, fit) if edit.kind == "order")
+        changes.insert(0, reordered(robot, place, *found.beside(*order, fit)))
         corrected = with_order(corrected, place)
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)

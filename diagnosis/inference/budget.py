@@ -131,11 +131,10 @@ def budget(problem: Problem, where: Sequence[BudgetPart], candidates: Sequence[C
     p = problem.parameters
     half = np.random.default_rng(SEED).standard_normal((DRAWS // 2, len(p.scale)))
     standard = np.vstack([half, -half])  # in pairs, so that their mean is exact
-    weights = shares(candidates, len(p.ids)).tolist()
     squares: dict[int, list[Products]] = {}  # by fit, which many candidates share
     least_size = np.where(p.members > 0, p.least_named[:, None], np.inf).min(axis=0) if p.narrow else LEAST_NAMED_SIZE
     draws: list[tuple[Any, ...]] = []
-    for c, w in zip(candidates, weights, strict=True):
+    for c, w in zip(candidates, shares(candidates, len(p.ids)).tolist(), strict=True):
         if w < LEAST_DRAWN:
             continue
         drawn = np.clip(_drawn(c.weighed, standard), p.low, p.high)
@@ -243,13 +242,9 @@ def weighed(
 def _carried(p: FitParameters, where: Sequence[BudgetPart], squares: Sequence[Products], change: Array) -> tuple[Array, Array]:
     """c_e (d, e) in m and in noise floors, with d_e linear in the effect's parameters about a fit (`_squares`), from which they
     have moved by `change` (d, p) in units of the effects' scales."""
-    by_part = []
-    for products in squares:
-        columns = []
-        for effect in p.ids:
-            x = np.column_stack([change[:, p.mask((effect,))], np.ones(len(change))])
-            columns.append(np.sqrt(np.maximum(((x @ products[effect]) * x).sum(axis=1), 0.0)))
-        by_part.append(np.column_stack(columns))
+    moved = {e: np.column_stack([change[:, p.mask((e,))], np.ones(len(change))]) for e in p.ids}
+    squared = ([((x @ products[e]) * x).sum(axis=1) for e, x in moved.items()] for products in squares)
+    by_part = [np.sqrt(np.maximum(np.column_stack(of_effects), 0.0)) for of_effects in squared]
     floors = [m / part.floor for m, part in zip(by_part, where, strict=True)]
     return by_part[0], np.max(floors, axis=0)
 

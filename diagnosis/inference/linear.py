@@ -139,8 +139,7 @@ class Reduced:
     def update(self, prior: SizePrior) -> tuple[Array, Array, Array]:
         """log p(y) (...), and mean (..., p) and covariance (..., p, p) of theta, under priors (..., p)."""
         root = np.sqrt(prior.variance)
-        inner = np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :]
-        factor = cholesky(inner)
+        factor = cholesky(np.eye(len(self.information)) + root[..., :, None] * self.information * root[..., None, :])
         left = self.score - prior.mean @ self.information  # slope of log p(y | theta) at the mean
         # C = (L^-1 R)^T (L^-1 R) with the factor L and R = diag(root).
         inverse = np.reshape([dtrtri(f, lower=True)[0] for f in factor.reshape(-1, *factor.shape[-2:])], factor.shape)

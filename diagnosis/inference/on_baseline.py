@@ -86,10 +86,7 @@ class OnBaseline:
 
     def _apart(self, theta: Array) -> Array:
         """(observations,) simulator minus rod at these parameters."""
-        out = self.difference
-        for k, excess in self.varied.items():
-            out = out + theta[k] * excess
-        return out
+        return sum((theta[k] * excess for k, excess in self.varied.items()), self.difference)
 
     def linearise(self, theta: Array, columns: Sequence[int] | None = None) -> tuple[Array, Array]:
         """Prediction, and its derivatives (observations, k)."""
@@ -139,7 +136,6 @@ def on_baseline(
 def _nearest_area_factor(robot: Robot, design: States, simulator_table: Mapping[str, NDArray[np.generic]], name: str) -> float:
     """The one area factor of the rod whose tips come nearest to a simulator's."""
     model = ForwardModel(robot, design, catalogue={})
-    start = float(model.area_factor[~design.stiffness].mean())
     of_tip = np.isin(model.observations.channel, ("x", "y", "z"))
     tips = np.where(of_tip, model.observe(simulator_table), np.nan)
     area = model.index("area")
@@ -149,7 +145,7 @@ def _nearest_area_factor(robot: Robot, design: States, simulator_table: Mapping[
             f"the baseline {name} has no state in which the rod of robot.yaml has an equilibrium: check its stiffness and "
             "area factor"
         )
-    return start * (1.0 + float(theta[area[0]]))
+    return float(model.area_factor[~design.stiffness].mean()) * (1.0 + float(theta[area[0]]))
 
 
 def least_squares(

@@ -99,8 +99,7 @@ def posterior(candidates: Sequence[Candidate], effects: int) -> EffectPosterior:
 def with_unknown(known: EffectPosterior, unknown: Candidate, odds: float) -> EffectPosterior:
     """The same with a cause outside the catalogue beside it, with its odds against all that are known."""
     probability = odds / (1 + odds)
-    ranking = [(named, p * (1 - probability)) for named, p in known.ranking]
-    ranking.append((UNKNOWN, probability))
+    ranking = [*((named, p * (1 - probability)) for named, p in known.ranking), (UNKNOWN, probability)]
     return EffectPosterior(
         ranking=tuple(sorted(ranking, key=lambda entry: -entry[1])), candidates={**known.candidates, UNKNOWN: unknown}
     )

@@ -79,8 +79,7 @@ class Prepared:
     def common(self, theta: Array) -> Array:
         """Parameters (k,) with those of single trials and of this campaign's drift at 0: the model's prediction for a
         new trial."""
-        lasts = np.array([p.lasts for p in self.forward.parameters])
-        return np.where(lasts, theta, 0.0)
+        return np.where([p.lasts for p in self.forward.parameters], theta, 0.0)
 
     @cached_property
     def given(self) -> Array:

@@ -290,17 +290,15 @@ class Problem:
         """The linear problem around parameters (k,), in units of their priors, from a prediction (n,) and a slope (n, k) that is
         whitened, by one prior standard deviation of each parameter (`scaled`)."""
         p = self.parameters
-        of_effect = p.of_effect
         shift = scaled.along(theta / p.sd)
         observed = self.noise.whiten(self.observed - predicted) + shift
-        no_form_error = np.zeros((len(observed), 0))
         return Linear(
             observed,
-            scaled.take(of_effect).whole,
-            scaled.take(~of_effect),
+            scaled.take(p.of_effect).whole,
+            scaled.take(~p.of_effect),
             self.whitened_discrepancy,
             self.noise.log_sd,
-            no_form_error,
+            np.zeros((len(observed), 0)),
             gram=self.gram,
             effect_size=p.effect_size(theta),
         )
@@ -336,8 +334,7 @@ class Problem:
     def response(self, theta: Array, predicted: Array, effect: str) -> Array:
         """Contribution of an effect to the values (n,): `predicted` at parameters (k,) less the prediction without it; NaN where
         there is no equilibrium without it."""
-        without = theta.copy()
-        without[[i for i, e in enumerate(self.parameters.effects) if e == effect]] = 0.0
+        without = np.where(np.array(self.parameters.effects) == effect, 0.0, theta)
         return np.asarray(predicted - self.forward.predict(without, whole=True))
 
     def form_error_of(self, done: Array) -> Array:

@@ -96,8 +96,7 @@ def stiffness_trials(
     stiffness = np.zeros(len(rows))  # N/m: derivative of the force by the place of contact
     for own in rows_by(trial):
         # Before contact there is no force; the specimen is the same.
-        stiffness[own] = np.abs(by_source["touch"][own]).max()
-    stiffness = np.maximum(stiffness, 1e-9)
+        stiffness[own] = max(np.abs(by_source["touch"][own]).max(), 1e-9)
     data = Repeated(
         missed[rows, None],
         states.condition[state],

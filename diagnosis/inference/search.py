@@ -143,17 +143,13 @@ class Search:
             both = not p.tolerable[p.mask(c.named)].any()
             if own_starts and (both or self._none[c.with_tolerances].log_evidence > near):
                 at_starts.append(c)
-        for candidates in self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK):
-            out += candidates
-        return out
+        return [*out, *itertools.chain(*self._map(self._at_starts, at_starts, DiagnosisStep.FIRST_LOOK))]
 
     def _at_starts(self, c: Candidate) -> list[Candidate]:
         """A hypothesis that was weighed around none in the linear problems of its starts: no step taken."""
-        out = []
-        for start in starts(self.problem.parameters, c.named, c.fit):
-            begun = self.fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base)
-            out.append(self._weigh(c.named, begun, c.with_tolerances, shared=True))
-        return out
+        points = starts(self.problem.parameters, c.named, c.fit)
+        begun = (self.fit(c.named, c.with_tolerances, c.grid_point.size, start, 0, c.base) for start in points)
+        return [self._weigh(c.named, there, c.with_tolerances, shared=True) for there in begun]
 
     # ------------------------------------------------------------------ the queue
 
@@ -183,10 +179,8 @@ class Search:
         """Take the next points from the queue, one of each hypothesis; drop those that promise less than what was reached."""
         searched = {key: c for key, c in self._tried.items() if c.turns}
         best = max(c.log_evidence + self._log_prior(c.named) for c in searched.values())
-        alone: dict[int, float] = {}
-        for c in searched.values():
-            if not c.with_tolerances:
-                alone[len(c.named)] = max(alone.get(len(c.named), -np.inf), c.log_evidence)
+        by_evidence = sorted(searched.values(), key=_evidence)
+        alone = {len(c.named): c.log_evidence for c in by_evidence if not c.with_tolerances}
         self._standing = Standing(best, frozenset(searched), alone)
 
         def promise(c: Candidate) -> float:

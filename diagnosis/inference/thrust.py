@@ -73,5 +73,4 @@ def settle_thrust(robot: Robot, states: Campaign, effects: Collection[str]) -> t
     shapes = {name: found[f"{THRUST}.{name}"] for name in ("borne", "growth")}
     stated = {name: Stated(value=value, unit="1") for name, value in {"share": 1.0, **shapes}.items()}
     with_walls = robot.model_copy(update={"thrust": "walls", "effects": {**robot.effects, THRUST: stated}})
-    note = finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)
-    return with_walls, note
+    return with_walls, finding("thrust_settled", robot.actuators.words, walls_mm=1e3 * walls, cap_mm=1e3 * cap)
