@@ -203,21 +203,19 @@ class Judged:
 
     def said(self, edit: Edit, own: Array, fit: Fit) -> Sequence[Finding]:
         """What a mistake of a fit is, with its probability and what it may be else."""
-        return edit.findings(self.sample.robot, fit.theta, own, *self.beside(edit, own, fit))
+        return edit.findings(self.sample.robot, fit.theta, own, self.probability(edit.kind), self.rather(edit, own, fit))
 
-    def beside(self, edit: Edit, own: Array, fit: Fit) -> tuple[float, str]:
-        """Probability of a mistake of a fit, and what else may be wrong in its place, for the end of its sentence: mistakes of
-        other kinds, and those of its kind that are stated in other words, with which it shares its probability."""
-        code = edit.findings(self.sample.robot, fit.theta, own, 0.0)[0].code
-        others: dict[str, tuple[float, str]] = {}
+    def rather(self, edit: Edit, own: Array, fit: Fit) -> str:
+        """What else may be wrong in place of a mistake of a fit, for the end of its sentence: mistakes of other kinds, and those
+        of its kind that are stated in other words."""
+        code, others = edit.findings(self.sample.robot, fit.theta, own, 0.0)[0].code, dict[str, tuple[float, str]]()
         for k in np.argsort(-self.weight):
             tried, p = self.fits[k], float(self.weight[k])
             for other, at in mistakes(self.sample.robot, tried) if p >= judgement.EDIT_STATED else ():
-                said = other.findings(self.sample.robot, tried.theta, at, p)[0]
-                if edit.kind not in self._kinds[k] or (other.kind == edit.kind and said.code != code):
-                    others.setdefault(other.kind, (p, str(said)))
-        alike = others.get(edit.kind, (0.0, ""))[0]
-        return self.probability(edit.kind) - alike, "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
+                said, same = other.findings(self.sample.robot, tried.theta, at, p)[0], other.kind == edit.kind
+                if edit.kind not in self._kinds[k] or (same and said.code != code):
+                    others.setdefault(other.kind, (p, f"{'instead, included in this p, ' if same else ''}{said}"))
+        return "".join(f"; or {text}" for _, text in sorted(others.values(), reverse=True))
 
 
 def mistakes(robot: Robot, fit: Fit) -> list[tuple[Edit, Array]]:
@@ -243,7 +241,7 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     corrected, table = made.written()
     if place is not None:
         order = next((edit, own) for edit, own in mistakes(robot, fit) if edit.kind == "order")
-        changes.insert(0, reordered(robot, place, *found.beside(*order, fit)))
+        changes.insert(0, reordered(robot, place, found.probability("order"), found.rather(*order, fit)))
         corrected = with_order(corrected, place)
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
