@@ -108,8 +108,7 @@ def by_groups(case: Measured, told: Robot) -> Measured:
 
 
 def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
-    azimuths = tuple(-a for a in ROBOT.chambers.azimuths_deg)
-    mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": azimuths})
+    mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": tuple(-a for a in ROBOT.chambers.azimuths_deg)})
     told = by_groups(case, ROBOT.model_copy(update={"chambers": mirrored}))
     first = edit_first(told.robot, states(told)[0])
     assert len(first.changes) == 1 and "the other way round" in first.changes[0].text
@@ -372,8 +371,7 @@ HANGING = robot_from_dict({
 
 
 def test_gravity_reversed_is_named_of_a_robot_that_its_weight_pulls_straight_from_a_strong_bend() -> None:
-    told = HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)})
-    judged = judge(told, campaign(read(HANGING)))
+    judged = judge(HANGING.model_copy(update={"gravity": (0.0, 0.0, -9.81)}), campaign(read(HANGING)))
     assert judged is not None and judged.chosen is not None
     (change,) = judged.findings
     assert (change.code, change.values["found"]) == ("gravity_elsewhere", "[0, 0, 9.81]")
