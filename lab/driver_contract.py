@@ -193,8 +193,7 @@ class DriverOnFake:
 
 def units(*roles: str) -> Any:
     """Every registered driver of these kinds that has a fake."""
-    fakes = found_fakes().usable
-    names = [name for name, fake in fakes.items() if fake.role in (roles or CALLS) and name in drivers()]
+    names = [name for name, fake in found_fakes().usable.items() if fake.role in (roles or CALLS) and name in drivers()]
     return pytest.mark.parametrize("unit", names, indirect=True)
 
 
@@ -488,8 +487,7 @@ def hands_over_none(unit: DriverOnFake, line: contextlib.AbstractContextManager[
         return len(sent) - sent_by_then >= REFUSED
 
     with crashes() as crashed, line as sent:
-        within = unit.config.max_age + SLACK
-        still = not until(lambda: bool(crashed) or refused(), within) and not unit.quiet()
+        still = not until(lambda: bool(crashed) or refused(), unit.config.max_age + SLACK) and not unit.quiet()
     assert not crashed, (
         f"a thread of the driver ended by {crashed[0]} on the answer {sent[-1:]}; {remedy}, count a damaged one in lost and go on"
     )

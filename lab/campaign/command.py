@@ -325,8 +325,7 @@ def _show_plan(c: CampaignDesign, planned: Mapping[str, Any]) -> None:
 
 def _margins(c: CampaignDesign) -> list[Margin]:
     """Of all runs together."""
-    whole = Plan(c.file.campaign, [step for _, j in c.jobs for step in j.plan.steps], {})
-    return margins(whole, c.runs[0].job.rig, c.robot)
+    return margins(Plan(c.file.campaign, [step for _, j in c.jobs for step in j.plan.steps], {}), c.runs[0].job.rig, c.robot)
 
 
 def _checked(path: Path, rig_path: Path, prepared: bool = False) -> CampaignDesign:

@@ -225,8 +225,7 @@ def _jobs(
         values = {key: part.conditions[key][k] for key, k in picked.items()}
         condition = ", ".join(f"{key} {_short(value)}" for key, value in values.items())
         set_to = {key: [value] if key in lists and not isinstance(value, list) else value for key, value in values.items()}
-        lines = _lines(source, place, picked)
-        run_source = Source(source.name, {"protocol": name, **part.parameters, **set_to}, lines)
+        run_source = Source(source.name, {"protocol": name, **part.parameters, **set_to}, _lines(source, place, picked))
         try:
             yield condition, job(run_source, rig_path, (), experiment if file is not None else None, rig)
         except ConfigError as e:

@@ -34,7 +34,7 @@ from recordings.json_text import read_json
 from recordings.own_files import opened, replaced
 
 from ..files.config import ConfigError
-from ..files.inputs import same_body
+from ..files.inputs import recovered_of, same_body
 from ..files.resume import Broken, find, there
 from .design import CampaignDesign
 
@@ -241,7 +241,7 @@ def mend(folder: Path) -> None:
         with contextlib.suppress(RecordingError):
             if Recording.open(file, truncated=True).contents.finished:
                 continue
-        saved = file.with_name(f"{file.stem}-recovered.mcap")
+        saved = recovered_of(file)
         with contextlib.suppress(RecordingError):
             saved.unlink(missing_ok=True)  # made by a process that was killed before it could set the torn one aside
             recover(file, saved)

@@ -82,8 +82,7 @@ def _keys(node: Mapping[str, Any], defs: Mapping[str, Any], table: str, defaults
             continue
         factor, unit = usual(field.get("unit", ""))
         told = REQUIRED if name in node.get("required", ()) and default is None else _told(default, factor)
-        meaning = " ".join(field.get("description", "").split())
-        yield Key(f"{table}{name}", unit, told, _limits(field, factor), meaning)
+        yield Key(f"{table}{name}", unit, told, _limits(field, factor), " ".join(field.get("description", "").split()))
 
 
 def _told(value: Any, factor: float) -> str:

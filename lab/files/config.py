@@ -174,8 +174,7 @@ def _inner(field: FieldInfo) -> FieldInfo:
 
 
 def _leaves(annotation: object) -> list[object]:
-    origin = get_origin(annotation)
-    if origin in (Union, types.UnionType, Annotated, list, tuple, dict):
+    if get_origin(annotation) in (Union, types.UnionType, Annotated, list, tuple, dict):
         return [leaf for a in get_args(annotation) for leaf in _leaves(a)]
     return [annotation]
 

@@ -118,8 +118,7 @@ def case_of(robot: Robot, parts: Sequence[tuple[str, Table]], robot_name: str, r
         used.append(reading.table)
     table = Table.joined(used)
     units = {column: unit for _, part in parts for column, unit in part.sensor_units.items()}
-    warnings = (*asked, *doubts(robot, table, robot_name))
-    return Case(robot, replace(table, warnings=warnings, sensor_units=units), robot_text)
+    return Case(robot, replace(table, warnings=(*asked, *doubts(robot, table, robot_name)), sensor_units=units), robot_text)
 
 
 def _demand_case(path: Path) -> None:
@@ -137,11 +136,16 @@ def _demand_case(path: Path) -> None:
         raise ConfigError(f"{path}: has no trials.csv, so it is not a case folder; give one written by lab import or lab export")
 
 
+def recovered_of(file: Path) -> Path:
+    """Return where the recovered part of a recording is, whether it is there or not."""
+    return file.with_name(f"{file.stem}-recovered.mcap")
+
+
 def without_torn(paths: Sequence[Path]) -> list[Path]:
     """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
 
     The recording is left out with a note. One that is whole counts, and its recovered file is left out instead."""
-    pairs = ((path, path.with_name(f"{path.stem}-recovered.mcap")) for path in paths if not path.is_dir())
+    pairs = ((path, recovered_of(path)) for path in paths if not path.is_dir())
     left_out = dict((saved, path) if verify(path).ok else (path, saved) for path, saved in pairs if saved in paths)
     note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]
@@ -189,8 +193,7 @@ def unconfirmed_guesses(inputs: Sequence[Path]) -> Iterator[Finding]:
             half = MOST_OF_GUESS // 2 - 2  # of one that is too long, at whose end its remedy stands
             texts = (t if len(t) <= MOST_OF_GUESS else f"{t[:half]} .. {t[-half:]}" for t in map(str, listed[:MOST_GUESSES]))
             are = "1 guess of the map is" if len(listed) == 1 else f"{len(listed)} guesses of the map are"
-            guesses = "; ".join(texts) + more
-            yield finding("unconfirmed_guesses", count=len(listed), are=are, guesses=guesses, path=str(path))
+            yield finding("unconfirmed_guesses", count=len(listed), are=are, guesses="; ".join(texts) + more, path=str(path))
 
 
 MOST_GUESSES, MOST_OF_GUESS = 6, 160

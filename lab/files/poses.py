@@ -85,8 +85,7 @@ def write_poses(recording: Recording, table: Table, file: Path) -> dict[str, Any
     if len(table) < FEWEST:
         return {}
     arm = recording.stream("/arm")
-    tcp = arm["tcp_pose"][np.clip(np.searchsorted(arm["t"], table.get("t")), 0, len(arm) - 1)]
-    fit = alignment(tcp, table.tip)
+    fit = alignment(arm["tcp_pose"][np.clip(np.searchsorted(arm["t"], table.get("t")), 0, len(arm) - 1)], table.tip)
     names = [name for name in table.columns if name.startswith("joint")]
     joints = np.column_stack([table[name] for name in names])
     same = np.abs(joints[:, None] - joints).max(axis=2) < SAME

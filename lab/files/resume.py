@@ -19,7 +19,7 @@ from recordings.trials import Table
 
 from .all_protocols import protocol_from_file
 from .config import ConfigError, parse_yaml
-from .inputs import attached
+from .inputs import attached, recovered_of
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _beside(file: Path, name: str) -> Path:
 
 def there(file: Path) -> Path | None:
     """A recording, or its recovered part; None where neither exists."""
-    return next((path for path in (file, file.with_name(f"{file.stem}-recovered.mcap")) if path.exists()), None)
+    return next((path for path in (file, recovered_of(file)) if path.exists()), None)
 
 
 def _open(path: Path, campaign: str) -> Recording:

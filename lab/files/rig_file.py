@@ -369,8 +369,7 @@ def rig_to_make_safe(path: Path, last: RigFile | None) -> Readable:
         if last is not None and (last_table := getattr(last.instruments, key)) is not None:
             tables[key] = last_table
             notes.append(f"{path}: no longer has instruments.{key}; using its last known settings")
-    robot = (path.parent / "robot.yaml").resolve()
-    rig = sound.model_copy(update={"instruments": Instruments(**tables), "robot": robot})
+    rig = sound.model_copy(update={"instruments": Instruments(**tables), "robot": (path.parent / "robot.yaml").resolve()})
     return Readable(rig.read_from(path.resolve()), missing, tuple(notes))
 
 

@@ -294,8 +294,7 @@ class Guard:
         """Land by the guard's own decision, once, in a thread of its own; commands are refused from here on."""
 
         def go() -> None:
-            report = self.make_safe(why, self.rig.safe.keep_vacuum)
-            self.tell(Event("landed", why, error, report))
+            self.tell(Event("landed", why, error, self.make_safe(why, self.rig.safe.keep_vacuum)))
 
         with self._deciding:
             if self.landed:

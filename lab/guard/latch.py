@@ -61,8 +61,7 @@ class Latch:
 
     def write(self, why: str) -> None:
         """Lock the rig, on disk before this returns. Raises OSError."""
-        text = json.dumps({"since": time.strftime("%Y-%m-%d %H:%M:%S"), "why": why, "pid": os.getpid()})
-        replaced(self.path, text)
+        replaced(self.path, json.dumps({"since": time.strftime("%Y-%m-%d %H:%M:%S"), "why": why, "pid": os.getpid()}))
 
     def clear(self) -> None:
         """Unlock; only after the safe state was confirmed. Raises OSError."""

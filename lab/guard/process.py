@@ -169,8 +169,7 @@ def main(commands: Connection, pulse: Listener, reports: Connection) -> int:
     outbox = Reports(reports)
     try:
         rig = within_robot(same_rig(Path(start.path), start.sha256), start.max_pressure)
-        clock = RigClock(rig.clock.speed, start.clock_start)
-        guard = Guard(rig, clock, start.despite_latch, outbox, start.about)
+        guard = Guard(rig, RigClock(rig.clock.speed, start.clock_start), start.despite_latch, outbox, start.about)
         guard.take_over()
     except (ConfigError, RigLocked) as e:
         with contextlib.suppress(OSError):
@@ -195,5 +194,4 @@ def serve(given: list[int]) -> int:
 
 
 if __name__ == "__main__":
-    code = serve(begin_child())
-    os._exit(code)  # threads may be stuck in a driver that does not return
+    os._exit(serve(begin_child()))  # threads may be stuck in a driver that does not return

@@ -90,8 +90,7 @@ def parts_of(name: str, value: Any, alone: bool) -> Iterator[tuple[str, Array | 
         units = dict(zip(value.columns, value.attrs.get("VariableUnits", ()), strict=False))
         for label in value.columns:
             for column, part in parts_of(str(label) if alone else f"{name}.{label}", value[label].to_numpy(), alone):
-                unit = str(units.get(label, ""))
-                yield column, replace(part, unit=part.unit or unit) if isinstance(part, Judged) else part
+                yield column, replace(part, unit=part.unit or str(units.get(label, ""))) if isinstance(part, Judged) else part
         return
     array = np.asarray(value)
     if array.dtype.names and array.size == 1:

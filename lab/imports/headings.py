@@ -112,8 +112,7 @@ def unit_named(text: str) -> tuple[str, str] | None:
 
 def is_unit(text: str) -> bool:
     """Whether a cell could stand in a row of units."""
-    bare = text.strip().strip("[](){}<>").strip().casefold()
-    return unit_named(text) is not None or bare in OTHER_UNITS
+    return unit_named(text) is not None or text.strip().strip("[](){}<>").strip().casefold() in OTHER_UNITS
 
 
 def heading(name: str, unit: str = "") -> Heading:

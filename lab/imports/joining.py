@@ -90,8 +90,7 @@ def on_one_clock(streams: Sequence[Stream]) -> list[Stream]:
     for stream in streams:
         if dated and not stream.absolute and (start := stream.series.start) is not None:
             words = f"time 0 of {stream.label} is taken as its start, {start[0]}, in the time zone of {dated}"
-            series = replace(stream.series, notes=(*stream.series.notes, words))
-            stream = replace(stream, series=series, t=stream.t + start[1])
+            stream = replace(stream, series=replace(stream.series, notes=(*stream.series.notes, words)), t=stream.t + start[1])
         made.append(stream)
     return made
 
@@ -289,8 +288,7 @@ def of_one_file(tables: Sequence[Series]) -> Series:
     """Tables that stand below each other in one file, joined in time; raises ConfigError where one has no times."""
     streams = [stream_of(table, f"table {k}") for k, table in enumerate(tables, 1)]
     lead = max(streams, key=lambda s: (_holds_places(s.series), len(s.series)))
-    others = [s for s in streams if s is not lead]
-    made = joined(lead, others)
+    made = joined(lead, [s for s in streams if s is not lead])
     return replace(made, notes=(f"{len(tables)} tables below each other are joined in time", *made.notes))
 
 

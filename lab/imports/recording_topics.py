@@ -250,8 +250,7 @@ def _ways(channel: Channel, schema: Schema | None) -> Iterator[tuple[str, Callab
     else:
         yield "", lambda: _by_package(encoding, schema)
         if encoding == "cdr" and schema is not None and schema.encoding == "ros2msg":
-            text = schema.data.decode(errors="replace")
-            own_lines, *other_parts = re.split(r"(?m)^(?==+\s*$)", text, maxsplit=1)
+            own_lines, *other_parts = re.split(r"(?m)^(?==+\s*$)", schema.data.decode(errors="replace"), maxsplit=1)
             lines = [line.strip() for line in own_lines.splitlines()]
             fields = [i for i, line in enumerate(lines) if line and not line.startswith("#")]
             for i in reversed(fields[1:]):

@@ -345,8 +345,7 @@ def _fields(value: Any) -> dict[str, Any] | None:
     if isinstance(value, Mapping):
         return {str(key): inner for key, inner in value.items()}
     if hasattr(value, "DESCRIPTOR"):
-        fields = value.DESCRIPTOR.fields
-        return {f.name: getattr(value, f.name) for f in fields if not f.has_presence or value.HasField(f.name)}
+        return {f.name: getattr(value, f.name) for f in value.DESCRIPTOR.fields if not f.has_presence or value.HasField(f.name)}
     return {slot: getattr(value, slot, None) for slot in value.__slots__} if hasattr(value, "__slots__") else None
 
 

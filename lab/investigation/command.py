@@ -201,8 +201,7 @@ class RigLaboratory:
     def _job(self, proposal: Proposal) -> Job | str:
         """The job to run, or why it cannot run."""
         try:
-            given = Source(proposal.id, dict(proposal.protocol), {})
-            found = job(given, self._wanted.rig, self._wanted.set, rig=self._rig)
+            found = job(Source(proposal.id, dict(proposal.protocol), {}), self._wanted.rig, self._wanted.set, rig=self._rig)
         except (ConfigError, ProtocolError) as e:
             return str(e).splitlines()[0]
         if proposal.id in NEEDED and not getattr(found.rig.instruments.mocap, "markers", None):

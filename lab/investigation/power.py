@@ -85,8 +85,7 @@ def _planned(a: argparse.Namespace) -> tuple[Robot, Callable[[int], Case]]:
         raise ConfigError("--protocol: give the rig, --rig RIG, or the robot alone, --robot ROBOT")
     facts = robot_facts(robot, rig)
     _, parameters, plan = protocol_plan(source_of(a.protocol, a.set), facts)
-    rows = planned_rows(plan, parameters, facts.chambers)
-    return robot, partial(foreseen, robot, planned_columns(rows, robot, READ))
+    return robot, partial(foreseen, robot, planned_columns(planned_rows(plan, parameters, facts.chambers), robot, READ))
 
 
 def _dict(powers: dict[str, Power], brings: tuple[Addition, ...], design: Planned) -> dict[str, Any]:

@@ -40,8 +40,7 @@ UNANSWERED = (ConfigError, ModelError, DiagnosisError, RecordingError, ValueErro
 def answers(lines: Iterator[str]) -> Iterator[dict[str, Any]]:
     """The answer to each line, in the forms above; to the first, the robot, once the model's kernels are there."""
     robot = check(parse_yaml(json.loads(next(lines))["robot"], "robot.yaml"), Robot)
-    catalogue = stated_by(robot)
-    predictor = Predictor(robot, catalogue, cores=1)
+    predictor = Predictor(robot, stated_by(robot), cores=1)
     predictor(np.zeros(len(robot.actuators.azimuths_deg)), intervals=True)  # the first of each kind compiles
     with_intervals = states_uncertainty(robot)
     yield {"ready": True, "intervals": with_intervals}

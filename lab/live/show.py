@@ -128,8 +128,7 @@ class PageAddress:
 
 def place(bind: str = LOOPBACK, port: int = 0) -> PageAddress:
     """Listen at an address of this computer; raises OSError when that cannot be."""
-    family = socket.AF_INET6 if ":" in bind else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening = socket.socket(socket.AF_INET6 if ":" in bind else socket.AF_INET, socket.SOCK_STREAM)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((bind, port))

@@ -102,8 +102,7 @@ def _side(states: Table, robot: Robot, ax: Axes) -> PathCollection:
     """All tips, by their distance from the axis."""
     x, y, z = 1e3 * states.tip.T
     ax.plot([0, 0], [0, robot.length * 1e3], color="0.6", lw=3, solid_capstyle="butt")
-    highest = states.pressures.max(axis=1) / robot.actuators.words.pascal
-    dots = _dots(ax, np.hypot(x, y), z, highest)
+    dots = _dots(ax, np.hypot(x, y), z, states.pressures.max(axis=1) / robot.actuators.words.pascal)
     ax.set_title("side; grey: straight robot", fontsize="small")
     width = 1e3 * max(0.7 * robot.length, 1.1 * float(np.hypot(*states.tip[:, :2].T).max()))
     ax.set(xlabel="from the axis, mm", ylabel="z, mm", xlim=(-0.05 * width, width))

@@ -185,11 +185,10 @@ class Report:
             autoescape=True,
             finalize=lambda value: plain(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
         )
-        marks = Marks(self.ids)
         page = environment.get_template("report.html.j2").render(
             {name: value for name, value in vars(self).items() if name != "sections"},
             sections=[vars(s) for s in self.sections],
-            marks=marks,
+            marks=Marks(self.ids),
             terms=TERMS,
         )
         replaced(path, page)

@@ -111,8 +111,7 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         driver = drivers()[config.driver]
         if name.startswith(SENSORS):
             self.sensors[name] = sensor(name.removeprefix(SENSORS), driver.quantities)
-        sink = functools.partial(self._take, name)
-        self.streams[name] = driver.make(name, config, self.clock, sink, self._driver_notice)
+        self.streams[name] = driver.make(name, config, self.clock, functools.partial(self._take, name), self._driver_notice)
 
     @property
     def names(self) -> list[str]:
@@ -279,8 +278,7 @@ class Rig(contextlib.AbstractContextManager["Rig"]):
         try:
             return self.actuators.make_safe()
         except act.ActuatorsLost:
-            names = [n for n in ACTUATORS if n in self.identities]
-            self._after_loss = make_safe_after_loss(self.file, self.clock, names)
+            self._after_loss = make_safe_after_loss(self.file, self.clock, [n for n in ACTUATORS if n in self.identities])
             return self._after_loss
 
     def close(self) -> None:

@@ -190,8 +190,7 @@ def _excesses(ask: Ask, rig: RigFile, path: Path, robot: Robot) -> Iterator[Exce
         if d.limit is not None and d.value > d.limit * SLACK:
             subject = SUBJECTS.get(d.name, "").format(mm=0.0 if ask.push is None else ask.push.deflection * 1e3)
             limit = f"above {d.key} = {shown(d.limit, d.unit)} of {d.file}"
-            otherwise = OTHERWISE.get(d.key, RAISE)
-            yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, otherwise, d.unit)
+            yield Excess(f"{subject}{shown(d.value, d.unit)}", limit, d.value / d.limit, OTHERWISE.get(d.key, RAISE), d.unit)
     if ask.pressures and rig.instruments.pressure is not None:
         try:
             (wired := wiring(rig, robot)).setpoints(dict(enumerate(ask.pressures, 1)))

@@ -85,8 +85,7 @@ def lines(found: BaseSeen, channels: Sequence[Sequence[int]], azimuths_deg: Sequ
     position = [round(value, 4) for value in (-rotation @ found.base).tolist()]
     yield f"rig.yaml, instruments.mocap:    # z as the body lengthens by {1e3 * found.lengthened:.2f} mm"
     yield f"  mocap_to_base: {{position: {position}, quaternion: {[round(q, 4) for q in quaternion_from_matrix(rotation)]}}}"
-    nearest = np.abs(found.axes).argmax(axis=0)
-    names = [f"{'-' if found.axes[k, i] < 0 else ''}{'xyz'[k]}" for i, k in enumerate(nearest)]
+    names = [f"{'-' if found.axes[k, i] < 0 else ''}{'xyz'[k]}" for i, k in enumerate(np.abs(found.axes).argmax(axis=0))]
     off = math.degrees(math.acos(min(1.0, float(np.abs(found.axes).max(axis=0).min()))))
     zero = ", ".join(f"{a} {1e3 * b:.1f}" for a, b in zip("xyz", found.base, strict=True))
     yield "map.yaml, for tables of these cameras:"

@@ -81,8 +81,7 @@ def diagnose(inputs: Sequence[Path], robot: Path | None, wanted: Wanted) -> Resu
             case = _of_robot(case)
         note(marked_notes(case.table))
         remote = open_while_diagnosed.enter_context(cluster(scheduler)) if scheduler is not None else pool_for(len(case.table))
-        executor = Executor(remote_map=None if remote is None else remote.in_order)
-        answer = _answer(case, robot, wanted, executor)
+        answer = _answer(case, robot, wanted, Executor(remote_map=None if remote is None else remote.in_order))
     answer = replace(answer, findings=(*unconfirmed_guesses(inputs), *answer.findings))
     if wanted.json is not None:
         wanted.json.write_text(answer.to_json() + "\n", encoding="utf-8")

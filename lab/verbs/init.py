@@ -125,8 +125,7 @@ def _own_table(driver: str, examples: str) -> str:
     """The lines that the table of a lab's own driver needs: as in `examples` of its role, and empty where these lack a key."""
     lines = re.findall(r"(?m)^    (\w+)(:.*\n(?:      .*\n)*)", examples)
     known = {key: f"    {key}{text}" for key, text in reversed(lines)}
-    fields = drivers()[driver].config.model_fields.items()
-    needed = (key for key, field in fields if field.is_required() or key == "max_pressure")
+    needed = (key for key, field in drivers()[driver].config.model_fields.items() if field.is_required() or key == "max_pressure")
     unknown = (f"    driver: {driver}", *(known.get(key, f"    {key}:") for key in needed))
     return "".join(line if "\n" in line else f"{line.ljust(COMMENTS)}# yours\n" for line in unknown)
 

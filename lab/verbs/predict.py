@@ -224,8 +224,7 @@ def protocol_states(protocol: str, settings: list[str], robot: Robot) -> Columns
     rows = planned_rows(plan, parameters, known.chambers)
     if not any(row[name] for row in rows for name in row if re.fullmatch(r"p\d+", name)):
         raise ConfigError(f"protocol {plan.protocol}: inflates no chamber, so there is no tip to predict")
-    columns = planned_columns(rows, robot)
-    return {name: column for name, column in columns.items() if name not in ("step", "repeat", "protocol")}
+    return {name: column for name, column in planned_columns(rows, robot).items() if name not in ("step", "repeat", "protocol")}
 
 
 def prediction_rows(states: Columns, prediction: Prediction) -> list[dict[str, Any]]:

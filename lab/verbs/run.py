@@ -497,8 +497,7 @@ def execute(
     `page`: where it is seen. `steering`: by which a program asks something of the run, as keys at a terminal do. An error of the
     experiment is in the outcome, not raised."""
     steering = Steering() if steering is None else steering
-    started = time.time_ns()
-    file = recording_of(folder, j.experiment.name, started)
+    file = recording_of(folder, j.experiment.name, time.time_ns())
     finished = broken.finished if broken is not None else 0
     journal = Journal.begin(file, j.experiment.name) if broken is None else Journal.reopen(broken.journal)
     if broken is not None:

@@ -192,8 +192,7 @@ def _land_rest(rig_path: Path, latch: Latch, result: RigLanding, clear: bool) ->
     actuators = [n for n in ACTUATORS if getattr(file.instruments, n) is not None]
     unusable = [SafeStep(n, False, f"{why}; make it safe by hand") for n, why in readable.missing.items() if n in ACTUATORS]
     if actuators or not result.names:
-        unlock = clear and not unusable
-        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), actuators, "lab safe", unlock)
+        report = make_safe_with_new_guard(file, RigClock(file.clock.speed), actuators, "lab safe", clear and not unusable)
         result.steps += report.steps
     # only the guard of this rig knows what it landed; that of another rig on the same lines says nothing of these
     if unusable and not result.names & names_of_path(rig_path):

@@ -46,8 +46,7 @@ def test_a_clear_cause_is_named_and_none_where_there_is_none(method: str, truth:
 
 def test_a_learned_residual_names_nothing_and_closes_a_gap_on_lengths_that_it_has_not_seen(tmp_path: Path) -> None:
     case = measured(2, 1, chamber_azimuth__angle=np.radians(8))
-    found = learned(prepare(case.robot, states(case)[0], catalogue=SOME))
-    answer = published(found, tmp_path)
+    answer = published(learned(prepare(case.robot, states(case)[0], catalogue=SOME)), tmp_path)
     assert answer.verdict == "none" and answer.probability == 0 and not answer.effects
     assert 0.5 < answer.share_closed <= 1.1
 

@@ -125,8 +125,7 @@ def test_a_truth_with_an_outside_cause_goes_from_process_to_process() -> None:
 
 
 def a_robot(sizes: dict[str, float], outside: dict[str, float] | None = None, of: World = BENCH) -> WorldRobot:
-    known = {e: OUTSIDE[e] for e in outside or {}}
-    return WorldRobot(of, sizes, outside or {}, known, PLACES, 1.6, 0.4, (0.0, 0.0, 0.0), 0.0)
+    return WorldRobot(of, sizes, outside or {}, {e: OUTSIDE[e] for e in outside or {}}, PLACES, 1.6, 0.4, (0.0, 0.0, 0.0), 0.0)
 
 
 def a_sweep(repeats: int = 2) -> WalkedSweep:

@@ -108,8 +108,7 @@ def by_groups(case: Measured, told: Robot) -> Measured:
 
 
 def test_chambers_counted_the_other_way_round_are_found(case: Measured) -> None:
-    azimuths = tuple(-a for a in ROBOT.chambers.azimuths_deg)
-    mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": azimuths})
+    mirrored = ROBOT.chambers.model_copy(update={"azimuths_deg": tuple(-a for a in ROBOT.chambers.azimuths_deg)})
     told = by_groups(case, ROBOT.model_copy(update={"chambers": mirrored}))
     first = edit_first(told.robot, states(told)[0])
     assert len(first.changes) == 1 and "the other way round" in first.changes[0].text
@@ -230,6 +229,7 @@ GROUPS = {
     9: ((8, 0, 1), (2, 3, 4), (5, 6, 7), (3,), (0,), (8,), (1,)),
     3: ((0,), (1,), (2,), (0, 1)),
     4: ((0,), (1,), (2,), (3,), (0, 1)),
+    5: ((0,), (1, 4), (2,), (3,)),
 }
 """Chambers that are inflated together, by the number of chambers."""
 TILT = Rotation.from_euler("y", 20, degrees=True)
@@ -459,6 +459,15 @@ def test_two_that_are_swapped_are_named_as_such_also_where_they_are_an_effect_or
     swap = campaign(read(FINGER, acted({}, (1, 2))))
     for effects in ((), ("chamber_order",)):
         assert edit_first(FINGER, swap, effects).headline.startswith("Chambers 2 and 3 are swapped (p = ")
+
+
+def test_another_order_that_these_states_cannot_tell_from_the_one_that_is_made_is_stated_beside_it() -> None:
+    five = FINGER.model_copy(update={"chambers": FINGER.chambers.model_copy(update={"azimuths_deg": (0, 72, 144, 216, 288)})})
+    (change,) = edit_first(five, campaign(read(five, acted({}, (2, 3))))).changes
+    assert {"chambers counted the other way round", "chambers 3 and 4 are swapped"} <= {
+        *re.findall(r"chambers [a-z0-9 ]*(?:swapped|round)", change.text)
+    }
+    assert "; or instead, included in this p, " in change.text
 
 
 @pytest.mark.parametrize("factor", [10.0, 0.1])

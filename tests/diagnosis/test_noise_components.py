@@ -48,8 +48,7 @@ def test_components_are_found_whatever_the_model_gets_wrong(error: float) -> Non
 
 
 def test_a_robot_whose_trials_have_nothing_of_their_own_has_a_floor_too() -> None:
-    bare = replace(repeated(1, 0.2e-3, 1500.0, 0.0), scatter={})
-    found = estimate_noise(bare, replace(DEFAULT_NOISE, trial={}))
+    found = estimate_noise(replace(repeated(1, 0.2e-3, 1500.0, 0.0), scatter={}), replace(DEFAULT_NOISE, trial={}))
     assert found.trial == {}
     assert found.excess_scatter == pytest.approx(3.0, rel=0.2)
 

@@ -95,8 +95,7 @@ def test_states_it_does_not_predict_are_left_out_and_it_may_have_been_asked_besi
 
 def test_a_cause_is_named_on_a_simulator_with_an_error_of_its_own() -> None:
     case = measured(3, 1, chamber_azimuth__angle=np.radians(8))
-    made = baseline(case, bent_otherwise(case, 4e-3))
-    answer = diagnose(case, replace(quick(SOME), baseline=made))
+    answer = diagnose(case, replace(quick(SOME), baseline=baseline(case, bent_otherwise(case, 4e-3))))
     assert answer.attribute.verdict == "effect" and answer.attribute.effects == ("chamber_azimuth",)
     told = answer.simulator
     assert told is not None and told.name == "theirs" and told.share == pytest.approx(1.0, abs=0.1)

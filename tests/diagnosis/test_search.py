@@ -47,8 +47,7 @@ def test_no_effect_is_ranked_first_where_there_is_none(seed: int, clutter: float
 
 def test_a_fit_stays_within_bounds() -> None:
     problem = toy_problem(1, {"turned": 1.5})
-    upper = problem.parameters.upper
-    upper[IDS.index("turned")] = 0.7
+    problem.parameters.upper[IDS.index("turned")] = 0.7
     prior = problem.parameters.prior(problem.parameters.mask(("turned",)), 0.0)
     fitted = fit(problem, prior, 0.5, np.zeros_like(problem.parameters.sd))
     assert fitted.theta[IDS.index("turned")] == pytest.approx(0.7)

@@ -69,8 +69,7 @@ def test_the_contract_uses_as_many_channels_as_a_unit_has(channels: int, tmp_pat
     driver, fake = (tmp_path / "unit/bench_pr4" / name for name in ("driver.py", "fake.py"))
     driver.write_text(driver.read_text().replace("max_length=4", f"max_length={channels}"))
     fake.write_text(fake.read_text().replace("len(site.hoses)", str(channels)))
-    environment = install(tmp_path, tmp_path / "unit")
-    done, report = contract(environment, tmp_path, "bench_pr4 and (channel or plant or keep or vent)")
+    done, report = contract(install(tmp_path, tmp_path / "unit"), tmp_path, "bench_pr4 and (channel or plant or keep or vent)")
     assert done.returncode == 0 and list(report.values()) == [None] * 5, done.stdout
 
 
@@ -123,8 +122,7 @@ WRONG = {
 @pytest.mark.long
 def test_a_driver_that_is_wrong_in_one_respect_fails_the_test_of_that_and_no_other(tmp_path: Path) -> None:
     package = ROOT / "tests/drivers/bench_range"
-    environment = install(tmp_path, package)
-    done, report = contract(environment, tmp_path, "range_", "gauge_")
+    done, report = contract(install(tmp_path, package), tmp_path, "range_", "gauge_")
     failed = {name: fault for name, fault in report.items() if fault}
     assert failed.keys() == {f"test_{test}[{driver}]" for driver, (test, _) in WRONG.items()}, done.stdout
     assert report["test_it_does_not_open_another_device[range_right]"] is None  # not skipped

@@ -84,8 +84,7 @@ class Rod:
         at = conditions(ROBOT, states.spine_length, states.pressure, states.tip_mass, states.roll)
         softer = 1 + parameters.get("youngs_modulus.excess", 0.0)
         robot = ROBOT.model_copy(update={"youngs_modulus": ROBOT.youngs_modulus * softer})
-        found = solve(rods_of(robot, at), FINE)
-        return Readings(found.tip)
+        return Readings(solve(rods_of(robot, at), FINE).tip)
 
 
 def test_a_simulator_is_asked_once_for_each_setting_and_for_each_of_its_parameters(case: Case) -> None:

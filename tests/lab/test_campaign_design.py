@@ -110,8 +110,7 @@ def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allow
     push = {"protocol": "stiffness", "parameters": {"spine_lengths": ["8 cm"], "vacuum": "70 kPa"}}
     bend = {"protocol": "bending", "parameters": {"pressures": ["90 kPa"], "roll_deg": 40, "vacuums": ["70 kPa"]},
             "conditions": {"spine_lengths": ["5 cm"], "tip_mass": ["61 g", "122.5 g"]}}  # fmt: skip
-    file = written(tmp_path, protocols=[push, bend], blocks=2)
-    words = ["campaign", str(file), "--rig", str(RIG), "--plan"]
+    words = ["campaign", str(written(tmp_path, protocols=[push, bend], blocks=2)), "--rig", str(RIG), "--plan"]
     said = cli(*words, "--json").json
     text = cli(*words).out.splitlines()
     first = 1 + text.index(next(line for line in text if line.split()[:2] == ["run", "block"]))

@@ -167,8 +167,7 @@ def test_a_mistake_in_run_ends_safe_and_is_told_with_its_line(virtual_lab: Virtu
     text = CREEP.with_name("staircase.py").read_text()
     own.write_text(text.replace("    go_through(bench", "    bench.say(p.stepp)\n    go_through(bench"))
     line = len(own.read_text().splitlines()) - 1
-    how = ["--set", "chambers=[9, 1, 2]", "--rig", str(virtual_lab.rig), "--out", str(tmp_path)]
-    told = cli("run", own, *how, code=2)
+    told = cli("run", own, "--set", "chambers=[9, 1, 2]", "--rig", virtual_lab.rig, "--out", tmp_path, code=2)
     assert f"{own}:{line}: run: AttributeError: 'Staircase' object has no attribute 'stepp'" in told.err
     (file,) = tmp_path.glob("own-*.mcap")
     assert Recording.open(file).outcome == "failed" and "safe state confirmed" in Recording.open(file).log[-1].text

@@ -178,14 +178,12 @@ def test_a_table_without_times_or_alone_or_below_another_is_told_to_be_joined_fi
     for file in (mocap, logger):
         said = cli("import", file, "--guess", "--robot", ROBOT, "--out", tmp_path / "map", code=2).flat_err
         assert "If they are in another file, give both, or join them in time first" in said
-    lines = ["P1 [kPa],P2 [kPa]", "1,2", "2,3", "", "X [mm],Y [mm]", "3,4", "4,5"]
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "a.csv").write_text("\n".join(["P1 [kPa],P2 [kPa]", "1,2", "2,3", "", "X [mm],Y [mm]", "3,4", "4,5"]) + "\n")
     refused("join them in time first", read, tmp_path / "a.csv", Source())
 
 
 def test_a_gap_in_one_stream_is_not_filled_from_the_other(tmp_path: Path) -> None:
-    logger = ROWS[(ROWS[:, 0] < 31) | (ROWS[:, 0] > 40)]
-    made = by_map(two(tmp_path, logger), **MAP)
+    made = by_map(two(tmp_path, ROWS[(ROWS[:, 0] < 31) | (ROWS[:, 0] > 40)]), **MAP)
     assert not ((made.table["t"] > 31.2) & (made.table["t"] < 39.8)).any() and len(made.table) < PLATEAUS
     assert any("rows have no pressure" in n for n in made.notes)
 

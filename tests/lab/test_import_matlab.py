@@ -185,8 +185,7 @@ def matlab_hdf5(path: Path, arrays: dict[str, np.ndarray]) -> Path:
 
 
 def test_a_matlab_7_3_file_is_read_as_its_older_form(tmp_path: Path) -> None:
-    table = np.arange(8.0).reshape(4, 2)
-    both = {"t": np.arange(4.0)[:, None], "p": table}
+    both = {"t": np.arange(4.0)[:, None], "p": np.arange(8.0).reshape(4, 2)}
     matlab_hdf5(tmp_path / "other.mat", {"p": np.zeros((4, 1))})
     new = read(matlab_hdf5(tmp_path / "new.mat", both), Source())
     savemat(tmp_path / "old.mat", both | {"robot": {"tip": np.arange(12.0).reshape(4, 3), "seen": np.array([1, 1, 0, 1])}})

@@ -222,8 +222,7 @@ def test_times_that_begin_again_begin_a_trial_and_late_rows_are_put_in_order(tmp
 
 
 def test_a_row_without_a_time_at_the_end_is_no_state(tmp_path: Path) -> None:
-    content = WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"
-    made = read_all(tmp_path, {"a.csv": content})
+    made = read_all(tmp_path, {"a.csv": WHOLE + ",11.0,11.0,11.0,0,0,147,0,0,70\n"})
     assert len(made.table) == STATES and any("1 of 31 rows have no time (first: line 32)" in n for n in made.notes)
 
 
@@ -302,8 +301,7 @@ def test_a_unit_that_is_none_of_the_quantity_is_asked_about(tmp_path: Path) -> N
 
 def test_columns_and_files_of_which_the_same_is_said_share_a_note(tmp_path: Path) -> None:
     columns = {n: {"column": c, **({"unit": "cm"} if c.endswith("[mm]") else {})} for n, c in COLUMNS.items()}
-    contents = dict.fromkeys(("a.csv", "b.csv"), WHOLE)
-    made = read_all(tmp_path, contents, columns=columns)
+    made = read_all(tmp_path, dict.fromkeys(("a.csv", "b.csv"), WHOLE), columns=columns)
     (said,) = [n for n in made.notes if "the file says" in n]
     assert said.startswith("a.csv, b.csv: columns '") and "the map cm" in said
     assert all(f"'{c}'" in said and f"columns.{n}" in said for n, c in COLUMNS.items() if c.endswith("[mm]"))

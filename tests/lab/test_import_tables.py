@@ -166,8 +166,7 @@ def test_what_is_missing_is_no_state(word: str, tmp_path: Path) -> None:
 
 
 def test_words_that_nobody_knows_are_asked_about_and_can_be_declared(tmp_path: Path) -> None:
-    content = text(FEW, ";", change=lambda k, c: words(k, c, "OOR"))
-    made, result = through(tmp_path / "table.csv", content)
+    made, result = through(tmp_path / "table.csv", text(FEW, ";", change=lambda k, c: words(k, c, "OOR")))
     assert made.values["source"]["missing"] == ["OOR"] and any("'OOR'" in d for d in made.doubts)
     assert len(result.table) == STATES - HIDDEN
     place = tmp_path / "map.yaml"
@@ -230,8 +229,7 @@ def test_a_last_line_that_was_cut_off_is_left_out(cut: int, left: int, tmp_path:
 
 
 def test_a_line_with_too_many_cells_is_left_out_and_many_are_refused(tmp_path: Path) -> None:
-    content = text(FEW).replace("\n8.000,", "\n8,000,")
-    _, made = through(tmp_path / "table.csv", content)
+    _, made = through(tmp_path / "table.csv", text(FEW).replace("\n8.000,", "\n8,000,"))
     assert len(made.table) == STATES - 1
     assert any("line 4 has more than 7 cells and is skipped: '8,000," in n for n in made.notes)
     commas = text(FEW, change=lambda k, c: comma(c, *range(7)))

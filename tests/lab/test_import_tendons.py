@@ -282,8 +282,7 @@ def test_answer_page_and_proposals_of_a_robot_with_tendons_speak_of_tendons_and_
     known: Trunk, tmp_path: Path, cli: Cli, capsys: pytest.CaptureFixture[str]
 ) -> None:
     case = read_case([known.folder.with_name("case")])
-    few = {e: CATALOGUE[e] for e in ("pressure_offset", "chamber_azimuth")}
-    found = diagnose(case, Options(catalogue=few))
+    found = diagnose(case, Options(catalogue={e: CATALOGUE[e] for e in ("pressure_offset", "chamber_azimuth")}))
     capsys.readouterr()
     show(found, None)
     assert found.attribute.conclusion == "noise"  # however exact the readings of a robot as it is described

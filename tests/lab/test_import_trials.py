@@ -89,8 +89,7 @@ def test_the_example_s_own_table_has_its_trials(tmp_path: Path, cli: Cli) -> Non
     assert "not used" not in proposed
     assert yaml.safe_load(proposed)["trials"] == {"begin": "rest", "change": ["chambers"]}
     cli(*words, "--map", tmp_path / "map.yaml", "--out", tmp_path / "case")
-    found = read_csv(tmp_path / "case" / "trials.csv")
-    first = {r.trial: r for r in reversed(found.rows)}
+    first = {r.trial: r for r in reversed(read_csv(tmp_path / "case" / "trials.csv").rows)}
     assert len(first) == 18 and [first[k].repeat for k in sorted(first)] == [1] * 6 + [2] * 6 + [3] * 6
 
 

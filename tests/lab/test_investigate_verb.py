@@ -183,8 +183,7 @@ def test_the_rig_reads_the_states_that_were_foreseen(
 ) -> None:
     experiment = offered()[id]
     short = replace(experiment, protocol={**experiment.protocol, **SHORT, **more})
-    path = written(tmp_path / "next", short)
-    cli("run", path, "--rig", virtual_lab.rig, "--out", tmp_path, code=(0, 3))
+    cli("run", written(tmp_path / "next", short), "--rig", virtual_lab.rig, "--out", tmp_path, code=(0, 3))
     (recording,) = tmp_path.glob("*.mcap")
     rows = read_case([recording]).table.rows
     foreseen = columns(short.protocol, 9, ("x", "y", "z"))

@@ -50,8 +50,7 @@ def sent(found: Picture) -> dict[str, Any]:
 
 
 def started(path: Path, **attachments: bytes) -> Recorder:
-    names = {name.replace("_", "."): data for name, data in attachments.items()}
-    return Recorder(path, start_wall_ns=10**18, attachments=names)
+    return Recorder(path, start_wall_ns=10**18, attachments={name.replace("_", "."): data for name, data in attachments.items()})
 
 
 def test_the_newest_samples_are_those_of_the_file_to_the_last_bit_and_no_peak_of_the_force_is_missed(tmp_path: Path) -> None:

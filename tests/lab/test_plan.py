@@ -300,8 +300,7 @@ def test_a_stiffness_trial_without_a_stand_is_refused(rig: Rig) -> None:
 
 def test_the_force_that_a_push_should_make_is_judged_beforehand(rig: Rig) -> None:
     robot = load(paper_robot(), Robot)
-    push = Push("spine", 0.05, 0.05, 0.001, 25.0)
-    force = expected_force(robot, push)
+    force = expected_force(robot, Push("spine", 0.05, 0.05, 0.001, 25.0))
     assert force == pytest.approx(3 * 318e3 * 3.14159 / 4 * 0.029**4 * 0.001 / 0.05**3, rel=1e-4)
     lines = refused(rig(limits={"max_force": 4, "max_moment": 0.4}), "stiffness")
     assert any("4.41 N, above limits.max_force = 4 N" in line and "spine 10 cm" in line for line in lines)
@@ -325,8 +324,7 @@ def test_a_specimen_of_no_length_gives_no_way_and_one_of_unknown_modulus_is_not_
 
 
 def test_regulators_are_told_no_more_than_the_robot_bears(rig: Rig) -> None:
-    path = rig({"max_pressure": 100e3})
-    read = load_rig(path)
+    read = load_rig(rig({"max_pressure": 100e3}))
     bounded = within_robot(read, read.body.max_pressure).instruments.pressure
     assert bounded is not None and bounded.max_pressure == 100e3
     read = load_rig(rig({"max_pressure": 1e6}))

@@ -63,8 +63,7 @@ def test_the_diagnosis_asks_about_tensions_that_are_ten_times_too_large() -> Non
     frame[["x", "y", "z"]] = Predictor(robot)(pulls).tip + noise
     with pytest.warns(match="the tip moves 0.1 times as far as robot.yaml predicts for these tensions: check the unit"):
         case = lab.case(frame.assign(t=9.0 * np.arange(32), trial=1 + np.arange(32) // 4), robot)
-    few = Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    answer = lab.diagnose(case, few)
+    answer = lab.diagnose(case, Options(quantify=False, experiments=False, catalogue={"base_tilt": CATALOGUE["base_tilt"]}))
     (said,) = (c for c in answer.concerns if "times as stiff as" in c)
     assert "unit of the tensions" in said
 

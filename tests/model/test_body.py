@@ -126,8 +126,7 @@ def test_chambers_that_end_half_way_leave_the_rest_straight(reference_robot: Rob
         reference_robot, spine=None, gravity=[0.0, 0.0, 0.0],
         sections=[{"length": 0.2}, {"length": 0.2, "chamber_radius": 0.0}],
     )  # fmt: skip
-    rods = rods_of(half, conditions(half, 0.0, PRESSURES[-1]))
-    found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
+    found = solve(rods_of(half, conditions(half, 0.0, PRESSURES[-1])), FINE, arc_lengths=[0.2, 0.3, 0.4])
     first, second = np.diff(found.shape[0], axis=0)
     assert np.linalg.norm(np.cross(first, second)) < 1e-9 < np.linalg.norm(np.cross(first, [0.0, 0.0, 1.0]))
 
@@ -160,8 +159,7 @@ def test_tendons_fastened_half_way_bend_the_first_half(reference_robot: Robot) -
         tendons={"path_radius": 0.04, "azimuths_deg": [0.0, 90.0], "ends": [0.2, 0.4]},
     )  # fmt: skip
     np.testing.assert_allclose(body_of(two).chamber_area, [[-1e-4, -1e-4], [0.0, -1e-4]])
-    rods = rods_of(two, conditions(two, 0.0, [60e3, 0.0]))
-    found = solve(rods, FINE, arc_lengths=[0.2, 0.3, 0.4])
+    found = solve(rods_of(two, conditions(two, 0.0, [60e3, 0.0])), FINE, arc_lengths=[0.2, 0.3, 0.4])
     first, second = np.diff(found.shape[0], axis=0)
     assert found.shape[0, 0, 0] > 1e-3 and np.linalg.norm(np.cross(first, second)) < 1e-9
 

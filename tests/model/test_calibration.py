@@ -102,8 +102,7 @@ def test_a_push_at_the_end_is_equation_nine_whatever_the_force_s_offset() -> Non
 
 def test_each_trial_has_its_own_intercept() -> None:
     trial = np.repeat(["a", "b"], 5)
-    force = 80 * DEFLECTION + np.where(trial == "a", 0.5, -0.3)
-    slope = fit_stiffness(DEFLECTION, force, trial=trial)
+    slope = fit_stiffness(DEFLECTION, 80 * DEFLECTION + np.where(trial == "a", 0.5, -0.3), trial=trial)
     assert slope.value == pytest.approx(80, rel=1e-12)
 
 
@@ -120,8 +119,7 @@ def test_errors_shared_within_a_trial_widen_the_standard_error() -> None:
     draw = np.random.default_rng(5)
     trial = np.repeat(np.arange(6), 10)
     y = np.tile(DEFLECTION, 6)
-    force = (100 + draw.normal(0, 5, 6)[trial]) * y
-    by_trial = fit_stiffness(y, force, trial=trial)
+    by_trial = fit_stiffness(y, (100 + draw.normal(0, 5, 6)[trial]) * y, trial=trial)
     assert by_trial.dof == 5
     assert by_trial.standard_error == pytest.approx(5 / np.sqrt(6), rel=0.6)
 

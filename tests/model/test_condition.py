@@ -52,8 +52,7 @@ def test_a_robot_without_spine_takes_no_spine_length(paper_robot: Robot) -> None
 
 
 def test_states_group_by_spine_length_within_a_tenth_of_a_millimetre(paper_robot: Robot) -> None:
-    made = conditions(paper_robot, [0.1, 0.05, 0.10002], NINE)
-    groups = {length: own.tolist() for length, own in made.by_spine_length()}
+    groups = {length: own.tolist() for length, own in conditions(paper_robot, [0.1, 0.05, 0.10002], NINE).by_spine_length()}
     assert groups == {0.05: [False, True, False], 0.1: [True, False, True]}
 
 

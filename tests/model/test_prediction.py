@@ -219,8 +219,7 @@ def test_it_is_the_minimum_within_the_bounds(seed: int, alike: float) -> None:
 def test_what_is_held_too_early_comes_back() -> None:
     # Alone the second would run out of its bound; it comes back when the first is held.
     curve, score = np.array([[1.0, 0.9], [0.9, 1.0]]), np.array([4.0, 3.2])
-    x = minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0]))
-    np.testing.assert_allclose(x, [1.0, 2.3])
+    np.testing.assert_allclose(minimum(curve, score, np.array([-1.0, -0.1]), np.array([1.0, 9.0])), [1.0, 2.3])
 
 
 def learnt_states(n: int = 60, per_trial: float = 3e-4, reading: float = 1e-4) -> tuple[Any, ...]:

@@ -116,8 +116,7 @@ def test_the_spine_s_modulus_is_scipy_s_monotone_cubic_and_levels_off_beyond_its
     np.testing.assert_allclose(spine.modulus_at(inside), curve(inside), rtol=1e-12)
     along = spine.modulus_at(beyond)
     assert (np.diff(along) > 0).all() and along[0] > 0.5 * 318e3 and along[-1] < 2 * 4389e3
-    one = spine.model_copy(update={"modulus": {0.2: 1e6}})
-    np.testing.assert_allclose(one.modulus_at([0.0, 0.2, 0.4]), [1e6, 1e6, 1e6])
+    np.testing.assert_allclose(spine.model_copy(update={"modulus": {0.2: 1e6}}).modulus_at([0.0, 0.2, 0.4]), [1e6, 1e6, 1e6])
 
 
 def test_the_area_factor_is_linear_between_entries_and_held_beyond_them(paper_robot: Robot) -> None:

@@ -43,8 +43,7 @@ def test_a_roll_of_forty_degrees_turns_the_tip_by_forty_degrees(paper_robot: Rob
 
 
 def test_shape_starts_at_the_base_ends_at_the_tip_and_is_given_in_the_order_asked(paper_robot: Robot, bending: Bending) -> None:
-    state = bending(paper_robot, [0.0, 0.2], [100e3])
-    result = solved(paper_robot, state, [0.4, 0.0, 0.2, 0.1])
+    result = solved(paper_robot, bending(paper_robot, [0.0, 0.2], [100e3]), [0.4, 0.0, 0.2, 0.1])
     np.testing.assert_allclose(result.shape[:, 0], result.tip, atol=1e-9)
     np.testing.assert_allclose(result.shape[:, 1], 0, atol=1e-10)
     assert (np.abs(result.shape[:, 2, 2]) > np.abs(result.shape[:, 3, 2])).all()
@@ -58,8 +57,7 @@ def test_random_states_of_a_soft_robot_are_all_in_equilibrium(paper_robot: Robot
     states = conditions(soft, draw.uniform(0, 0.3, n), pressure, draw.uniform(0, 0.3, n), draw.uniform(0, 6, n))
     result, batch = solved(soft, states).trusted(), rods_of(soft, states)
     thrust = Rotation.from_quat(result.orientation, scalar_first=True).apply(batch.field("tip_force"))
-    load = thrust + batch.field("dead_force") + 0.4 * batch.field("load")[:, 0]
-    np.testing.assert_allclose(result.base_force, load, atol=1e-7)
+    np.testing.assert_allclose(result.base_force, thrust + batch.field("dead_force") + 0.4 * batch.field("load")[:, 0], atol=1e-7)
 
 
 def test_a_bent_rod_is_followed_through_buckling_to_the_side_it_leans_to(paper_robot: Robot) -> None:

@@ -93,8 +93,7 @@ def test_the_baseline_of_a_robot_has_its_effects(paper_robot: Robot) -> None:
     moment, stroke = own["spine_slip.moment"], own["spine_slip.stroke"]
     assert (moment.low, moment.sign, stroke.role) == (-0.15, "both", "size")
     # The same where the effect is not among those that are varied.
-    fixed = Moved(robot, columns, catalogue={"base_tilt": CATALOGUE["base_tilt"]})
-    np.testing.assert_array_equal(fixed.still, bare.tips(stated))
+    np.testing.assert_array_equal(Moved(robot, columns, catalogue={"base_tilt": CATALOGUE["base_tilt"]}).still, bare.tips(stated))
 
 
 def test_an_effect_of_ones_own_may_stand_there(paper_robot: Robot) -> None:

@@ -180,8 +180,7 @@ def plain(path: Path, metadata: dict[str, dict[str, str]] | None = None, **how: 
 
 
 def test_a_message_that_is_missing_though_counted_is_found(tmp_path: Path) -> None:
-    counted = plain(tmp_path / "a.mcap", {"counts": {"/x": '{"written": 2}'}}, enable_data_crcs=True)
-    (problem,) = verify(counted).problems
+    (problem,) = verify(plain(tmp_path / "a.mcap", {"counts": {"/x": '{"written": 2}'}}, enable_data_crcs=True)).problems
     assert problem.text == "/x: 2 messages were written, the file holds 1"
 
 

@@ -309,8 +309,7 @@ def test_what_holds_instruments_comes_first_from_its_start_where_the_system_allo
     child = start_child("code", stdin=subprocess.PIPE)  # a module that knows nothing of places, and waits
     try:
         assert os.getsid(child.pid) == child.pid  # no Ctrl-C of the terminal reaches it
-        first = ["nice", "-n", str(FIRST.process), "true"]
-        may = subprocess.run(first, capture_output=True, text=True, check=False).stderr == ""
+        may = subprocess.run(["nice", "-n", str(FIRST.process), "true"], capture_output=True, text=True, check=False).stderr == ""
         assert os.getpriority(os.PRIO_PROCESS, child.pid) == (FIRST.process if may else os.getpriority(os.PRIO_PROCESS, 0))
         scheduled = Path(f"/proc/{child.pid}/autogroup")
         if may and scheduled.exists():

@@ -174,8 +174,7 @@ def test_compile_cache_is_dropped_when_any_source_is_newer(tmp_path: Path) -> No
 
 
 def test_unknown_mount_and_bad_states_are_refused() -> None:
-    plant = Plant(mount="table")
-    raises(ValueError, "mount 'table'", VirtualRobot().advance, plant, 0.1)
+    raises(ValueError, "mount 'table'", VirtualRobot().advance, Plant(mount="table"), 0.1)
     raises(ValueError, "none below 0", Condition, 0.1, (1e5, -1.0, 0.0))
     raises(ValueError, "give 9 in every state", walk, VirtualRobot(), [Condition(0.1, (1e5,))])
     raises(ValueError, "rate", Condition, 0.1, rate=0.0)

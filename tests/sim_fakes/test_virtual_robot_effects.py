@@ -108,8 +108,7 @@ def test_one_spine_modulus_stiffens_most_where_the_table_is_lowest() -> None:
 
 
 def test_leak_softens_and_the_gauge_sees_most_of_it() -> None:
-    robot = VirtualRobot(ALONG_X, {"vacuum_leak": 0.3})
-    (reading,) = walk(robot, [Condition(0.15, bend(200e3))])
+    (reading,) = walk(VirtualRobot(ALONG_X, {"vacuum_leak": 0.3}), [Condition(0.15, bend(200e3))])
     assert 1 - reading.vacuum / 80e3 == pytest.approx(0.8 * 0.3, abs=0.02)
     assert change([Condition(0.15, bend(200e3))], vacuum_leak=0.3)[0, 0] < -3
 
@@ -128,8 +127,7 @@ def test_turned_chambers_bend_out_of_the_plane_and_twisted_ones_the_more() -> No
 
 
 def test_effects_add_up_and_any_subset_may_be_on() -> None:
-    robot = VirtualRobot(RobotTruth(), {i: 0.3 * s for i, s in SCALES.items()}, seed=2)
-    readings = walk(robot, EVERYWHERE)
+    readings = walk(VirtualRobot(RobotTruth(), {i: 0.3 * s for i, s in SCALES.items()}, seed=2), EVERYWHERE)
     assert all(np.all(np.isfinite(r.position)) for r in readings)
 
 

@@ -103,8 +103,7 @@ def test_a_late_clock_shifts_states_read_on_the_fly_and_turns_its_sign_on_the_wa
     levels = (60e3, 120e3, 180e3)
     settled = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels))
     assert not settled.by(time_offset__delay=0.4).any()
-    flying = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels, hold=0.0))
-    moved = flying.by(time_offset__delay=0.4)[:, 0]
+    moved = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels, hold=0.0)).by(time_offset__delay=0.4)[:, 0]
     assert moved[2] < -1e-3 and moved[4] > 1e-3
     faster = Moved(paper_robot, campaign(lengths=(0.1,), levels=levels, hold=0.0, rate=50e3))
     assert faster.by(time_offset__delay=0.2)[2, 0] == pytest.approx(moved[2], rel=1e-9)
@@ -254,8 +253,7 @@ def test_regulators_that_lag_follow_a_first_order_low_pass(paper_robot: Robot) -
     design = design_from_columns(
         paper_robot, campaign(lengths=(0.1,), levels=(50e3, 100e3, 150e3), rate=rate, hold=hold), ("x", "y", "z")
     )
-    forward = ForwardModel(paper_robot, design)
-    q = copy.copy(forward._baseline)
+    q = copy.copy(ForwardModel(paper_robot, design)._baseline)
     CATALOGUE["pressure_lag"].law.before(q, {"constant": np.array([[tau]])})  # type: ignore[misc]
     held, last, wanted = 0.0, 0.0, []
     for goal in design.pressure.max(axis=1):

@@ -75,8 +75,7 @@ def test_similar_robots_do_the_same_with_every_effect(paper_robot: Robot, length
         del columns[name]
     effects = {id: spec for id, spec in EFFECTS.items() if not id.startswith("tendon")}
     given = readings(paper_robot, columns, effects)
-    robot = similar(paper_robot, length, modulus)
-    made = readings(robot, scaled(columns, length, modulus, length**3), effects)
+    made = readings(similar(paper_robot, length, modulus), scaled(columns, length, modulus, length**3), effects)
     for id, tips in made.items():
         unit = np.where(np.arange(len(tips)) < len(tips) - 2, length, modulus * length**2)
         np.testing.assert_allclose(tips / unit, given[id], atol=2e-5, err_msg=id)

@@ -164,8 +164,7 @@ def test_the_base_turns_with_its_tilt_and_gives_with_its_moment() -> None:
     found.field("base_compliance")[1] = 0.02
     solution = solve(found, FINE)
     # Turning the base is turning all dead loads the other way.
-    moment = solution.base_moment[1, 1]
-    angle = 0.03 + 4 * np.arctan(0.02 * moment / 4)
+    angle = 0.03 + 4 * np.arctan(0.02 * solution.base_moment[1, 1] / 4)
     turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
     seen = robots(1, 150e3, 0.1)
     seen.field("dead_force")[:] = seen.field("dead_force") @ turn
