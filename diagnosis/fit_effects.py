@@ -38,7 +38,7 @@ from .arrays import DIGITS, rms, rounded
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .data.noise_components import NoiseComponents
+from .data.noise_components import NoiseComponents, contrasts
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
 from .findings import Finding, finding
@@ -60,6 +60,8 @@ RECURRING = {
     "spine_length": "spine_length", "spine_stiffness": "spine_stiffness", "turn": "repeat_turn", "shift": "repeat_shift",
 }  # fmt: skip
 """Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
+FEW_REPEATS = 8
+"""Differences between repeats as many as which the noise of all axes counts in that of one."""
 FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
 
@@ -255,6 +257,7 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         undetermined = of_shape or (named and relative_sd > UNDETERMINED_SHARE)
         stated[name] = Value(rounded(value), rounded(value_sd), info.unit, not undetermined, bound)
     trials, components = len(np.unique(p.states.trial)), p.noise_components
+    reading = rms(p.problem.noise.own[p.labels.kind == 0])
     # m^2 by which the mean square exceeds what the noise floor gives in as many trials, with two standard errors
     beyond_noise = max(rms_after**2 - p.noise_floor**2 * (1 + 2 * float(np.sqrt(2 / trials))), 0.0)
     # rounding must leave the correlations positive definite
@@ -270,12 +273,25 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
         **{f"fitted_{name}": [rounded(end) for end in (of.min(), of.max())] for name, of in fitted.items()},
         "noise": {
             "floor": rounded(p.noise_floor),
-            "reading": rounded(rms(p.problem.noise.own[p.labels.kind == 0])),
+            "reading": rounded(reading),
+            "reading_by_axis": _by_axis(p, c, reading),
             "pressure": rounded(components.pressure),
             **{name: rounded(components.trial.get(source, 0.0)) for name, source in RECURRING.items()},
         },
     }
     return stated, posterior
+
+
+def _by_axis(p: Prepared, c: Candidate, reading: float) -> list[float]:
+    """Standard deviation (m) of a reading of the tip along x, y, z: that by which repeats of a state differ beyond the error of
+    their pressure, and the `reading` of all axes where there are few repeats."""
+    left, of_pressure = p.problem.observed - c.fit.predicted, (p.problem.noise.pressure_response**2).sum(axis=1)
+    left, of_pressure = p.tip(left), p.tip(of_pressure)
+    read = np.isfinite(left).all(axis=1)
+    contrast = contrasts(p.states.condition[read])
+    beyond = ((contrast @ left[read]) ** 2 - contrast**2 @ of_pressure[read]).sum(axis=0)
+    variance = (np.maximum(beyond, 0.0) + FEW_REPEATS * reading**2) / (len(contrast) + FEW_REPEATS)
+    return [rounded(sd) for sd in np.sqrt(variance).tolist()]
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:

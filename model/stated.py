@@ -62,6 +62,8 @@ class Noise(FileTable):
     """rms distance of a tip reading from the mean of its repeats."""
     reading: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """Of a reading of the tip along each axis, robot at rest."""
+    reading_by_axis: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    """The same along x, y and z, where repeats tell."""
     pressure: FiniteFloat = Field(default=0.0, ge=0, le=1e6, json_schema_extra={"unit": "Pa"})
     """Of the chambers' pressure from the regulator's reading."""
     spine_length: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})

@@ -63,14 +63,14 @@ def _parts(p: Prepared, missed: Array, gap: Array, seen: Mask) -> Iterator[_Part
     splits += [("pressure", s.highest, levels(s.highest, s.pressure_gap))] if tips else []
     for factor, values, level in splits:
         for own in (level == k for k in np.unique(level)):
-            yield (factor, _mean(values[own]), s.trial[own], gap[own], floor)
+            yield (factor, float(np.round(values[own].mean(), 6)), s.trial[own], gap[own], floor)
     for k, axis in enumerate("xyz" if tips else ""):
         yield ("axis", axis, s.trial, gap[:, [k]], floor * np.sqrt(1 / 3))
     for branch, own in (("load", s.branch > 0), ("unload", s.branch < 0)):
         if own.any():
             yield ("branch", branch, s.trial[own], gap[own], floor)
     for own in _quarters(s.time):
-        yield ("time", _mean(s.time[own]), s.trial[own], gap[own], floor)
+        yield ("time", float(np.round(s.time[own].mean(), 6)), s.trial[own], gap[own], floor)
     for k, arc in enumerate(p.robot.markers, 1):
         marker = p.places(missed, np.isin(p.labels.channel, [f"m{k}{axis}" for axis in "xyz"]))[seen]
         own = np.asarray(np.isfinite(marker).all(axis=1))
@@ -97,10 +97,6 @@ def _quarters(time: Array) -> list[Ints]:
     if known.size < 4 or np.ptp(time[known]) == 0:
         return []
     return [known[own] for own in rows_by(np.searchsorted(np.quantile(time[known], [0.25, 0.5, 0.75]), time[known]))]
-
-
-def _mean(values: Array) -> float:
-    return float(np.round(values.mean(), 6))
 
 
 def _cell(value: float | str, trial: Ints, missed: Array, floor: float, rng: np.random.Generator) -> tuple[Cell, float]:

@@ -32,7 +32,7 @@ from ..inference.candidate import Candidate
 from ..inference.cross_validation import CrossValidation, Model
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, DiagnosisStep, Executor
-from ..inference.fit import Fit, fit, fit_alone
+from ..inference.fit import fit, fit_alone
 from ..inference.on_baseline import SHARE
 from ..inference.posterior import UNKNOWN
 from ..inference.prepare import TINY, Prepared
@@ -65,11 +65,6 @@ class Unseen:
     rms_mm: Mapping[Hypothesis, float] = field(default_factory=dict)
     """By which leading hypotheses miss them."""
     waterfall: Waterfall | None = None
-
-
-def baseline_model(p: Prepared, calibrated: Fit) -> Model:
-    """The calibrated baseline without any effect."""
-    return Model(p.problem.parameters.prior_of(NONE), 0.0, calibrated.theta)
 
 
 def candidate_model(p: Prepared, c: Candidate) -> Model:
@@ -114,7 +109,7 @@ def unseen_states(p: Prepared, begun: Begun, executor: Executor) -> Callable[[At
     held_out = HeldOut.of(p, executor)
     if held_out is None:
         return lambda f: Unseen
-    models = [baseline_model(p, begun.calibrated), candidate_model(p, begun.weighed.best)]
+    models = [Model(p.problem.parameters.prior_of(NONE), 0.0, begun.calibrated.theta), candidate_model(p, begun.weighed.best)]
     before, after = held_out.errors(models, DiagnosisStep.HELD_OUT_STATES)()
 
     def of(f: Attribution) -> Callable[[], Unseen]:
@@ -175,7 +170,7 @@ def _simulator_as_it_is(p: Prepared) -> Array | None:
     own = replace(p, problem=replace(p.problem, parameters=replace(made, sd=sd)))
     held_out = HeldOut.of(own, SINGLE_THREAD)
     assert held_out is not None
-    return held_out.errors([baseline_model(own, calibrated(own))])()[0].distance
+    return held_out.errors([Model(own.problem.parameters.prior_of(NONE), 0.0, calibrated(own).theta)])()[0].distance
 
 
 def _steps(

@@ -33,7 +33,7 @@ from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import KNOWN, NONE, Hypothesis, weigh
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, Related, log_weight, odds_of_relatives, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, log_weight, odds_of_relatives, with_unknown
 from ..inference.problem import FitParameters
 from ..inference.search import LAST_ROUNDS, Search
 from .answer import Answer, Experiment, Left, Ranked, Size, Step
@@ -387,10 +387,3 @@ def _with_relative(b: Built, relative: Cause, beside: Hypothesis, c: Candidate) 
     best = min(fits, key=lambda f: f.cost)
     (w,) = weigh(best.whole(problem, named).linear(problem), KNOWN, wider, [named])
     return Related(relative.says or relative.name, beside, w.log_evidence - best.predicted_decrease)
-
-
-def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
-    """Relatives, in words, that explain the data as well as what is named or better, the best first; where nothing is named,
-    better by `SEPARATED_EVIDENCE`. `log_evidence`: of that."""
-    least = log_evidence + judgement.SEPARATED_EVIDENCE * (-1 if named else 1)
-    return tuple(dict.fromkeys(r.relative for r in among if r.log_evidence > least))

@@ -38,6 +38,7 @@ def standard_deviations(
     posterior = robot.posterior
     share, discrepancy = (posterior.law_error, posterior.discrepancy) if posterior else (0.0, 0.0)
     noise = posterior.noise if posterior else Noise()
+    reading = np.square(noise.reading_by_axis or (noise.reading,) * 3)  # (3,) m^2
     spread = (np.einsum("ij,jnc->inc", covariance, slopes) * slopes).sum(axis=0)
     # variances: of the tip, of its turn and of the markers
     tips, turns, shapes = spread[:, :3], spread[:, 3:6], spread[:, 7:].reshape(here.markers.shape[1:])
@@ -55,9 +56,9 @@ def standard_deviations(
     )
     return {
         "model_sd": np.sqrt(tips),
-        "sd": np.sqrt(tips + noise.reading**2),
+        "sd": np.sqrt(tips + reading),
         "orientation_sd": np.sqrt(turns + noise.turn**2),
-        "shape_sd": np.sqrt(shapes + noise.reading**2),
+        "shape_sd": np.sqrt(shapes + reading),
     }
 
 

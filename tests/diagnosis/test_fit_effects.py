@@ -16,6 +16,7 @@ from lab.files.robot_file import write_robot
 from lab.verbs.fit import residual_lines
 from model.effects import CATALOGUE
 from model.errors import BadEffect
+from model.prediction import Predictor
 from model.robot import Robot
 from recordings.trials import Table
 from tests.diagnosis.small_campaigns import SOME, answer, campaign, quick
@@ -98,6 +99,17 @@ def test_a_fit_ends_at_the_same_numbers_from_its_own_starts_and_from_those_of_an
     found = fit_effects(case, ["chamber_ballooning"]).parameters
     again = fit_effects(case, ["chamber_ballooning"], start={name: p.value for name, p in found.items()}).parameters
     assert all(again[name].value == pytest.approx(p.value, abs=0.01 * p.sd) for name, p in found.items())
+
+
+def test_each_axis_has_the_noise_that_its_repeats_show(campaign: Measured) -> None:
+    noisy = campaign.table["y"] + 1.5e-3 * np.random.default_rng(4).normal(size=len(campaign.table))
+    robot = fit_effects(Case(campaign.robot, campaign.table.replaced({"y": noisy})), ["chamber_azimuth"]).robot
+    assert robot.posterior is not None and robot.posterior.noise.reading_by_axis is not None
+    x, y, z = robot.posterior.noise.reading_by_axis
+    assert 1.2e-3 < y < 1.8e-3 and max(x, z) < 0.5 * y
+    found = Predictor(robot, cores=1)([[60e3] * 3 + [0.0] * 6], intervals=True)
+    assert found.sd is not None and found.model_sd is not None
+    np.testing.assert_allclose(found.sd**2 - found.model_sd**2, [[x**2, y**2, z**2]])
 
 
 def test_what_cannot_be_fitted_is_refused(campaign: Measured) -> None:
