@@ -283,15 +283,13 @@ def _posterior(p: Prepared, c: Candidate, rms_after: float) -> tuple[dict[str, V
 
 
 def _by_axis(p: Prepared, c: Candidate, reading: float) -> list[float]:
-    """Standard deviation (m) of a reading of the tip along x, y, z: that by which repeats of a state differ beyond the error of
-    their pressure, and the `reading` of all axes where there are few repeats."""
+    """Standard deviation (m) of a reading along x, y, z, as repeats show it beyond their pressure's error; of few, `reading`."""
     left, of_pressure = p.problem.observed - c.fit.predicted, (p.problem.noise.pressure_response**2).sum(axis=1)
     left, of_pressure = p.tip(left), p.tip(of_pressure)
     read = np.isfinite(left).all(axis=1)
     contrast = contrasts(p.states.condition[read])
-    beyond = ((contrast @ left[read]) ** 2 - contrast**2 @ of_pressure[read]).sum(axis=0)
-    variance = (np.maximum(beyond, 0.0) + FEW_REPEATS * reading**2) / (len(contrast) + FEW_REPEATS)
-    return [rounded(sd) for sd in np.sqrt(variance).tolist()]
+    beyond = np.maximum(((contrast @ left[read]) ** 2 - contrast**2 @ of_pressure[read]).sum(axis=0), 0.0)
+    return [rounded(sd) for sd in np.sqrt((beyond + FEW_REPEATS * reading**2) / (len(contrast) + FEW_REPEATS)).tolist()]
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:

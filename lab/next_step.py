@@ -15,7 +15,7 @@ FIRST = 6
 def nothing_next(d: Diagnosis) -> str:
     """State why nothing is proposed."""
     if d.attribute.verdict == "none":
-        return "Nothing: robot and model agree, and no experiment on this rig is expected to reveal a gap."
+        return f"Nothing on this rig: robot and model agree within the noise floor of {d.locate.noise_floor_mm:.3g} mm."
     return "No experiment on this rig is expected to distinguish the remaining candidates better."
 
 

@@ -28,9 +28,8 @@ def own_files(me: str) -> dict[str, str]:
 
 def lines_with(pattern: str, files: Iterable[Path], flags: int = 0) -> list[str]:
     """Place and text of each line in which a pattern is found."""
-    read = ((path, path.read_text(encoding="utf-8").splitlines()) for path in files)
-    lines = ((f"{path.relative_to(ROOT)}:{number}: {line}", line) for path, own in read for number, line in enumerate(own, 1))
-    return [place for place, line in lines if re.search(pattern, line, flags)]
+    lines = ((path, *own) for path in files for own in enumerate(path.read_text(encoding="utf-8").splitlines(), 1))
+    return [f"{path.relative_to(ROOT)}:{number}: {line}" for path, number, line in lines if re.search(pattern, line, flags)]
 
 
 def test_import_contracts_hold() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import rms
 from ..criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
-from ..criticism.outside import alike, odds_outside, related
+from ..criticism.outside import odds_outside, related
 from ..criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from ..data.case import lacking
 from ..data.levels import SPINE_GAP
@@ -19,7 +19,7 @@ from ..inference.candidate import Candidate
 from ..inference.evidence import NONE, Hypothesis
 from ..inference.executor import SINGLE_THREAD, Executor
 from ..inference.fit import Fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, Related, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, with_unknown
 from ..inference.prepare import Prepared, parts
 from ..judgement import LEAST_STATED, LISTED, REDUCIBLE_RATIO, STAGE_GAIN
 from .decision import Decision, decide, without_nothing

@@ -209,7 +209,7 @@ class Ranked:
     effects: tuple[str, ...]
     """Empty for none, `("unknown",)` for a cause outside the catalogue."""
     probability: float
-    log_evidence: Number
+    log_evidence: Number  # NaN of a cause outside the catalogue, and of a fit that was not searched to its end
     heldout_rmse_mm: float | None
     """Not computed for hypotheses of little weight."""
     parameters: Mapping[str, Value]

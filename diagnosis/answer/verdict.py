@@ -72,7 +72,9 @@ def attribute_section(
             left = (1 - d.outside) / max(1 - f.posterior.probability(UNKNOWN), 1e-9)
             probability = d.probability if named == d.effects else d.outside if named == UNKNOWN else left * probability
         limited = d.limited and named == d.effects
-        ranked.append(Ranked(named, probability, candidate.log_evidence, heldout.get(named), values(size), limited))
+        c = max((candidate, own or candidate), key=lambda c: c.log_evidence)
+        evidence = c.log_evidence if named != UNKNOWN and c.fit.predicted_decrease < judgement.SEPARATED_EVIDENCE else np.nan
+        ranked.append(Ranked(named, probability, evidence, heldout.get(named), values(size), limited))
     return Attribute(
         **vars(d),
         credible_set=f.posterior.credible_set,

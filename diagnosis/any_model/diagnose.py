@@ -35,7 +35,7 @@ from ..inference.discrepancy import SmoothErrors
 from ..inference.evidence import KNOWN, NONE, Hypothesis, weigh
 from ..inference.executor import SINGLE_THREAD, one_thread
 from ..inference.fit import Fit, fit, fit_alone
-from ..inference.posterior import UNKNOWN, EffectPosterior, Related, log_weight, odds_of_relatives, with_unknown
+from ..inference.posterior import UNKNOWN, EffectPosterior, Related, alike, log_weight, odds_of_relatives, with_unknown
 from ..inference.problem import FitParameters
 from ..inference.search import LAST_ROUNDS, Search
 from .answer import Answer, Experiment, Left, Ranked, Size, Step

@@ -98,15 +98,6 @@ def _log_weight(r: Related, effects: int) -> float:
     return log_weight(named, r.log_evidence, of) if len(named) in judgement.PRIOR_OF_NUMBER else -math.inf
 
 
-def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
-    """Relatives that do the same as an effect of what is named, as far as these readings tell, best first; where nothing is
-    named, that explain more than the best hypothesis. `log_evidence`: of that."""
-    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - judgement.SEPARATED_EVIDENCE]
-    if not named and among and among[0].log_evidence > log_evidence + judgement.SEPARATED_EVIDENCE:
-        own = [r for r in among if r.log_evidence > among[0].log_evidence - judgement.SEPARATED_EVIDENCE]
-    return tuple(dict.fromkeys(r.relative for r in own))
-
-
 def _fitted(p: Prepared, r: Related, start: Candidate, least_weight: float) -> tuple[float, float]:
     """Log evidence of a relative and the effects beside it, fitted from a candidate's fit, and of the effects alone there. It is
     searched with derivatives by these alone first, and to its end where it then still promises `least_weight`."""

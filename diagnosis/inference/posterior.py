@@ -16,8 +16,8 @@ from math import comb, exp, inf, log
 import numpy as np
 from scipy.special import logsumexp, softmax
 
+from .. import judgement
 from ..arrays import Array
-from ..judgement import CREDIBLE_SHARE, LARGEST_ODDS, PRIOR_OF_MORE, PRIOR_OF_NUMBER, RELATIVE_ODDS, TEMPERATURE
 from .candidate import Candidate
 from .evidence import Hypothesis
 
@@ -45,7 +45,7 @@ class EffectPosterior:
     def credible_set(self) -> tuple[Hypothesis, ...]:
         """The fewest hypotheses that hold 95 % together."""
         before = itertools.accumulate((p for _, p in self.ranking), initial=0.0)
-        return tuple(named for (named, _), held in zip(self.ranking, before, strict=False) if held < CREDIBLE_SHARE)
+        return tuple(named for (named, _), held in zip(self.ranking, before, strict=False) if held < judgement.CREDIBLE_SHARE)
 
     def by_stage(self, stages: Mapping[str, str]) -> dict[str, float]:
         """Probability by stage of the chain, given each effect's stage; an effect of a pair counts for half."""
@@ -58,13 +58,13 @@ class EffectPosterior:
 
 def hypothesis_prior(named: Hypothesis, effects: int) -> float:
     """Prior probability of a hypothesis of a catalogue of that many effects."""
-    most = min(len(named), max(PRIOR_OF_NUMBER))
-    return PRIOR_OF_NUMBER[most] * PRIOR_OF_MORE ** (len(named) - most) / comb(effects, len(named))
+    most = min(len(named), max(judgement.PRIOR_OF_NUMBER))
+    return judgement.PRIOR_OF_NUMBER[most] * judgement.PRIOR_OF_MORE ** (len(named) - most) / comb(effects, len(named))
 
 
 def log_weight(named: Hypothesis, log_evidence: float, effects: int) -> float:
     """log(prior p^(1/T)) of a hypothesis of a catalogue of that many effects, from its log evidence log p; T: `TEMPERATURE`."""
-    return log_evidence / TEMPERATURE + log(hypothesis_prior(named, effects))
+    return log_evidence / judgement.TEMPERATURE + log(hypothesis_prior(named, effects))
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,19 @@ class Related:
     log_evidence: float
 
 
+def alike(among: Sequence[Related], named: Hypothesis, log_evidence: float) -> tuple[str, ...]:
+    """Relatives that do the same as an effect of what is named, as far as these readings tell, best first; where nothing is, that
+    explain more than the best hypothesis, whose `log_evidence` is given."""
+    own = [r for r in among if set(r.beside) < set(named) and r.log_evidence > log_evidence - judgement.SEPARATED_EVIDENCE]
+    if not named and among and among[0].log_evidence > log_evidence + judgement.SEPARATED_EVIDENCE:
+        own = [r for r in among if r.log_evidence > among[0].log_evidence - judgement.SEPARATED_EVIDENCE]
+    return tuple(dict.fromkeys(r.relative for r in own))
+
+
 def odds_of_relatives(tried: Sequence[Candidate], weights: Sequence[float], effects: int) -> float:
     """Odds of relatives, of these log weights, against all hypotheses of a catalogue of `effects` effects that were tried."""
     of_catalogue = logsumexp([log_weight(c.named, c.log_evidence, effects) for c in tried])
-    return RELATIVE_ODDS * exp(min(logsumexp([*weights, -inf]) - of_catalogue, LARGEST_ODDS))
+    return judgement.RELATIVE_ODDS * exp(min(logsumexp([*weights, -inf]) - of_catalogue, judgement.LARGEST_ODDS))
 
 
 def shares(candidates: Sequence[Candidate], effects: int) -> Array:

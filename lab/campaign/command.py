@@ -309,7 +309,7 @@ def _show_plan(c: CampaignDesign, planned: Mapping[str, Any]) -> None:
         f"{len(c.runs)} runs, {planned['states']} states, about {clock(rig_s)} of rig time{fast}, a person's hands not counted"
     )
     out.print(f"seed {c.file.seed}{'' if planned['seed_given'] else ' (drawn now; write it into the file to keep this order)'}")
-    out.print(f"hands are needed {c.hands} times, the first time included")
+    out.print(f"hands are needed {'once' if c.hands == 1 else f'{c.hands} times'}, the first time before the first run")
     for number, task in enumerate(tasks, 1):
         out.print(f"  task {number}, {task}", soft_wrap=True)
     chambers_by_load: dict[tuple[int, float], list[str]] = {}

@@ -16,7 +16,6 @@ from diagnosis.answer.experiments import to_apply
 from diagnosis.answer.headline import for_people, hypothesis_name, percent, plain_name, stated, with_id
 from diagnosis.answer.result import Diagnosis, Holdout
 from diagnosis.criticism.stage_errors import in_words
-from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import RIVAL_WORTH_SEPARATING
 from model.actuators import Words
 from recordings.campaign.labels import RECORD
@@ -296,7 +295,7 @@ def _which(s: PageSection, d: Diagnosis, folder: Path) -> None:
         ]
         s.table(("effect", d.words.fill("moves the tip beyond {an_area_factor} by, mm rms"), "95 %", ""), rows)
     rows = [
-        [hypothesis(r.effects, d), stated(r.probability, r.limited), "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}",
+        [hypothesis(r.effects, d), stated(r.probability, r.limited), f"{r.log_evidence:.1f}".replace("nan", ""),
          "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f}"]
         for r in d.attribute.ranking
     ]  # fmt: skip

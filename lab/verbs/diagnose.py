@@ -24,7 +24,6 @@ from diagnosis.errors import BadHoldout
 from diagnosis.findings import finding
 from diagnosis.inference.executor import Executor
 from diagnosis.inference.on_baseline import Baseline
-from diagnosis.inference.posterior import UNKNOWN
 from diagnosis.judgement import LEAST_STATED, OVERHEAD_MIN
 from model.actuators import Words
 from model.effects.spec import EffectSpec
@@ -234,7 +233,7 @@ def ranked(ranking: Sequence[Ranked], words: Words) -> Sheet:
     t = titled("What the data support", ("hypothesis", "p", "log evidence", "unseen states", "size"))
     for r in (r for r in ranking if r.probability >= LEAST_STATED):
         sizes = ", ".join(f"{name.partition('.')[2]} {sized(v, words)}" for name, v in r.parameters.items())
-        evidence = "" if r.effects == UNKNOWN else f"{r.log_evidence:.1f}"
+        evidence = f"{r.log_evidence:.1f}".replace("nan", "")
         held = "" if r.heldout_rmse_mm is None else f"{r.heldout_rmse_mm:.2f} mm"
         t.add_row(" + ".join(r.effects) or "none", stated(r.probability, r.limited), evidence, held, sizes)
     return t

@@ -219,9 +219,9 @@ def left_out(roles: str | None, robot: Robot | None) -> set[str]:
 def played(robot: Robot) -> RobotTruth:
     """Return the virtual robot with geometry and material of a robot.yaml. Raises ConfigError if the fakes cannot simulate it."""
     factor, unlike = robot.area_factor, [name for name in ("sections", "tendons") if getattr(robot, name)]
-    if robot.chambers is None or robot.chambers.ends or unlike:
-        what = ", ".join(unlike) or "chambers.ends"
-        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {what}")
+    unlike += ["chambers.ends"] * bool(robot.chambers and robot.chambers.ends)
+    if robot.chambers is None or unlike:
+        raise ConfigError(f"{robot.name}: cannot be simulated: the fakes do not support {', '.join(unlike)}")
     same = ("length", "outer_radius", "inner_radius", "density", "youngs_modulus", "gravity", "markers",
             "bending_stiffness", "axial_stiffness", "torsional_stiffness", "mass_per_length")  # fmt: skip
     values: dict[str, Any] = {name: getattr(robot, name) for name in same} | {

@@ -31,7 +31,8 @@ def no_vector() -> Array:
 
 @dataclass(slots=True, kw_only=True)
 class Quantities:
-    """What effects may change; shapes (v, n) unless stated. Defaults are the paper's model."""
+    """What effects may change; shapes (v, n) unless stated. Defaults are the paper's model. v may be 1:
+    assign new arrays (`q.pressure = q.pressure * (1 + v["gain"][..., None])`), change none in place."""
 
     robot: Robot
     body: Body

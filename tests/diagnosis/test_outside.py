@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from diagnosis.criticism.gaussian import Gaussian, MisfitDiagnostics, misfit_diagnostics
-from diagnosis.criticism.outside import alike, odds_outside, related
+from diagnosis.criticism.outside import odds_outside, related
 from diagnosis.criticism.relatives import RELATIVES
 from diagnosis.criticism.stage_errors import StageError, smooth_functions, stage_errors, total_gain
 from diagnosis.data.case import states
 from diagnosis.inference.cross_validation import CrossValidation, Model
 from diagnosis.inference.evidence import Hypothesis
 from diagnosis.inference.fit import fit
-from diagnosis.inference.posterior import Related
+from diagnosis.inference.posterior import Related, alike
 from diagnosis.inference.prepare import prepare, table_columns
 from diagnosis.inference.problem import Problem, derivatives
 from diagnosis.inference.search import Search

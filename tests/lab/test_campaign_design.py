@@ -103,7 +103,7 @@ def test_the_example_is_planned_with_its_cycles_and_hands(cli: Cli) -> None:
     assert said["states"] == 30 * 11 + 9 * 6 and said["seed"] == 7 and len(said["runs"]) == 1 + 39
     assert said["rig_seconds"] == pytest.approx(sum(run["seconds"] for run in said["runs"]))
     text = cli("campaign", EXAMPLE, "--rig", RIG, "--plan").flat_out
-    assert "39 runs, 384 states" in text and "hands are needed 2 times" in text
+    assert "39 runs, 384 states" in text and "hands are needed 2 times, the first time before the first run" in text
 
 
 def test_a_plan_has_a_line_for_each_run_and_says_what_hands_do_and_what_is_allowed(tmp_path: Path, cli: Cli) -> None:

@@ -123,7 +123,8 @@ def test_the_command_for_the_first_proposal_names_the_file_that_was_written_and_
     assert f"--protocols next, which writes its file; then lab run next/{file.name} --rig RIG.yaml" in capsys.readouterr().out
 
     show(replace(found, next_experiment=(), attribute=replace(found.attribute, verdict="none")), None)
-    assert "What to do next: Nothing: robot and model agree" in capsys.readouterr().out
+    floor = f"within the noise floor of {found.locate.noise_floor_mm:.3g} mm"
+    assert f"Nothing on this rig: robot and model agree {floor}." in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("weighed")

@@ -76,7 +76,7 @@ def in_json(text: str) -> Numbers:
     for r in which["ranking"]:
         name = " + ".join(r["effects"]) or "none"
         said[f"p of {name}"] = probability(r["probability"])
-        said[f"log evidence of {name}"] = f"{r['log_evidence']:.1f}"
+        said[f"log evidence of {name}"] = "" if r["log_evidence"] is None else f"{r['log_evidence']:.1f}"
         if r["heldout_rmse_mm"] is not None:
             said[f"held out with {name}"] = f"{r['heldout_rmse_mm']:.2f}"
     return said

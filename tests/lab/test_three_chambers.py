@@ -60,6 +60,8 @@ def test_a_body_without_a_hole_is_simulated() -> None:
     full = load(ROBOT, Robot).model_copy(update={"inner_radius": 0.0})
     (reading,) = walk(VirtualRobot(played(full), {}, seed=1), [Condition(0.0, (20e3, 0.0, 0.0))])
     assert np.isfinite(reading.position).all()
+    unlike = full.model_copy(update={"chambers": full.actuators.model_copy(update={"ends": (0.1,)}), "sections": ("one",)})
+    refused("the fakes do not support sections, chambers.ends", played, unlike)
     refused("density: cannot be simulated", played, full.model_copy(update={"density": -1.0}))
 
 

@@ -300,8 +300,7 @@ def test_repeats_of_settings_teach_nothing_of_other_settings_and_chambers_miss_e
     missed[:, 0] += 4e-3 * (pressure / 150e3) @ (opposite[0] - opposite[1])
     found, left_out = learn_residual(trial, pressure, length, missed)
     assert left_out > 1e-3
-    there = 120e3 * opposite
-    np.testing.assert_allclose(LearntResidual(found)(there, np.zeros(2)).mean[:, 0], [9.6e-3, -9.6e-3], atol=5e-4)
+    np.testing.assert_allclose(LearntResidual(found)(120e3 * opposite, np.zeros(2)).mean[:, 0], [9.6e-3, -9.6e-3], atol=5e-4)
 
 
 def test_far_from_all_states_nothing_is_added_and_the_interval_says_so(learnt: tuple[Residual, float]) -> None:
