@@ -21,10 +21,8 @@ from model.cause import Cause
 from .. import judgement
 from ..answer.decision import Decision, behaves_like, decide, doubted, outside_at_most, without_nothing
 from ..answer.distinguishability import distinguishability
-from ..answer.unseen import share_closed
 from ..arrays import Array, Mask
 from ..criticism.gaussian import Gaussian
-from ..criticism.outside import alike
 from ..criticism.stage_errors import StageError, free_form_gain, odds_unnamed, stage_errors, total_gain
 from ..errors import BadCase
 from ..inference.budget import BudgetPart, Naming, weighed
@@ -121,7 +119,9 @@ class _Diagnosis:
         decision = without_nothing(decision, known, lowest, ranked.probability(NONE))
         unseen, how = self._held_out()
         before, after, corrected = (b.rms(residual).tolist() for residual in unseen)
-        closed = share_closed(before[0], max(after[0], 1.0), 1.0)
+        closed = (
+            (before[0] ** 2 - max(after[0], 1.0) ** 2) / (before[0] ** 2 - 1) if before[0] > judgement.REDUCIBLE_RATIO else None
+        )
         decision = behaves_like(decision, w.best.named, ranked, closed)
         if decision.verdict == "none" and before[0] > judgement.LEFT_FLOORS and closed and closed > judgement.FOLLOWED_SHARE:
             # one of several that cannot be told apart, so that each may be zero
