@@ -90,7 +90,7 @@ def test_all_wrong_and_missing_fields_are_named_at_once(paper_robot: Robot) -> N
 
 
 UNITLESS = {
-    "name", "chambers", "spine", "base_to_world", "effects", "tolerances", "posterior", "residual", "uncertainty", "states",
+    "name", "chambers", "spine", "base_to_world", "effects", "tolerances", "posterior", "residual", "uncertainty", "learnt",
     "noise", "parameters", "unit", "value", "sd", "sections", "tendons", "thrust",
 }  # fmt: skip
 """Fields that are no numbers, and those whose unit stands beside them."""
