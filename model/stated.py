@@ -34,6 +34,7 @@ LEAST_EIGENVALUE = 1e-9
 """Of a matrix of correlations: with less, some combination of the parameters would be known exactly."""
 
 Name = Annotated[str, Field(min_length=1, max_length=100)]
+Deviation = Annotated[FiniteFloat, Field(ge=0, le=1)]
 Correlation = Annotated[FiniteFloat, Field(ge=-1, le=1)]
 Ends = tuple[FiniteFloat, FiniteFloat]
 """Lowest and highest."""
@@ -62,7 +63,7 @@ class Noise(FileTable):
     """rms distance of a tip reading from the mean of its repeats."""
     reading: FiniteFloat = Field(default=0.0, ge=0, le=1, json_schema_extra={"unit": "m"})
     """Of a reading of the tip along each axis, robot at rest."""
-    reading_by_axis: tuple[FiniteFloat, FiniteFloat, FiniteFloat] | None = Field(default=None, json_schema_extra={"unit": "m"})
+    reading_by_axis: tuple[Deviation, Deviation, Deviation] | None = Field(default=None, json_schema_extra={"unit": "m"})
     """The same along x, y and z, where repeats tell."""
     pressure: FiniteFloat = Field(default=0.0, ge=0, le=1e6, json_schema_extra={"unit": "Pa"})
     """Of the chambers' pressure from the regulator's reading."""

@@ -172,8 +172,7 @@ class History:
         covered = np.clip((q.spine_length[..., None] - edges[..., :-1]) / np.diff(edges), 0.0, 1.0)
         n, v = self.drive.shape[1], max(len(self.drive), len(covered), len(rate))
         drive, covered = _spread(self.drive, v, n, DRIVES), _spread(covered, v, n, CELLS)
-        rates = _spread(rate[:, 0], v)
-        return self.path.extremes(drive, covered, q.design.roll, rates, USUAL_PAUSE * q.scales.time)
+        return self.path.extremes(drive, covered, q.design.roll, _spread(rate[:, 0], v), USUAL_PAUSE * q.scales.time)
 
 
 def history_of(q: Quantities, path: Path, rods: RodColumns, driven: Array) -> History:

@@ -41,6 +41,7 @@ def stating(robot: Robot, **more: Any) -> dict[str, Any]:
         ({"posterior": {**POSTERIOR, "correlation": [[1, 0], [0, 1]]}}, "must be a lower triangle of 2 rows"),
         ({"posterior": {**POSTERIOR, "correlation": [[0.5], [0.5, 1]]}}, "with itself, must be 1"),
         ({"posterior": {**POSTERIOR, "parameters": ["area_factor"] * 2}}, "area_factor stands there twice"),
+        ({"posterior": {**POSTERIOR, "noise": {"reading_by_axis": [1e-3, -1e-3, 1e-3]}}}, "posterior.noise.reading_by_axis"),
         ({"posterior": POSTERIOR, "effects": {"chamber_azimuth": {"angle": {**AZIMUTH["angle"], "sd": 0}}}}, "sd = 0 rad"),
         ({"posterior": POSTERIOR, "effects": {"chamber_azimuth": AZIMUTH}, "area_factor": {0.0: 1.5}}, "not a table"),
         ({"residual": {**LEARNT, "learnt": [[1.0] * 13]}}, "residual.learnt: a state of 13 numbers, must have 14"),
