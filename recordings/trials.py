@@ -422,8 +422,7 @@ class Table:
     @property
     def markers(self) -> NDArray[np.float64]:
         """(n, k, 3) m, base frame."""
-        names = sum(marker_columns(highest(self.values)[1]), ())
-        return self._together(names).reshape(len(self), -1, 3)
+        return self._together(sum(marker_columns(highest(self.values)[1]), ())).reshape(len(self), -1, 3)
 
     @property
     def tip_force(self) -> NDArray[np.float64]:

@@ -29,12 +29,12 @@ from recordings.errors import BadJournal, RecordingError, WriteFailed
 from recordings.file.counts import counted
 from recordings.file.journal import read as read_run
 from recordings.file.reader import Recording
-from recordings.file.recover import recover
+from recordings.file.recover import RECOVERED, recover
 from recordings.json_text import read_json
 from recordings.own_files import opened, replaced
 
 from ..files.config import ConfigError
-from ..files.inputs import recovered_of, same_body
+from ..files.inputs import same_body
 from ..files.resume import Broken, find, there
 from .design import CampaignDesign
 
@@ -241,7 +241,7 @@ def mend(folder: Path) -> None:
         with contextlib.suppress(RecordingError):
             if Recording.open(file, truncated=True).contents.finished:
                 continue
-        saved = recovered_of(file)
+        saved = file.with_name(file.stem + RECOVERED)
         with contextlib.suppress(RecordingError):
             saved.unlink(missing_ok=True)  # made by a process that was killed before it could set the torn one aside
             recover(file, saved)

@@ -18,6 +18,7 @@ from model.robot import Robot
 from model.shown import Shown
 from recordings.campaign.replay import campaigns, merged
 from recordings.file.reader import Recording
+from recordings.file.recover import RECOVERED
 from recordings.file.verify import verify
 from recordings.table_file import read_csv
 from recordings.trials import Mapped, Table
@@ -136,16 +137,11 @@ def _demand_case(path: Path) -> None:
         raise ConfigError(f"{path}: has no trials.csv, so it is not a case folder; give one written by lab import or lab export")
 
 
-def recovered_of(file: Path) -> Path:
-    """Return where the recovered part of a recording is, whether it is there or not."""
-    return file.with_name(f"{file.stem}-recovered.mcap")
-
-
 def without_torn(paths: Sequence[Path]) -> list[Path]:
     """Return the paths without one of each damaged or unfinished recording and its recovered file, where both are given.
 
     The recording is left out with a note. One that is whole counts, and its recovered file is left out instead."""
-    pairs = ((path, recovered_of(path)) for path in paths if not path.is_dir())
+    pairs = ((path, path.with_name(path.stem + RECOVERED)) for path in paths if not path.is_dir())
     left_out = dict((saved, path) if verify(path).ok else (path, saved) for path, saved in pairs if saved in paths)
     note(f"{over}: not read; {counts}, which holds the same run, is also given" for over, counts in left_out.items())
     return [path for path in paths if path not in left_out]

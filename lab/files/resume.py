@@ -15,11 +15,12 @@ from recordings.campaign.labels import RECORD
 from recordings.campaign.replay import campaign_of, merged
 from recordings.file.journal import Progress, read
 from recordings.file.reader import Recording
+from recordings.file.recover import RECOVERED
 from recordings.trials import Table
 
 from .all_protocols import protocol_from_file
 from .config import ConfigError, parse_yaml
-from .inputs import attached, recovered_of
+from .inputs import attached
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def _beside(file: Path, name: str) -> Path:
 
 def there(file: Path) -> Path | None:
     """A recording, or its recovered part; None where neither exists."""
-    return next((path for path in (file, recovered_of(file)) if path.exists()), None)
+    return next((path for path in (file, file.with_name(file.stem + RECOVERED)) if path.exists()), None)
 
 
 def _open(path: Path, campaign: str) -> Recording:

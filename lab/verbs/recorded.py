@@ -22,7 +22,7 @@ from recordings.campaign.shelf import runs as recorded
 from recordings.errors import BadMessage
 from recordings.events import Request
 from recordings.file.reader import Recording
-from recordings.file.recover import Recovery
+from recordings.file.recover import RECOVERED, Recovery
 from recordings.file.recover import recover as recovered
 from recordings.file.verify import verify as inspect
 from recordings.file.writer import LIBRARY
@@ -230,7 +230,7 @@ def continued(listed: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Recorded
     last: dict[str, RecordedRun] = {}
     pairs: list[tuple[RecordedRun, RecordedRun]] = []
     for run in (run for run in listed if run.campaign):
-        if run.campaign in last and not run.path.endswith("-recovered.mcap"):
+        if run.campaign in last and not run.path.endswith(RECOVERED):
             pairs.append((last[run.campaign], run))
         last[run.campaign] = run
     return pairs

@@ -31,6 +31,8 @@ from .verify import check
 
 OWN = ("counts", "outcome", "recovery")
 """Metadata that are written anew."""
+RECOVERED = "-recovered.mcap"
+"""End of the name of a recovered file, in place of the source's suffix."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def recover(source: str | os.PathLike[str], target: str | os.PathLike[str] | Non
     'cut-recovered.mcap'
     """
     source = Path(source)
-    target = source.with_name(f"{source.stem}-recovered.mcap") if target is None else Path(target)
+    target = source.with_name(source.stem + RECOVERED) if target is None else Path(target)
     data = mapped(source)
     contents = Contents(str(source), len(data))
     for _ in records(data, contents, unpack=True):
@@ -183,9 +185,8 @@ def _write(data: memoryview, contents: Contents, target: Path, file: Any) -> Rec
 
 def _register(writer: Writer, contents: Contents) -> dict[int, _KeptChannel]:
     """Schemas and channels of the new file, by the channel numbers of the old one."""
-    schemas = {0: 0}
-    for number, schema in sorted(contents.schemas.items()):
-        schemas[number] = writer.register_schema(schema.name, schema.encoding, schema.data)
+    registered = ((number, writer.register_schema(s.name, s.encoding, s.data)) for number, s in sorted(contents.schemas.items()))
+    schemas = {0: 0, **dict(registered)}
     kept = {}
     for number, c in sorted(contents.channels.items()):
         new_number = writer.register_channel(c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata)
