@@ -61,7 +61,7 @@ RECURRING = {
 }  # fmt: skip
 """Key of `posterior.noise` -> the tolerance that recurs with each trial or repeat."""
 FEW_REPEATS = 8
-"""Differences between repeats as many as which the noise of all axes counts in that of one."""
+"""Weight of the noise of all axes in the estimate for one axis, as a number of differences between repeats."""
 FITTED_LAW_ERRORS = np.array([0.0, 0.01, 0.03, 0.1, 0.3])
 """Among which the data tell how wrong a law is here. (A diagnosis takes no law for exact, lest it be too sure of a name.)"""
 

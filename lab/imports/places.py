@@ -135,7 +135,7 @@ USUAL, TIMES = 90, 2.0
 CHANGED = 0.1
 """Share of the range of pressures from which a change of pressure tells how far places move."""
 AGAINST = 2
-"""States from which one that differs from all of them is known to be the wrong one."""
+"""Fewest other states that must contradict a state before it is left out."""
 
 
 @dataclass(frozen=True)
@@ -178,39 +178,40 @@ def jumps(states: Table, length: float) -> Iterator[Jump]:
     spread = np.nanmax(pressures, initial=-np.inf) - np.nanmin(pressures, initial=np.inf)
     small_change = CHANGED * max(float(spread), 1e-9)
     large_change = (pressure_change > small_change) & np.isfinite(distance).any(axis=1)
+
+    def against(state: int, point: int, usual: float) -> int:
+        """How many states at nearly the same pressures there are, if all of them have a point elsewhere and most in one place."""
+        away, change = apart(np.full(len(states), state), every)
+        alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
+        if alike.sum() < AGAINST or (away[alike, point] <= _reach(length, usual, change[alike])).any():
+            return 0
+        others = places[alike, point]
+        off = np.linalg.norm(others - np.median(others, axis=0), axis=1)
+        return len(others) if np.median(off) <= STILL * length / 2 else 0
+
     found: dict[tuple[int, int], Jump] = {}
     for point in range(places.shape[1] if large_change.any() else 0):  # else nothing shows how far pressures move the body
         usable = large_change & np.isfinite(distance[:, point])
         usual = float(np.percentile(distance[usable, point] / pressure_change[usable], USUAL)) if usable.any() else 0.0
-        limit = STILL * length + TIMES * usual * pressure_change
-        far = distance[:, point] > limit
-        near = distance[:, point] <= limit
-        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]])
-        against: dict[int, int] = {}
-        for state in there_and_back.tolist():
-            away, change = apart(np.full(len(states), state), every)
-            alike = (change <= small_change) & np.isfinite(away[:, point]) & (every != state)
-            others = places[alike, point]
-            if len(others) >= AGAINST and (away[alike, point] > STILL * length + TIMES * usual * change[alike]).all():
-                together = np.median(np.linalg.norm(others - np.median(others, axis=0), axis=1)) <= STILL * length / 2
-                against[state] = len(others) * bool(together)
+        limit = _reach(length, usual, pressure_change)
+        far, near = distance[:, point] > limit, distance[:, point] <= limit
+        there_and_back = np.setdiff1d([earlier[far], later[far]], [earlier[near], later[near]]).tolist()
+        contradicted = {state: count for state in there_and_back if (count := against(state, point, usual))}
         for i in np.flatnonzero(far).tolist():
             before, after = places[earlier[i]], places[later[i]]
-            swapped_with = [
-                k
-                for k in range(places.shape[1])
-                if k != point and _near(after[point], before[k], limit[i]) and _near(after[k], before[point], limit[i])
-            ]
+            there, back = np.linalg.norm(before - after[point], axis=1), np.linalg.norm(after - before[point], axis=1)
+            swapped_with = np.flatnonzero((there <= limit[i]) & (back <= limit[i])).tolist()  # not the point itself: it is far
             other = swapped_with[0] if swapped_with else None
-            state = int(earlier[i] if against.get(int(earlier[i])) else later[i])
+            state = int(earlier[i] if int(earlier[i]) in contradicted else later[i])
             moved, pressure = float(distance[i, point]), float(pressure_change[i])
-            found[state, point] = Jump(state, point, moved, pressure, other, against.get(state, 0))
+            found[state, point] = Jump(state, point, moved, pressure, other, contradicted.get(state, 0))
     # each once: a state may be held against the one before it and against the last one at rest
     yield from (found[key] for key in sorted(found))
 
 
-def _near(a: Array, b: Array, within: float) -> bool:
-    return bool(np.linalg.norm(a - b) <= within)
+def _reach(length: float, usual: float, change: Array) -> Array:
+    """m by which a point can move while the pressures change (Pa), of which it follows with `usual` (m/Pa)."""
+    return STILL * length + TIMES * usual * change
 
 
 def strays(tip: Array, markers: Array, length: float) -> Mask:
