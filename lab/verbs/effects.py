@@ -24,6 +24,7 @@ from model.effects.design import Columns
 from model.effects.scales import scales
 from model.effects.spec import STAGES
 from model.robot import Robot, load_robot
+from recordings.trials import highest, pressure_columns
 
 from ..console import note, styled
 from ..console import out as screen
@@ -106,7 +107,7 @@ def _signature(spec: EffectSpec, models: list[tuple[str, Columns, ForwardModel]]
     components = 1 if how == "stiffness" else 3  # of a force along its axis, or of the tip
     rows = change.reshape(-1, components)
     spine = np.unique(np.asarray(columns["spine_length"], float))
-    of_x = [name for name in columns if name[1:].isdecimal()] or ["deflection"]  # p1..pN, of which one group is inflated
+    of_x = pressure_columns(highest(columns)[0]) or ("deflection",)  # of the chambers one group is inflated
     x = np.max([np.asarray(columns[name], float) for name in of_x], axis=0).reshape(len(spine), -1)
     axis = int(np.nanargmax(np.nansum(rows**2, axis=0)))
     hidden = 0.0
