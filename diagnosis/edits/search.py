@@ -235,13 +235,13 @@ def _made(robot: Robot, states: Campaign, found: Judged, fit: Fit, effects: Coll
     made = Variants.of(robot, states.trials).calibrated(theta[None])
     changes: list[Finding] = []
     for edit, own in mistakes(robot, fit):
-        if place is None or edit.kind != "order":
+        if place is not None and edit.kind == "order":
+            changes.insert(0, reordered(robot, place, found.probability("order"), found.rather(edit, own, fit)))
+        else:
             made = edit.apply(made, own[None])
             changes += found.said(edit, own, fit)
     corrected, table = made.written()
     if place is not None:
-        order = next((edit, own) for edit, own in mistakes(robot, fit) if edit.kind == "order")
-        changes.insert(0, reordered(robot, place, found.probability("order"), found.rather(*order, fit)))
         corrected = with_order(corrected, place)
     before, after = (float(found.sample.rms(f.missed[found.sample.places])) for f in (found.fits[0], fit))
     return Edited(corrected, replace(states, trials=table), tuple(changes), before, after, fit, place is not None)
