@@ -34,11 +34,11 @@ from .answer.headline import sized
 from .answer.result import FittedRobot, Value
 from .answer.sentences import beyond_tolerance, tracked_turn
 from .answer.size import ByActuator, by_actuator
-from .arrays import DIGITS, rms, rounded
+from .arrays import DIGITS, rms, rounded, rows_by
 from .criticism.gaussian import Gaussian
 from .data.campaign import Campaign
 from .data.case import CaseLike, states
-from .data.noise_components import NoiseComponents, contrasts
+from .data.noise_components import NoiseComponents
 from .edits.order import ORDER, contradicted
 from .errors import BadCase
 from .findings import Finding, finding
@@ -287,9 +287,12 @@ def _by_axis(p: Prepared, c: Candidate, reading: float) -> list[float]:
     left, of_pressure = p.problem.observed - c.fit.predicted, (p.problem.noise.pressure_response**2).sum(axis=1)
     left, of_pressure = p.tip(left), p.tip(of_pressure)
     read = np.isfinite(left).all(axis=1)
-    contrast = contrasts(p.states.condition[read])
-    beyond = np.maximum(((contrast @ left[read]) ** 2 - contrast**2 @ of_pressure[read]).sum(axis=0), 0.0)
-    return [rounded(sd) for sd in np.sqrt((beyond + FEW_REPEATS * reading**2) / (len(contrast) + FEW_REPEATS)).tolist()]
+    repeats = [np.flatnonzero(read)[own] for own in rows_by(p.states.condition[read])]
+    beyond = sum(
+        (own.size * left[own].var(axis=0) - (1 - 1 / own.size) * of_pressure[own].sum(axis=0) for own in repeats), np.zeros(3)
+    )
+    variance = (np.maximum(beyond, 0.0) + FEW_REPEATS * reading**2) / (read.sum() - len(repeats) + FEW_REPEATS)
+    return [rounded(sd) for sd in np.sqrt(variance).tolist()]
 
 
 def _lasting(p: Prepared, named: Sequence[str]) -> dict[str, int]:
