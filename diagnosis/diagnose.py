@@ -148,7 +148,7 @@ def examine(case: CaseLike, options: Options | None = None) -> Examined:
             *far,
             *sentences.obstacle(prepared, named_sizes),
             *sentences.tracked_turn(prepared, causes.best.fit.theta),
-            *(sentences.beyond_tolerance(prepared.problem.parameters, tense[fit], edited.robot, fit) for fit in tense),
+            *(sentences.beyond_tolerance(prepared, causes.best.fit, tense[fit], edited.robot, fit) for fit in tense),
             *([finding("scatter_of_repeats", factor=excess)] if excess >= USUAL_EXCESS else ()),
             *sentences.against(named_sizes, causes.decision.effects, causes.asking, names, words),
             *([finding("residual_ignored")] if case.robot.residual is not None else ()),

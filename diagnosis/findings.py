@@ -226,6 +226,7 @@ TEMPLATES: Mapping[Severity, Mapping[str, str]] = {
         "pressures_absolute": ("the {pressures} are absolute (p = {p:.2f}): subtract {ambient:.6g} Pa from all of them{rather}"),
         "number_above": "{name} {by:.3g} {unit} above robot.yaml ({sd:.3g} {sd_unit})",
         "number_below": "{name} {by:.3g} {unit} below robot.yaml ({sd:.3g} {sd_unit})",
+        "known_together": "the readings hardly tell {names} apart: change all of them or none",
         "obstacle_stands": (
             "the obstacle stands at {azimuth:.0f} deg about the base's z from x: look there, and state obstacle_azimuth_deg"
         ),

@@ -227,7 +227,7 @@ def fit_described(
     each = (by_actuator(robot, some[id], stated, covariance[np.ix_(k, k)]) for id, k in own.items())
     theta = fitted.fit.theta
     tense = parameters.tense(theta)
-    findings = (*tracked_turn(p, theta), *([beyond_tolerance(parameters, tense, robot)] if tense else ()))
+    findings = (*tracked_turn(p, theta), *([beyond_tolerance(p, fitted.fit, tense, robot)] if tense else ()))
     return Fitted(
         named, stated, 1e3 * rms_after, 1e3 * rms(before), robot=described, states=len(campaign),
         trials=len(np.unique(campaign.trial)), calibrated_area_factor=p.area_factor(baseline.theta), findings=findings,

@@ -171,6 +171,8 @@ PREDICTIVE_DISCREPANCY = 0.1
 """Discrepancy, noise floors, that is allowed when readings are predicted from the others."""
 TENSE_SD = 4.0
 """Standard deviations from its mean at which a tolerance is named as tense."""
+HARDLY_APART = 4.0
+"""Variance inflation factor above which readings hardly tell a tense tolerance from others: without these its sd would halve."""
 OUTSIDE_PROBABILITY = 0.5
 """Probability of a cause outside the catalogue above which the verdict is "unknown"."""
 RELATIVE_ODDS = 0.5
