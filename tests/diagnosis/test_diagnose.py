@@ -216,3 +216,11 @@ def test_numbers_that_nearly_cancel_are_stated_with_what_they_do_together() -> N
         (beyond,) = (f for f in found.findings if f.code == "beyond_tolerance")
         assert [n.values.get("name") for n in beyond.values["numbers"]] == ["tilt.y", "frame_turn.y", None]
         assert "hardly tell tilt.y and frame_turn.y apart: change all of them or none. Re-measure" in beyond.text
+
+
+def test_repeats_that_scatter_are_stated_in_mm() -> None:
+    table = read(FINGER, repeats=3)
+    told = Measured(FINGER, table.replaced({"y": table["y"] + 5e-3 * (table["repeat"] == 2)}))
+    found = diagnose(told, quick({"viscoelastic": CATALOGUE["viscoelastic"]}))
+    (scatter,) = (str(f) for f in found.findings if f.code == "scatter_of_repeats")
+    assert f"scatter by {found.locate.noise_floor_mm:.2f} mm rms, the noise floor" in scatter
