@@ -103,7 +103,8 @@ def test_nothing_is_proposed_that_was_measured_and_each_step_has_its_command(mad
     some = replace(read, table=read.table.take(read.table["p3"] < 1e3))
     menu = {e.id: e for e in candidate_experiments(read.robot, states(some)[0])}
     assert menu["other_chambers"].protocol["chambers"] == [3]
-    assert menu["tip_mass"].do == "hang 10 g more on the tip"  # of 15 cm; 100 g for the paper's robot
+    assert {*menu["elongation"].protocol["pressures"]} <= {*PRESSURES}
+    assert menu["tip_mass"].do == "hang about 10 g more on the tip"  # of 15 cm; 100 g for the paper's robot
 
 
 def test_the_page_ends_with_where_it_comes_from(made: tuple[Path, Path, Path]) -> None:
